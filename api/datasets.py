@@ -19,7 +19,7 @@ from stancekit.learners.data.labelling import Progress
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.validation import shown
-from stancekit.planners.problem.leap_classes import is_leap_class as is_leap_class
+from stancekit.planners.problem.leap_names import is_leap_class as is_leap_class
 from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot.model import Robot
 
@@ -38,7 +38,7 @@ FURTHER: Mapping[str, Any] = {
     "scenes": int | None,
     "tries": Mapping[str, int] | None,
 }
-"""What ``label`` takes by name beside its parameters."""
+"""Arguments that ``label`` takes by name beside its parameters."""
 OLD = {
     "feasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
     "infeasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
@@ -125,7 +125,7 @@ def label(
     Raises:
         InvalidInput: for a folder that holds another data set, numbers out of range, proposers of
             another class, and arguments that leaps or postures have no use for.
-        LabellingFailed: where the distribution does not yield enough rows of a label.
+        StancekitError: where the distribution does not yield enough rows of a label.
     Source:
         Algorithm E1.
 
@@ -230,7 +230,7 @@ def export_scenes(
     """
     from stancekit.learners.data import scene_set
     from stancekit.planners.plugins import split_name
-    from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+    from stancekit.planners.search.two_stage import TwoStagePlanner
     from stancekit.planners.terrain.families import drawn_name
 
     name, numbers = split_name(family)
@@ -245,7 +245,7 @@ def export_scenes(
         name,
         level,
         count=count,
-        planner=TwoStageCoursePlanner(),
+        planner=TwoStagePlanner(),
         seed=seed,
         progress=progress,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
@@ -15,38 +15,30 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.crossing_file import is_crossing_file
-from stancekit.planners.formats.leap_file import is_leap_file
-from stancekit.planners.formats.trajectory_file import is_trajectory
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.problem.leap_names import is_leap_file
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.verify.tipping import LEAST_PUSH
-from stancekit.runner.acceptance import (
-    Accepted,
-    AcceptedCrossing,
-    AcceptedGait,
-    AcceptedLeap,
-)
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.replanning import Policy
-from stancekit.runner.log import McapLog, NoLog
+from stancekit.runner.log import Log, McapLog
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import WORLDS as WORLDS
 from stancekit.runner.worlds import World, WorldSettings
 from stancekit.runner.worlds.settings import EstopCheck
-from stancekit.runner.worlds.world import Actuator, Terrain
+from stancekit.runner.worlds.world import Actuator
 
 if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
 Progress = Callable[[int, int], None]
-Timed = AcceptedGait | AcceptedLeap | AcceptedCrossing
-"""What runs at its own pace, or holds what does."""
-Motion = Plan | Trajectory | LeapPlan | Crossing | Accepted | Timed
+Motion = Plan | Trajectory | LeapPlan | Crossing | Accepted[Any]
 """What can be run; of the accepted ones nothing is judged again."""
 LIFT = "lift"
 
@@ -94,7 +86,7 @@ def simulate(
         called = world if isinstance(world, str) else made.name
         raise InvalidInput(f"world: expected a simulation, got {called}, which is {made.kind}")
     runner = Runner(made, settings=settings, progress=progress or _nothing)
-    return runner.run(accepted, _ground(accepted, settings))
+    return runner.run(accepted, accepted.ground(settings.friction_share))
 
 
 @checked
@@ -150,7 +142,7 @@ def run(
     with ExitStack() as stack:
         made = _world(world, request, setup, arm)
         stack.callback(made.close)
-        written = NoLog() if log is None else stack.enter_context(McapLog(Path(log)))
+        written = Log() if log is None else stack.enter_context(McapLog(Path(log)))
         monitor = None
         if arm is not None and isinstance(made, Actuator):
             from stancekit.runner.safety.heartbeat import HeartbeatMonitor
@@ -168,8 +160,7 @@ def run(
         )
         if policy is None:
             assert not isinstance(request, Problem)
-            return runner.run(request, _ground(request, settings))
-        assert not isinstance(request, Timed)
+            return runner.run(request, request.ground(settings.friction_share))
         walked = request.plan.problem if isinstance(request, Accepted) else request
         planner = policy_of(policy, walked) if isinstance(policy, str | Path) else policy
         first = request if isinstance(request, Accepted) else None
@@ -178,7 +169,7 @@ def run(
 
 
 def check_run(
-    asked: Accepted | Timed | Problem,
+    asked: Accepted[Any] | Problem,
     world: str | World,
     settings: RunSettings,
     *,
@@ -212,12 +203,11 @@ def check_run(
             f"policy: expected a world that answers to what is done, got {name}",
         ),
         (
-            isinstance(asked, Timed) and settings.timing != Timing(),
+            _is_timed(asked) and settings.timing != Timing(),
             f"timing: expected key frames: a {_called(asked)} runs as planned, or not at all",
         ),
         (
-            isinstance(asked, AcceptedLeap | AcceptedCrossing)
-            and settings.least_push != LEAST_PUSH,
+            _called(asked) in ("leap", "crossing") and settings.least_push != LEAST_PUSH,
             f"least_push: expected a plan of key frames, got a {_called(asked)}, which bears nothing in the air",
         ),
     ):
@@ -225,54 +215,41 @@ def check_run(
             raise InvalidInput(message)
 
 
-def accepted_of(motion: Motion | Problem | str | Path) -> Accepted | Timed:
+def accepted_of(motion: Motion | Problem | str | Path) -> Accepted[Any]:
     """A motion that the verifier accepts, judged as it comes in.
 
     Raises InvalidInput for anything else.
     """
-    if isinstance(motion, Accepted | Timed):
+    if isinstance(motion, Accepted):
         return motion
-    if isinstance(motion, LeapPlan):
-        return AcceptedLeap.verified(motion, motion.problem.name)
     if isinstance(motion, Crossing):
-        return AcceptedCrossing.verified(motion, motion.name)
-    if isinstance(motion, Plan):
+        return Accepted.verified(motion, motion.name)
+    if isinstance(motion, Plan | LeapPlan):
         return Accepted.verified(motion, motion.problem.name)
     if isinstance(motion, Trajectory):
-        return AcceptedGait.verified(motion, motion.terrain.name or "gait")
+        return Accepted.verified(motion, motion.terrain.name or "gait")
     if isinstance(motion, Problem):
         raise InvalidInput(
             f"motion: expected a plan or a walk; the course {motion.name} is walked by a policy"
         )
-    if is_leap_file(motion):
-        return AcceptedLeap.from_file(motion)
-    if is_crossing_file(motion):
-        return AcceptedCrossing.from_file(motion)
-    data = _json_of(motion)
-    if is_trajectory(data):
-        return AcceptedGait.from_file(motion)
-    if _is_course(motion, data):
+    if not (is_leap_file(motion) or is_crossing_file(motion)) and _is_course(motion):
         raise InvalidInput(
             f"{motion}: expected a plan file; a course is walked with a policy, got none"
         )
     return Accepted.from_file(motion)
 
 
-def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted | Problem:
+def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted[Plan] | Problem:
     """Course that a policy walks, or plan that it begins with.
 
     Raises InvalidInput for a walk.
     """
     if isinstance(motion, Problem):
         return motion
-    if (
-        isinstance(motion, str | Path)
-        and _is_course(motion, data := _json_of(motion))
-        and not is_trajectory(data)
-    ):
+    if isinstance(motion, str | Path) and _is_course(motion):
         return read_course(str(motion))
     request = accepted_of(motion)
-    if isinstance(request, Timed):
+    if _is_timed(request):
         what = _called(request)
         raise InvalidInput(f"policy: expected key frames: a {what} runs as planned, or not at all")
     return request
@@ -303,32 +280,31 @@ def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
     return policy
 
 
-def _called(asked: Accepted | Timed | Problem) -> str:
-    """What a motion is, in words."""
-    if isinstance(asked, AcceptedCrossing):
-        return "crossing"
-    return "leap" if isinstance(asked, AcceptedLeap) else "gait"
+def _is_timed(asked: Accepted[Any] | Problem) -> bool:
+    """Tell whether it runs at its own pace, or holds what does."""
+    return isinstance(asked, Accepted) and not isinstance(asked.plan, Plan)
+
+
+def _called(asked: Accepted[Any] | Problem) -> str:
+    """Kind of a motion, in words."""
+    kinds = {Crossing: "crossing", LeapPlan: "leap", Trajectory: "gait"}
+    return "plan" if isinstance(asked, Problem) else kinds.get(type(asked.plan), "plan")
 
 
 def _json_of(path: str | Path) -> object:
     return read_json(path) if Path(path).suffix == ".json" else None
 
 
-def _is_course(path: str | Path, data: object) -> bool:
-    spec = str(path) in builtin_courses() or Path(path).suffix in (".yaml", ".yml")
-    return spec or (isinstance(data, dict) and data.get("format") == Problem.FORMAT)
-
-
-def _ground(asked: Accepted | Timed, settings: RunSettings) -> Terrain:
-    """Ground of the world: the terrain with a share of its friction."""
-    if isinstance(asked, Timed):
-        return asked.ground(settings.friction_share)
-    return slippery(asked.plan.problem, settings.friction_share).terrain
+def _is_course(path: str | Path) -> bool:
+    if str(path) in builtin_courses() or Path(path).suffix in (".yaml", ".yml"):
+        return True
+    data = _json_of(path)
+    return isinstance(data, dict) and data.get("format") == Problem.FORMAT
 
 
 def _world(
     world: str | World,
-    asked: Accepted | Timed | Problem,
+    asked: Accepted[Any] | Problem,
     setup: str | Path | None = None,
     arm: EstopCheck | None = None,
 ) -> World:
@@ -337,11 +313,10 @@ def _world(
         if setup is not None:
             raise InvalidInput("setup: expected none with a world that was made before")
         return world
-    made_for = asked.plan.problem if isinstance(asked, Accepted) else asked
     return WORLDS.get(world).make(
         WorldSettings(
-            robot=made_for.robot,
-            gravity_m_s2=made_for.gravity_m_s2,
+            robot=asked.robot,
+            gravity_m_s2=asked.gravity_m_s2,
             setup=None if setup is None else Path(setup),
             estop=arm or "heard",
         )

@@ -12,8 +12,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import read_envelopes as read_envelopes
 from stancekit.planners.formats.answer_file import read_problems as read_problems
 from stancekit.planners.problem import Problem
-from stancekit.planners.search.answer import Planner
-from stancekit.planners.search.either import Kind, kind_of
+from stancekit.planners.search.answer import Kind, Planner, kind_of
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 
 from .upgrading import old_arguments

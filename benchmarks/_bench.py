@@ -1,5 +1,5 @@
-"""What the tables share: options, rows that are printed, figures of many runs, other checkouts,
-kept cells.
+"""What the tables share: options, rows as text, JSON or Markdown, intervals, other checkouts, kept
+cells.
 """
 
 from __future__ import annotations
@@ -9,13 +9,14 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import tyro
 from numpy.typing import ArrayLike
+from scipy.stats import beta
 from threadpoolctl import threadpool_limits
 
 from stancekit.planners.files.documents import read_json
@@ -35,11 +36,17 @@ class Options:
     seed: int = 0
     json: bool = False
     """One object a line on standard output."""
+    markdown: bool = False
+    """Tables as pages have them: a row a line, and a head where names are others."""
+    _heads: Any = field(default_factory=lambda: [], init=False, repr=False)
 
     def say(self, row: Mapping[str, Any], line: Callable[[Any], str] | None = None) -> None:
-        """Print a row: as JSON, or as ``line`` has it for people, names and values where there is
-        none.
+        """Print a row: as JSON, as Markdown, or as ``line`` has it for people, names and values
+        where there is none.
         """
+        if self.markdown:
+            self._write(row)
+            return
         text = (
             json.dumps(row)
             if self.json
@@ -54,14 +61,40 @@ class Options:
         if self.json:
             print(json.dumps(head | dict(record)))
             return
+        if self.markdown:
+            for name, value in record.items():
+                self._write({**head, "figure": name, "value": value})
+            return
         for name, value in record.items():
             print(f"{name:44} {value:.4g}")
 
+    def _write(self, row: Mapping[str, Any]) -> None:
+        """Print a row of a Markdown table."""
+        names = tuple(map(str, row))
+        if self._heads[-1:] != [names]:
+            lines = ["", f"| {' | '.join(names)} |", "|" + "---|" * len(names)]
+            print("\n".join(lines[not self._heads :]))
+            self._heads.append(names)
+        print(f"| {' | '.join(map(cell, row.values()))} |", flush=True)
 
-def launch(main: Callable[[Given], None], options: type[Given], doc: str | None) -> None:
+
+def cell(value: Any) -> str:
+    """A value of a table: numbers to four digits, lists with commas."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(cell, value))
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {cell(each)}" for name, each in value.items())
+    return str(value).replace("|", "\\|").replace("\n", " ")
+
+
+def launch(main: Callable[[Given], int | None], options: type[Given], doc: str | None) -> None:
     """Run a table with the options of the command line, one thread a solver."""
     with threadpool_limits(1):
-        main(tyro.cli(options, description=doc, config=(tyro.conf.OmitArgPrefixes,)))
+        code = main(tyro.cli(options, description=doc, config=(tyro.conf.OmitArgPrefixes,)))
+    if code:
+        sys.exit(code)
 
 
 def realtime(wanted: bool) -> None:
@@ -71,23 +104,27 @@ def realtime(wanted: bool) -> None:
 
 
 class Lines:
-    """Results by key, one JSON object per line; what a kill left of a last line is dropped."""
+    """Results by key, one JSON object per line; what a kill left of a last line is dropped.
 
-    def __init__(self, path: Path) -> None:
-        self.path, self.rows = path, dict[str, dict[str, Any]]()
+    Arguments:
+        name: of the value that is the key.
+    """
+
+    def __init__(self, path: Path, name: str = "key") -> None:
+        self.path, self.name, self.rows = path, name, dict[Any, Row]()
         if not path.exists():
             return
         text = path.read_text(encoding="utf-8")
         whole = text[: text.rfind("\n") + 1]
         for line in whole.splitlines():
             row = json.loads(line)
-            self.rows[row["key"]] = row
+            self.rows[row[name]] = row
         if whole != text:
             path.write_text(whole, encoding="utf-8")
 
-    def add(self, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
+    def add(self, key: str | int, row: Mapping[str, Any]) -> Row:
         """Write a line, on the disk when this returns."""
-        self.rows[key] = {"key": key, **row}
+        self.rows[key] = {self.name: key, **row}
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(self.rows[key]) + "\n")
@@ -109,6 +146,21 @@ def spread(values: ArrayLike) -> str:
     """Median, least and most."""
     some = np.asarray(values)
     return f"{np.median(some):.3f} ({some.min():.3f} to {some.max():.3f})"
+
+
+def share(count: int, of: int) -> str:
+    """A count of so many with the share and its 95 % interval (Wilson), in percent."""
+    if not of:
+        return "0 of 0"
+    z, p = 1.96, count / of
+    middle, half = p + z * z / (2 * of), z * np.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
+    low, high = ((middle + sign * half) / (1 + z * z / of) for sign in (-1, 1))
+    return f"{count} of {of}, {100 * p:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def upper_end(count: int, of: int) -> float:
+    """The upper end of the 95 % interval of a share (Clopper and Pearson)."""
+    return 1.0 if count == of else float(beta.ppf(0.975, count + 1, of - count))
 
 
 def bootstrapped(values: ArrayLike) -> str:

@@ -13,7 +13,7 @@ from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import clipped, half_planes
-from stancekit.runner.acceptance import AcceptedGait
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.worlds import Imperfections
 from stancekit.runner.worlds.world import Ground
 
@@ -71,12 +71,12 @@ class Wrong:
         )
         return (*away, *pads)
 
-    def ground(self, accepted: AcceptedGait) -> Ground:
+    def ground(self, accepted: Accepted) -> Ground:
         """The terrain of a gait."""
         ground = accepted.ground(self.friction)
         if self.farther_m == 0.0:
             return ground
-        field, gait = ground.heights, accepted.trajectory
+        field, gait = ground.heights, accepted.plan
         return Ground(
             heights=sunk(field, gait.feet_m[0, :, :2], self.farther_m), friction=ground.friction
         )

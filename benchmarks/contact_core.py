@@ -20,7 +20,6 @@ version; its command is run in turn with ours.
 
 from __future__ import annotations
 
-import json
 import resource
 import subprocess
 import sys
@@ -47,7 +46,7 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
 
 ICE, CANDIDATES = 0.55, 3
@@ -153,7 +152,7 @@ def _reached(plan: Any) -> Standing:
 def ice(options: Arguments) -> Iterator[dict[str, Any]]:
     """Walls of panels that are ice by a chance of .55, three candidates a toe."""
     planner, rows = (
-        TwoStageCoursePlanner(time_limit_s=options.time_limit_s),
+        TwoStagePlanner(time_limit_s=options.time_limit_s),
         list[tuple[str, float]](),
     )
     for index in range(options.count):
@@ -200,7 +199,7 @@ def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[st
     """
     for name in DISTRIBUTIONS:
         for copies in frames:
-            exact, planner = ExactPlanner(), TwoStageCoursePlanner()
+            exact, planner = ExactPlanner(), TwoStagePlanner()
             statuses, accepted, posture_s, course_s = (
                 Counter[str](),
                 0,
@@ -292,7 +291,7 @@ TABLES: dict[str, Callable[[Arguments], Iterator[dict[str, Any]]]] = {
 
 def main(options: Arguments) -> None:
     """Print the table and the yardstick."""
-    print(json.dumps({"yardstick_cpu_s": round(yardstick(), 3)}))
+    options.say({"yardstick_cpu_s": round(yardstick(), 3)})
     for row in TABLES[options.table](options):
         options.say(
             {

@@ -10,7 +10,6 @@ it was made to be.
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import tempfile
@@ -18,11 +17,19 @@ from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from _bench import Options, Row, launch
+
 from tests.doors import ask, differences, questions
 
 
-def main(arguments: list[str]) -> int:
+def line(row: Row) -> str:
+    """A row for people."""
+    statuses = {reply["status"] for each in row["doors"].values() for reply in each.values()}
+    many, differ = sum(map(len, row["doors"].values())), "; ".join(row["differences"])
+    return f"{row['question']:16} {', '.join(sorted(statuses)):11} {many} doors {differ}".rstrip()
+
+
+def main(asked: Options) -> int:
     """Ask all of them and print a row each."""
     counts, wrong = Counter[str](), 0
     with tempfile.TemporaryDirectory() as folder:
@@ -31,33 +38,19 @@ def main(arguments: list[str]) -> int:
             replies = ask(question, Path(folder))
             found = differences(replies)
             first = next(iter(next(iter(replies.values())).values()))
-            other = question.expected not in ("", first.status)
+            if question.expected not in ("", first.status):
+                found.append("not as expected")
             counts[first.status] += 1
-            wrong += bool(found) or other
+            wrong += bool(found)
             doors = {
                 kind: {name: asdict(reply) for name, reply in each.items()}
                 for kind, each in replies.items()
             }
-            row = {
-                "question": question.name,
-                "expected": question.expected,
-                "doors": doors,
-                "differences": found,
-            }
-            if "--json" in arguments:
-                print(json.dumps(row), flush=True)
-            else:
-                many, reply = (
-                    sum(map(len, replies.values())),
-                    "; ".join([*found, *["not as expected"] * other]),
-                )
-                print(
-                    f"{question.name:16} {first.status:11} {many} doors {reply}".rstrip(),
-                    flush=True,
-                )
+            row = {"question": question.name, "expected": question.expected}
+            asked.say({**row, "doors": doors, "differences": found}, line)
     print(f"{sum(counts.values())} questions, {dict(counts)}: {wrong} wrong", file=sys.stderr)
     return int(wrong > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    launch(main, Options, __doc__)

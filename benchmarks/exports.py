@@ -23,6 +23,7 @@ from typing import Annotated
 
 import numpy as np
 import tyro
+from _bench import Options, launch, share
 
 import stancekit
 from stancekit.checks import check_file
@@ -46,7 +47,7 @@ WANTED = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exports:
+class Exports(Options):
     """Motions that leave and come back."""
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -60,9 +61,9 @@ class Exports:
         """Judge all of them, and say what came of it."""
         lines = [line for line in map(self._line, self.files) if "without" not in line]
         for name in ("accepted", "same", "stripped_same", *WANTED):
-            said = [line[name] for line in lines if line[name] is not None]
-            print(f"{name}: {sum(each is True for each in said)} of {len(said)}")
-        print(f"figures off by {max(float(line['off']) for line in lines):.2g} at most")
+            known = [line[name] for line in lines if line[name] is not None]
+            self.say({"figure": name, "of": share(sum(each is True for each in known), len(known))})
+        self.say({"figures off by at most": max(float(line["off"]) for line in lines)})
 
     def _line(self, path: Path) -> dict[str, object]:
         subject = read_accepted(path)
@@ -70,7 +71,7 @@ class Exports:
         assert robot is not None
         moved = moved_of(subject, "npz", 100.0, str(path))
         if moved.without:
-            print(json.dumps(line := {"file": str(path), "without": moved.without}), flush=True)
+            self.say(line := {"file": str(path), "without": moved.without})
             return line
 
         def judged(table: MotionTable) -> Report[MotionTable]:
@@ -117,7 +118,7 @@ class Exports:
             report = judged(spoiled(moved.table, name, kinematics, terrain))
             broken = [group.name for group in report.refused]
             line |= {name: any(each in wanted for each in broken), f"{name}_refused": broken}
-        print(json.dumps(line), flush=True)
+        self.say(line)
         if self.out is not None:
             with self.out.open("a") as lines:
                 lines.write(json.dumps(line) + "\n")
@@ -178,4 +179,4 @@ def _followed(
 
 
 if __name__ == "__main__":
-    tyro.cli(Exports).run()
+    launch(Exports.run, Exports, __doc__)

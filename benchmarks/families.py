@@ -24,7 +24,7 @@ from _bench import Options, Row, kept, launch
 from stancekit.learners.data.scene_set import judged
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.families import SCENES
 from stancekit.views.difficulty import difficulty_curves
 from stancekit.views.sheet import save
@@ -50,7 +50,7 @@ class FamilyOptions(Options):
 
 def main(options: FamilyOptions) -> None:
     """A row a level, and whether the shares fall."""
-    planner = TwoStageCoursePlanner(programs=Programs(), time_limit_s=options.time_limit_s)
+    planner = TwoStagePlanner(programs=Programs(), time_limit_s=options.time_limit_s)
     rows = []
     for family in options.families:
         for level in options.levels:
@@ -66,9 +66,7 @@ def main(options: FamilyOptions) -> None:
         save(difficulty_curves(rows), options.picture)
 
 
-def of_level(
-    planner: TwoStageCoursePlanner, options: FamilyOptions, family: str, level: float
-) -> Row:
+def of_level(planner: TwoStagePlanner, options: FamilyOptions, family: str, level: float) -> Row:
     """The shares of a level."""
     counts, seconds, done = (
         dict.fromkeys(("feasible", "infeasible", "no footing", "undecided"), 0),
@@ -101,7 +99,7 @@ def of_level(
     return row
 
 
-def measured(planner: TwoStageCoursePlanner, family: str, level: float, seeds: range) -> Row:
+def measured(planner: TwoStagePlanner, family: str, level: float, seeds: range) -> Row:
     """What came of each of these scenes, and CPU seconds of all."""
     begun = time.process_time()
     verdicts = [judged(planner, f"{family}:{level:g}:{seed}") for seed in seeds]

@@ -37,13 +37,13 @@ from typing import Any
 
 import numpy as np
 from _bench import Options, launch, realtime
-from fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
-from stop_runs import STOPS, stopped
+from _fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
+from _stop_runs import STOPS, stopped
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 
@@ -66,7 +66,7 @@ def main(arguments: Arguments) -> None:
     done = finished(arguments.log)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.json"
-        plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
+        plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
         assert plan is not None
         write_plan(path, plan, check_plan(plan))
         for kind in arguments.kinds:

@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import mujoco
 import numpy as np
 import tyro
-from _bench import Options
+from _bench import Options, launch
 from _stand_list import Lines
 from referee import Wrong, play, read_settings
 
@@ -100,4 +100,4 @@ def followed(scene: Path, reference: Path, kp: float) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    tyro.cli(Followed).run()
+    launch(Followed.run, Followed, __doc__)

@@ -10,7 +10,6 @@ next, and measures in closed form. Exit code 1 if the sweep misses one that the 
 
 from __future__ import annotations
 
-import json
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -59,7 +58,7 @@ class Arguments(Options):
     each: int = 40
 
 
-def main(arguments: Arguments) -> None:
+def main(arguments: Arguments) -> int:
     """Forge, judge, sweep and print; the exit code is 1 where one is missed."""
     model, missed = model_of(quadruped()), 0
     for number, (name, forge) in enumerate(KINDS.items()):
@@ -75,10 +74,10 @@ def main(arguments: Arguments) -> None:
             row["found"] += bool(found)
             row["found between two moments"] += any(at % 1.0 for at in found)
             row["missed"] += forged.depth > 1.2 * tolerance_m and not found
-        print(json.dumps({"kind": name, **row}), flush=True)
+        arguments.say({"kind": name, **row})
         missed += row["missed"]
-    print(json.dumps({"forged": len(KINDS) * arguments.each, "missed": missed}))
-    sys.exit(int(missed > 0))
+    arguments.say({"forged": len(KINDS) * arguments.each, "missed": missed})
+    return int(missed > 0)
 
 
 def swept(model: RobotModel, forged: Forged) -> list[float]:

@@ -18,12 +18,10 @@ back, plans, walks and proofs by ``stancekit verify``.
 from __future__ import annotations
 
 import io
-import json
 import os
 import resource
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
@@ -62,7 +60,7 @@ class Arguments(Options):
     most: int = 16
 
 
-def main(arguments: Arguments) -> None:
+def main(arguments: Arguments) -> int:
     """Measure and print."""
     tried, wrong = 0, 0
     with tempfile.TemporaryDirectory() as spare, disk() as (root, limited):
@@ -73,18 +71,9 @@ def main(arguments: Arguments) -> None:
                     arguments.most, limited
                 )
                 tried, wrong = tried + sum(found.tried.values()), wrong + len(found.wrong)
-                said = ", ".join(f"{count} {fault}" for fault, count in found.tried.items())
-                lines = [
-                    f"{found.case:18} {found.calls:4} calls: {said}",
-                    *(f"    {line}" for line in found.wrong),
-                ]
-                print(json.dumps(vars(found)) if arguments.json else "\n".join(lines), flush=True)
-    print(
-        json.dumps({"tried": tried, "wrong": wrong})
-        if arguments.json
-        else f"{tried} faults, {wrong} of them did harm"
-    )
-    sys.exit(int(wrong > 0))
+                arguments.say(vars(found))
+    arguments.say({"tried": tried, "wrong": wrong})
+    return int(wrong > 0)
 
 
 @contextmanager

@@ -47,7 +47,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.envelope_choice import SelectorPolicy
 from stancekit.runner.control.replanning import Observation
@@ -103,7 +103,7 @@ class Way:
     name: str = "two-stage"
 
     def __post_init__(self) -> None:
-        self._lift = TwoStageCoursePlanner()
+        self._lift = TwoStagePlanner()
         self.forget()
 
     def forget(self) -> None:

@@ -43,10 +43,10 @@ from stancekit.planners.relaxation.micp import GUROBI_LIMITS, SOLVERS, MicpGrid
 from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.choice import nearest
 from stancekit.planners.search.clock import Clock
-from stancekit.planners.search.exact import ExactCoursePlanner
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.search.nlp import starting_points
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 GAP = 1e-3
 """Relative, to which MICP is asked to go."""
@@ -86,8 +86,8 @@ def main(arguments: Arguments) -> None:
 def by_starts(course: Problem, arguments: Arguments) -> Iterator[Row]:
     """The two-stage planner, the exact one, and IPOPT."""
     programs, planners = Programs(), {}
-    planners["two-stage"] = TwoStageCoursePlanner(programs=programs)
-    planners["exact"] = ExactCoursePlanner(programs=programs, time_limit_s=arguments.cap_s)
+    planners["two-stage"] = TwoStagePlanner(programs=programs)
+    planners["exact"] = ExactPlanner(programs=programs, time_limit_s=arguments.cap_s)
     best, quick = np.inf, np.nan
     for name, planner in planners.items():
         planner.solve(course)  # compiles

@@ -12,12 +12,12 @@ on choices that were solved; forged leaps are put to the verifier.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from _bench import Options, launch
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.leap_plan import LeapPlan
@@ -144,19 +144,25 @@ def judged(plan: LeapPlan) -> float:
     return worst
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """How much of each part; seconds: CPU-s for each."""
+
+    choices: int = 300
+    scenes: int = 50
+    random: int = 60
+    cuts: int = 20_000
+    forged: int = 200
+    seed: int = 43
+    seconds: float = 1e9
+
+    def tell(self, part: str, **figures: Any) -> None:
+        """Print the row of a part."""
+        self.say({"part": part, **figures})
+
+
+def main(options: Asked) -> None:
     """Run all parts, one line each as it ends."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--choices", type=int, default=300)
-    parser.add_argument("--scenes", type=int, default=50)
-    parser.add_argument("--random", type=int, default=60)
-    parser.add_argument("--cuts", type=int, default=20_000)
-    parser.add_argument("--forged", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=43)
-    parser.add_argument("--seconds", type=float, default=1e9, help="CPU-s for each part")
-    options = parser.parse_args()
     programs = Programs()
     honest = solved_and_cut(options, programs)
     forgeries(options, honest)
@@ -164,12 +170,7 @@ def main() -> None:
     refuted_choices(options, programs)
 
 
-def say(part: str, **figures: Any) -> None:
-    """Print a line."""
-    print(part, json.dumps(figures), flush=True)
-
-
-def solved_and_cut(options: argparse.Namespace, programs: Programs) -> list[LeapPlan]:
+def solved_and_cut(options: Asked, programs: Programs) -> list[LeapPlan]:
     """Cuts that prove, of every scene, evaluated on the choices of it that are solved."""
     plans: list[LeapPlan] = []
     evaluated, refuted, index, begin = 0, 0, 0, time.process_time()
@@ -200,7 +201,7 @@ def solved_and_cut(options: argparse.Namespace, programs: Programs) -> list[Leap
             evaluated += len(values)
             refuted += sum(value > MARGIN for value in values)
     errors = [check_leap(plan).figures["momentum_error"] for plan in plans[:200]]
-    say(
+    options.tell(
         "cuts on solved choices",
         evaluated=evaluated,
         refuted=refuted,
@@ -212,7 +213,7 @@ def solved_and_cut(options: argparse.Namespace, programs: Programs) -> list[Leap
     return plans
 
 
-def forgeries(options: argparse.Namespace, honest: list[LeapPlan]) -> None:
+def forgeries(options: Asked, honest: list[LeapPlan]) -> None:
     """Forged leaps, judged here and put to the verifier."""
     accepted, bad, number = 0, 0, 0
     own = max((judged(plan) for plan in honest[: options.forged]), default=0.0)
@@ -226,8 +227,8 @@ def forgeries(options: argparse.Namespace, honest: list[LeapPlan]) -> None:
         if check_leap(fake).accepted:
             accepted += wrong
             if wrong:
-                say("accepted", kind=kind, size=size)
-    say(
+                options.tell("accepted", kind=kind, size=size)
+    options.tell(
         "forged leaps",
         forged=options.forged,
         wrong_by_own_judge=bad,
@@ -236,7 +237,7 @@ def forgeries(options: argparse.Namespace, honest: list[LeapPlan]) -> None:
     )
 
 
-def refuted_scenes(options: argparse.Namespace, programs: Programs) -> None:
+def refuted_scenes(options: Asked, programs: Programs) -> None:
     """Scenes with a certificate: random choices of them by SCP without cuts, and one by the other
     optimiser.
     """
@@ -258,7 +259,7 @@ def refuted_scenes(options: argparse.Namespace, programs: Programs) -> None:
         best = LeapFinder().rule.scores(numbers).argmax(axis=1)
         nlp += 1
         nlp_solved += LeapNlp(leap).from_starts(leap, best, 5, rng).solved
-    say(
+    options.tell(
         "refuted scenes",
         scenes=scenes,
         drawn=index,
@@ -270,7 +271,7 @@ def refuted_scenes(options: argparse.Namespace, programs: Programs) -> None:
     )
 
 
-def refuted_choices(options: argparse.Namespace, programs: Programs) -> None:
+def refuted_choices(options: Asked, programs: Programs) -> None:
     """Choices that a cut refutes, and as many solved ones, by the other optimiser."""
     begin, index = time.process_time(), 0
     count = {"refuted": 0, "solved": 0}
@@ -293,7 +294,7 @@ def refuted_choices(options: argparse.Namespace, programs: Programs) -> None:
             of_scene += 1
             count[kind] += 1
             agrees[kind] += LeapNlp(leap).from_starts(leap, found.choice, 5, rng).solved
-    say(
+    options.tell(
         "choices by IPOPT from 5 starts",
         refuted=count["refuted"],
         refuted_and_solved=agrees["refuted"],
@@ -304,4 +305,4 @@ def refuted_choices(options: argparse.Namespace, programs: Programs) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

@@ -1,8 +1,8 @@
 """The constants of the leaps' hand rule, chosen on training scenes: first tries solved by each of
 some settings.
 
-    python benchmarks/leap_rule.py --scenes 150 --seed 41 python benchmarks/leap_rule.py
-    --distribution leap-hard --scenes 900 --seed 49 --best 4 --searched 300
+    python benchmarks/leap_rule.py --scenes 150 --seed 41
+    python benchmarks/leap_rule.py --distribution leap-hard --scenes 900 --seed 49 --best 4
 
 Prints every setting with its share, the best last; ``planners/leap/rule.py`` has the numbers. With
 ``--best`` the finder then searches with that many of them, and with the rule as it is, on the first
@@ -12,13 +12,13 @@ that ``stancekit label`` draws with the same seed.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import time
+from dataclasses import dataclass
 
 import numpy as np
+from _bench import Options, launch, share
 
-from stancekit.learners.evaluation.leap_bench import share
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch
 from stancekit.planners.leap.numbers import LeapNumbers
@@ -38,17 +38,19 @@ BUDGETS = (12, 25)
 """Convex problems of the search."""
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Training scenes, and what of them is searched."""
+
+    distribution: str = "leap"
+    scenes: int = 150
+    seed: int = 41
+    best: int = 0
+    searched: int = 300
+
+
+def main(options: Asked) -> None:
     """Try every setting once on every scene."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--distribution", default="leap")
-    parser.add_argument("--scenes", type=int, default=150)
-    parser.add_argument("--seed", type=int, default=41)
-    parser.add_argument("--best", type=int, default=0)
-    parser.add_argument("--searched", type=int, default=300)
-    options = parser.parse_args()
     programs, begin = Programs(), time.process_time()
     solved = np.zeros(len(SETTINGS), dtype=int)
     for index in range(options.scenes):
@@ -63,10 +65,15 @@ def main() -> None:
             solved[k] += known[key]
     order = np.argsort(solved, kind="stable")
     for k in order:
-        print(f"{_percent(solved[k], options.scenes)}  {SETTINGS[k]}")
-    print(
-        f"{len(SETTINGS)} settings, {options.scenes} scenes, {time.process_time() - begin:.0f} CPU-s",
-        flush=True,
+        options.say(
+            {"first tries": share(int(solved[k]), options.scenes), "rule": str(SETTINGS[k])}
+        )
+    options.say(
+        {
+            "settings": len(SETTINGS),
+            "scenes": options.scenes,
+            "cpu_s": round(time.process_time() - begin),
+        }
     )
     if not options.best:
         return
@@ -76,16 +83,15 @@ def main() -> None:
             _solves(_scene(options, index), rule, programs) for index in range(options.searched)
         ]
         within = [sum(count <= budget for count in counts) for budget in BUDGETS]
-        shown = ", ".join(
-            f"within {budget} {_percent(n, len(counts))}"
-            for budget, n in zip(BUDGETS, within, strict=True)
-        )
-        print(
-            f"finder: {shown}  {rule}, {time.process_time() - begin:.0f} CPU-s so far", flush=True
-        )
+        shown = {
+            f"within {budget}": share(count, len(counts))
+            for budget, count in zip(BUDGETS, within, strict=True)
+        }
+        cpu_s = round(time.process_time() - begin)
+        options.say({**shown, "finder with": str(rule), "cpu_s so far": cpu_s})
 
 
-def _scene(options: argparse.Namespace, index: int) -> Leap:
+def _scene(options: Asked, index: int) -> Leap:
     return leap_class(options.distribution).draw(np.random.default_rng([options.seed, index]))
 
 
@@ -100,10 +106,5 @@ def _solves(leap: Leap, rule: Rule, programs: Programs) -> float:
     return np.inf
 
 
-def _percent(count: int, of: int) -> str:
-    middle, low, high = share(int(count), of) or (np.nan, np.nan, np.nan)
-    return f"{count:4} of {of} ({100.0 * middle:.1f} [{100.0 * low:.1f}, {100.0 * high:.1f}] %)"
-
-
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

@@ -7,22 +7,22 @@ how many of these run in MuJoCo.
     python benchmarks/legged_leaps.py table FOLDER
 
 A scene is CLASS:SEED on the robot. A run of the benchmark that is stopped goes on. Shares have
-Wilson's 95 % intervals.
+Wilson's 95 % intervals; ``table`` takes ``--markdown`` and ``--json``.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 import time
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import tyro
+from _bench import Lines, Options, launch, share
 
-import stancekit
 from stancekit.motions import run
 from stancekit.planners.answer.hindrance import LEAP_BODY
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
@@ -30,7 +30,7 @@ from stancekit.planners.formats.leap_file import read_leap, write_leap
 from stancekit.planners.leap.bend import judged_answer
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.motion.leap_run import REST_S
-from stancekit.runner.acceptance import AcceptedLeap
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world
 
@@ -43,19 +43,14 @@ UPRIGHT = 0.9
 def plan(kind: str, robot: str, folder: Path, scenes: int, first: int) -> None:
     """Solve and bend scenes, one line each in FOLDER/plans.jsonl."""
     folder.mkdir(parents=True, exist_ok=True)
-    log = folder / "plans.jsonl"
-    done = (
-        {json.loads(line)["seed"] for line in log.read_text().splitlines()}
-        if log.exists()
-        else set()
-    )
+    lines = Lines(folder / "plans.jsonl", "seed")
     for seed in range(first, first + scenes):
-        if seed in done:
+        if seed in lines.rows:
             continue
         begin = time.process_time()
         leap = read_leap(f"{kind}:{seed}", robot).leap
         answer = find_leap(leap, LeapFinder(solves=50, proof=0))
-        row: dict[str, Any] = {"seed": seed, "solved": answer.solution is not None}
+        row: dict[str, Any] = {"solved": answer.solution is not None}
         if answer.solution is not None:
             deadline = time.perf_counter() + LIMIT_S
             judged = judged_answer(answer, programs_of_this_thread(), deadline=deadline)
@@ -82,24 +77,15 @@ def plan(kind: str, robot: str, folder: Path, scenes: int, first: int) -> None:
             if judged.report.accepted:
                 write_leap(folder / f"{kind}-{seed}.json", judged.solution.problem, judged.solution)
         row["cpu_s"] = time.process_time() - begin
-        with log.open("a") as file:
-            file.write(json.dumps(row) + "\n")
+        lines.add(seed, row)
 
 
 def play(folder: Path) -> None:
     """Run every accepted leap in MuJoCo, one line each in FOLDER/runs.jsonl."""
-    log = folder / "runs.jsonl"
-    done = (
-        {json.loads(line)["file"] for line in log.read_text().splitlines()}
-        if log.exists()
-        else set()
-    )
+    lines = Lines(folder / "runs.jsonl", "file")
     for path in sorted(folder.glob("leap-*.json")):
-        if path.name in done:
-            continue
-        report = run(path, "mujoco")
-        with log.open("a") as file:
-            file.write(json.dumps({"file": path.name} | outcome(report)) + "\n")
+        if path.name not in lines.rows:
+            lines.add(path.name, outcome(run(path, "mujoco")))
 
 
 def outcome(report: Any) -> dict[str, Any]:
@@ -123,7 +109,7 @@ def stop(path: Path, times: int = 20) -> None:
     """Press the e-stop at so many instants of a leap, spread evenly over it."""
     plan = read_leap(path).plan
     assert plan is not None
-    accepted = AcceptedLeap.verified(plan, str(path))
+    accepted = Accepted.verified(plan, str(path))
     from stancekit.planners.motion.leap_run import LeapRun
 
     duration = LeapRun(plan).duration_s
@@ -143,62 +129,62 @@ def stop(path: Path, times: int = 20) -> None:
         print(json.dumps(row | outcome(report)), flush=True)
 
 
-def wilson(k: int, n: int) -> str:
-    """A share with its 95 % interval, in percent."""
-    if not n:
-        return "none"
-    z, p = 1.96, k / n
-    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    low, high = ((middle + s * half) / (1 + z * z / n) for s in (-1, 1))
-    return f"{k} of {n}, {100 * p:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """What to do, with a class, a robot and a folder; or with a folder, and a leap's file.
+
+    Arguments:
+        scenes: how many are planned.
+        first: the seed of the first.
+    """
+
+    what: Annotated[Literal["plan", "run", "stop", "table"], tyro.conf.Positional]
+    names: Annotated[tuple[str, ...], tyro.conf.Positional]
+    scenes: int = 30
+    first: int = 0
 
 
-def table(folder: Path) -> None:
+def table(asked: Asked, folder: Path) -> None:
     """Print shares by group, before and after."""
-    rows = [json.loads(line) for line in (folder / "plans.jsonl").read_text().splitlines()]
+    rows = list(Lines(folder / "plans.jsonl", "seed").rows.values())
     solved = [row for row in rows if row["solved"]]
-    print("solved", wilson(len(solved), len(rows)))
-    print("accepted after bending", wilson(sum(row["accepted"] for row in solved), len(solved)))
+    figures = {
+        "solved": share(len(solved), len(rows)),
+        "accepted after bending": share(sum(row["accepted"] for row in solved), len(solved)),
+        "CPU-s, median": float(np.median([row["cpu_s"] for row in rows])),
+        "binds": dict(Counter(row["fails"][0] for row in solved if row["fails"])),
+    }
+    played = list(Lines(folder / "runs.jsonl", "file").rows.values())
+    if played:
+        upright = sum(row["upright"] for row in played)
+        figures["upright 2 s after landing"] = share(upright, len(played))
+        figures["run as planned"] = share(sum(row["succeeded"] for row in played), len(played))
+    for name, value in figures.items():
+        asked.say({"figure": name, "value": value}, lambda row: f"{row['figure']}: {row['value']}")
     for name in LEAP_BODY:
-        medians = []
+        medians = {}
         for when in ("before", "after"):
             values = [row[when][name] for row in solved if name in row[when]]
-            medians.append(f"{np.median(values):.3g}" if values else "-")
+            medians[f"median {when}"] = float(np.median(values)) if values else None
         fails = sum(name in row["fails"] for row in solved)
-        print(f"{name:12} median before {medians[0]}, after {medians[1]}; fails after {fails}")
-    print("binds", Counter(row["fails"][0] for row in solved if row["fails"]))
-    print("CPU-s, median", float(np.median([row["cpu_s"] for row in rows])))
-    runs = folder / "runs.jsonl"
-    if runs.exists():
-        played = [json.loads(line) for line in runs.read_text().splitlines()]
-        print(
-            "upright 2 s after landing", wilson(sum(row["upright"] for row in played), len(played))
-        )
-        print("run as planned", wilson(sum(row["succeeded"] for row in played), len(played)))
-        for row in played:
-            if not row["upright"]:
-                print("  ", row["file"], row["message"])
+        asked.say({"group": name, **medians, "fails after": fails})
+    for row in played:
+        if not row["upright"]:
+            asked.say({"fell": row["file"], "message": row["message"]})
 
 
-def main() -> None:
-    """Read the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("what", choices=("plan", "run", "stop", "table"))
-    parser.add_argument("names", nargs="+")
-    parser.add_argument("--scenes", type=int, default=30)
-    parser.add_argument("--first", type=int, default=0)
-    asked = parser.parse_args()
+def main(asked: Asked) -> None:
+    """Plan, run, stop or tell."""
     if asked.what == "plan":
         kind, robot, folder = asked.names
         plan(kind, robot, Path(folder), asked.scenes, asked.first)
     elif asked.what == "run":
         play(Path(asked.names[0]))
     elif asked.what == "stop":
-        stop(Path(asked.names[0]))
+        stop(Path(asked.names[-1]))
     else:
-        table(Path(asked.names[0]))
+        table(asked, Path(asked.names[0]))
 
 
 if __name__ == "__main__":
-    print(f"stancekit {stancekit.__version__}", file=sys.stderr)
-    main()
+    launch(main, Asked, __doc__)

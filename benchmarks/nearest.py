@@ -55,10 +55,9 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.micp import MicpGrid
 from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
-from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
-from stancekit.planners.search.posture import TwoStagePlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 INTERVALS = 4
 """Of the grid, per p_j and f_k."""
@@ -110,10 +109,10 @@ def main(arguments: Arguments) -> None:
         draw = partial(drawn_course, arguments.course, frames, rng)
         counts = (arguments.solved_courses, arguments.courses)
         exact, teacher = (
-            ExactCoursePlanner(time_limit_s=arguments.limit_s),
-            TwoStageCoursePlanner(),
+            ExactPlanner(time_limit_s=arguments.limit_s),
+            TwoStagePlanner(),
         )
-        for row in measured(draw, counts, exact, TwoStageCoursePlanner(), teacher, arguments):
+        for row in measured(draw, counts, exact, TwoStagePlanner(), teacher, arguments):
             arguments.say({"problems": f"{arguments.course}, M = {frames}", **row})
 
 

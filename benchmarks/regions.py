@@ -5,7 +5,7 @@ python benchmarks/regions.py --count 30 --seed 0 --out out/regions
 
 Random panels of .3 m, half of them without friction, M = 4 and 8 key frames, 2 to 4 candidate
 patches a toe. The peers HiGHS and SCIP get the lift with a binary a candidate
-(``region_peers.py``); their choices and toes go through the same P2 and verifier as the two-stage
+(``_region_peers.py``); their choices and toes go through the same P2 and verifier as the two-stage
 planner's. A course is proved infeasible where the verifier accepts the certificate; HiGHS and SCIP
 only claim. Times are wall times. Finished courses are kept in the folder.
 """
@@ -18,8 +18,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import _region_peers
 import numpy as np
-import region_peers
 from _bench import Options, kept, launch
 from rich.console import Console
 from rich.table import Table
@@ -37,7 +37,7 @@ from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.decoupled import DecoupledPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,7 @@ class Peer:
         the cones.
         """
         clock, scaled = Clock.start(), Scaled.of(course)
-        mixed = region_peers.Mixed.of(
+        mixed = _region_peers.Mixed.of(
             self._programs.get(LiftProgram, scaled.layout, False, False), scaled
         )
         plan, word, message = None, "", ""
@@ -88,17 +88,17 @@ class Peer:
         claim = Claim(found=plan, word=word, message=message, details=details)
         return Acceptance().answer(course, claim, method=self.name, clock=clock)
 
-    def _said(self, mixed: region_peers.Mixed) -> Any:
+    def _said(self, mixed: _region_peers.Mixed) -> Any:
         if self.name == "scip":
-            yield region_peers.scip(mixed, time_limit_s=self._limit)
+            yield _region_peers.scip(mixed, time_limit_s=self._limit)
             return
-        inner = region_peers.highs(mixed, inner=True, time_limit_s=0.5 * self._limit)
+        inner = _region_peers.highs(mixed, inner=True, time_limit_s=0.5 * self._limit)
         if inner.label == "feasible":
             yield inner
-        yield region_peers.highs(mixed, inner=False, time_limit_s=self._limit - inner.seconds)
+        yield _region_peers.highs(mixed, inner=False, time_limit_s=self._limit - inner.seconds)
 
 
-def rounded(mixed: region_peers.Mixed, scaled: Scaled, x: Array) -> tuple[Index, Point]:
+def rounded(mixed: _region_peers.Mixed, scaled: Scaled, x: Array) -> tuple[Index, Point]:
     """The candidate of the largest binary of every foothold, by number, and where the solver has
     the toe on it.
     """
@@ -125,7 +125,7 @@ def main(options: Arguments) -> None:
     """Solve, print and keep."""
     programs = Programs()
     planners: dict[str, Any] = {
-        "two-stage": TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s),
+        "two-stage": TwoStagePlanner(programs=programs, time_limit_s=options.time_limit_s),
         "decoupled": DecoupledPlanner(programs=programs),
         **{name: Peer(name, programs, options.time_limit_s) for name in ("highs", "scip")},
     }

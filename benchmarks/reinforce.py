@@ -47,7 +47,7 @@ from gymnasium import spaces
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stancekit.envs.branching import LargestGap, NoisyGap, RandomDimension, WidestDimension
+from stancekit.envs.branching import any_dimension, largest_gap, noisy_gap, widest
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
@@ -58,7 +58,7 @@ from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings
-from stancekit.learners.selectors.selector import FixedSelector, Selector
+from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.learners.training.baselines import open_scenes
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.learners.training.held_out import (
@@ -69,6 +69,7 @@ from stancekit.learners.training.held_out import (
 )
 from stancekit.learners.training.reinforce import train
 from stancekit.learners.training.train_config import TrainConfig
+from stancekit.runner.control.envelope_choice import Predictor
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -151,18 +152,18 @@ def refinement(arguments: Arguments) -> None:
     )
     config = replace(config, steps=arguments.steps or config.steps)
     test = test_scenes(config, folder / "test", arguments.episodes)
-    rules: dict[str, Selector] = {
-        "largest gap": LargestGap(),
-        "largest gap · width": NoisyGap(np.random.default_rng(0), spread=0.0),
-        "widest dimension": WidestDimension(),
-        "random dimension": RandomDimension(np.random.default_rng(0)),
+    rules: dict[str, Predictor] = {
+        "largest gap": MemorylessPolicy(largest_gap),
+        "largest gap · width": noisy_gap(np.random.default_rng(0), spread=0.0),
+        "widest dimension": MemorylessPolicy(widest),
+        "random dimension": any_dimension(np.random.default_rng(0)),
     }
     played = {name: episodes(config, test, rule) for name, rule in rules.items()}
     best = max(played, key=lambda name: played[name][:, 0].mean())
     for name, found in played.items():
         compared(arguments, name, found, played[best])
     some = test[: arguments.hindsight]
-    noisy = [NoisyGap(np.random.default_rng(seed), spread=0.3) for seed in range(arguments.tries)]
+    noisy = [noisy_gap(np.random.default_rng(seed), spread=0.3) for seed in range(arguments.tries)]
     tries = np.stack([episodes(config, some, rule) for rule in noisy] + [played[best][: len(some)]])
     compared(
         arguments,
@@ -240,7 +241,7 @@ def test_scenes(config: TrainConfig, folder: Path, count: int) -> list[LabelledS
 
 
 def episodes(
-    config: TrainConfig, scenes: Sequence[LabelledScene], policy: Selector
+    config: TrainConfig, scenes: Sequence[LabelledScene], policy: Predictor
 ) -> NDArray[np.float64]:
     """Reward, solves and whether there was a verdict of every scene, shape (scenes, 3)."""
     env = EnvelopeRefinementEnv(config.kind, budget=config.budget, scenes=ListedScenes(scenes))
@@ -270,12 +271,12 @@ def said(arguments: Arguments, row: Row) -> None:
 
 def learned(
     name: str, config: TrainConfig, scenes: TrainingScenes, arguments: Arguments, folder: Path
-) -> tuple[list[tuple[CurvePoint, ...]], list[Selector], list[float]]:
+) -> tuple[list[tuple[CurvePoint, ...]], list[Predictor], list[float]]:
     """Curve, policy and CPU seconds of every seed; what was stopped goes on, and its seconds are
     those since.
     """
     curves: list[tuple[CurvePoint, ...]] = []
-    policies: list[Selector] = []
+    policies: list[Predictor] = []
     seconds: list[float] = []
     for seed in range(arguments.seeds):
         where, begin = folder / f"{name}-{seed}", time.process_time()
@@ -295,14 +296,14 @@ def learned(
 
 def others(
     config: TrainConfig, scenes: TrainingScenes, seeds: int
-) -> dict[str, tuple[list[Selector], list[float]]]:
+) -> dict[str, tuple[list[Predictor], list[float]]]:
     """Agents that do not learn from reward, one a seed where there is chance in them, and what they
     took [CPU-s].
     """
     space, rows = config.shape.spaces[1], scenes.rows
     assert isinstance(space, spaces.Box)
     assert rows is not None
-    makers: dict[str, list[Callable[[], Selector]]] = {
+    makers: dict[str, list[Callable[[], Predictor]]] = {
         "random boxes": [partial(RandomBox, space, seed) for seed in range(seeds)],
         **{name: [partial(box, name, rows)] for name in ("heuristic", "quantile", "gradient")},
         "margin gradient": [
@@ -312,12 +313,12 @@ def others(
     return {name: timed(each) for name, each in makers.items()}
 
 
-def box(method: str, rows: Dataset) -> Selector:
+def box(method: str, rows: Dataset) -> Predictor:
     """One box for all scenes."""
     return FixedSelector(method, fit(method, rows))
 
 
-def timed(makers: Sequence[Callable[[], Selector]]) -> tuple[list[Selector], list[float]]:
+def timed(makers: Sequence[Callable[[], Predictor]]) -> tuple[list[Predictor], list[float]]:
     """What they make, and what each took [CPU-s]."""
     made, seconds = [], []
     for make in makers:
@@ -328,7 +329,7 @@ def timed(makers: Sequence[Callable[[], Selector]]) -> tuple[list[Selector], lis
 
 
 def figures(
-    config: TrainConfig, scenes: TrainingScenes, agents: list[Selector]
+    config: TrainConfig, scenes: TrainingScenes, agents: list[Predictor]
 ) -> dict[str, list[float]]:
     """What an agent's seeds come to on the held-out scenes."""
     played = [evaluator(config, scenes.held_out)(agent) for agent in agents]

@@ -2,7 +2,7 @@
 inverse kinematics.
 
     python benchmarks/robots.py [--robots FOLDER] [--legs 1] [--only go1,solo]
-        [--correct FILE.yaml ...] [--json]
+        [--correct FILE.yaml ...] [--json] [--markdown]
     # quadrupeds over a step, and what their postures are decided by
     python benchmarks/robots.py --step
 
@@ -15,21 +15,21 @@ reaches usefully below its hip, the share in the inner polytope; unr.: share of 
 reach; outer: of 100,000 random postures, feet outside the outer set. IK: feet drawn from the inner
 polytopes of all measured legs, the share that joint angles are found for, and the time of a stance
 of all legs in a batch of 1000. Times are of this process's CPU. --step, --natural: see
-robot_step.py.
+_robot_step.py.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from robot_step import REACHED_M, step_line, step_row
+from _bench import Options, launch, share
+from _robot_step import REACHED_M, step_line, step_row
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.catalogue import provider_folder
@@ -85,25 +85,29 @@ EXAMPLES = (
 STANCES, RANDOM = 1000, 100_000
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Robots to look at.
+
+    Arguments:
+        robots: a folder of robots, all of its URDFs.
+        legs: legs of each robot that are measured; 0: all of them.
+        only: parts of names, with commas between them.
+        correct: robots as YAML files correct them, in addition.
+        step: quadrupeds alone: a plan over a step, natural postures.
+        natural: postures to decide a robot, with ``--step``.
+    """
+
+    robots: Path | None = None
+    legs: int = 1
+    only: str = ""
+    correct: tuple[Path, ...] = ()
+    step: bool = False
+    natural: int = 40
+
+
+def main(arguments: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--robots", type=Path, help="a folder of robots, all of its URDFs")
-    parser.add_argument(
-        "--legs", type=int, default=1, help="legs of each robot that are measured; 0: all of them"
-    )
-    parser.add_argument("--only", default="", help="parts of names, with commas between them")
-    parser.add_argument("--correct", type=Path, nargs="*", default=[])
-    parser.add_argument(
-        "--step", action="store_true", help="quadrupeds alone: a plan over a step, natural postures"
-    )
-    parser.add_argument(
-        "--natural", type=int, default=40, help="postures to decide a robot, with --step"
-    )
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
     wanted = [part for part in arguments.only.split(",") if part]
     rows = []
     for name, file in (
@@ -118,18 +122,16 @@ def main() -> None:
             else row(name, file, arguments.legs)
         )
         rows.append(found)
-        message = step_line(found) if arguments.step else line(found)
-        print(json.dumps(found) if arguments.json else message, flush=True)
+        arguments.say(found, step_line if arguments.step else line)
     if arguments.step:
         asked = [each for each in rows if "refused" not in each]
         climbed = sum(bool(each.get("accepted")) and each["worst_m"] <= REACHED_M for each in asked)
-        print(
-            f"{climbed} of {len(asked)}: planned, verified, feet within {1e3 * REACHED_M:g} mm; others are refused"
-        )
+        within = f"planned, verified, feet within {1e3 * REACHED_M:g} mm; others are refused"
+        arguments.say({within: share(climbed, len(asked))})
         return
     loaded = [each for each in rows if "refused" not in each]
     quick = sum(each["load_s"] <= 1.5 for each in loaded)
-    print(f"{len(loaded)} of {len(rows)} load, {quick} of them in 1.5 s or less")
+    arguments.say({"load": share(len(loaded), len(rows)), "of them in 1.5 s or less": quick})
 
 
 def robots(folder: Path | None) -> Iterator[tuple[str, str]]:
@@ -216,4 +218,4 @@ def line(row: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

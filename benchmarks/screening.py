@@ -12,15 +12,15 @@ file a surrogate that ships goes by its name, as surrogate-wall-3.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from scipy.stats import beta
+import tyro
+from _bench import Options, launch, upper_end
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.surrogates.rows import LabelledBatch
@@ -31,9 +31,19 @@ OTHER = {"feasible": "infeasible", "infeasible": "feasible", "trivial": "feasibl
 ERRORS = (0.005, 0.01, 0.02, 0.05)
 
 
-def upper_end(wrong: int, count: int) -> float:
-    """Upper end of the 95 % interval of a share (Clopper and Pearson)."""
-    return 1.0 if wrong == count else float(beta.ppf(0.975, wrong + 1, count - wrong))
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """A surrogate and rows.
+
+    Arguments:
+        surrogate: a file, or the name of one that ships.
+        test: folders of labels, of another seed.
+        errors: stated errors.
+    """
+
+    surrogate: Annotated[str, tyro.conf.Positional]
+    test: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    errors: tuple[float, ...] = ERRORS
 
 
 def figures(
@@ -62,19 +72,13 @@ def figures(
             }
 
 
-def main() -> None:
-    """Print a line of JSON per stated error and true class."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("surrogate", help="a file, or the name of one that ships")
-    parser.add_argument("test", type=Path, nargs="+", help="folders of labels, of another seed")
-    parser.add_argument("--errors", type=float, nargs="+", default=ERRORS)
-    options = parser.parse_args()
-    surrogate = surrogate_of(options.surrogate)
-    rows = LabelledBatch.of([Dataset.open(path) for path in options.test])
-    for row in figures(surrogate, rows, options.errors):
-        head = {"class": surrogate.problem_class, "robot": surrogate.robot}
-        print(json.dumps(head | row))
+def main(asked: Asked) -> None:
+    """Print a row per stated error and true class."""
+    surrogate = surrogate_of(asked.surrogate)
+    rows = LabelledBatch.of([Dataset.open(path) for path in asked.test])
+    for row in figures(surrogate, rows, asked.errors):
+        asked.say({"class": surrogate.problem_class, "robot": surrogate.robot} | row)
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

@@ -25,11 +25,12 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 from _bench import Options, kept, launch
+from _robot_step import scene_course
 from _wrong import Wrong
-from robot_step import scene_course
 from walks import ROBOTS, robot_file
 from walks import planned as walk_file
 
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
@@ -39,7 +40,7 @@ from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.planners.verify import check_plan
-from stancekit.runner.acceptance import Accepted, AcceptedGait
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.execution import Tolerance
 from stancekit.runner.report import RunReport
@@ -100,9 +101,7 @@ def main(arguments: Arguments) -> None:
                 break
 
 
-def cell(
-    case: str, content: Accepted | AcceptedGait, name: str, arguments: Arguments
-) -> dict[str, Any]:
+def cell(case: str, content: Accepted, name: str, arguments: Arguments) -> dict[str, Any]:
     """A row of the table, measured where it is not kept."""
 
     def measure() -> dict[str, Any]:
@@ -122,7 +121,7 @@ def cell(
     return kept(arguments.folder / f"{stem}.json", measure)
 
 
-def accepted(case: str, robots: Path | None, keep: Path) -> Accepted | AcceptedGait | str:
+def accepted(case: str, robots: Path | None, keep: Path) -> Accepted | str:
     """The plan, or the walk, of a case, made where it is not kept; or why there is none."""
     name, _, terrain = case.partition(":")
     if not terrain:
@@ -131,7 +130,7 @@ def accepted(case: str, robots: Path | None, keep: Path) -> Accepted | AcceptedG
         raise SystemExit(f"{case}: expected --robots, and one of {', '.join(ROBOTS)}")
     if terrain != "step":
         path = walk_file(name, robots, terrain, keep)
-        return path if isinstance(path, str) else AcceptedGait.from_file(path)
+        return path if isinstance(path, str) else Accepted.from_file(path)
     file = robot_file(ROBOTS[name], robots, keep / f"{name}.yaml")
     return climb(
         build_course(spec_from(scene_course(named_robot(file), str(file)))),
@@ -154,12 +153,12 @@ def climb(course: Problem, path: Path) -> Accepted | str:
     return Accepted.from_file(path)
 
 
-def ran(content: Accepted | AcceptedGait, wrong: Wrong, world: str, press_hz: float) -> RunReport:
+def ran(content: Accepted, wrong: Wrong, world: str, press_hz: float) -> RunReport:
     """One run, whatever the joints' limits."""
-    feedback, gait = ContactFeedback(press_hz=press_hz), isinstance(content, AcceptedGait)
+    feedback, gait = ContactFeedback(press_hz=press_hz), isinstance(content.plan, Trajectory)
     tolerance = Tolerance(body_m=0.3, body_rad=0.8) if gait else Tolerance()
     settings = RunSettings(check_limits=False, feedback=feedback, tolerance=tolerance)
-    if isinstance(content, AcceptedGait):
+    if isinstance(content.plan, Trajectory):
         robot, gravity, terrain = content.robot, content.gravity_m_s2, wrong.ground(content)
         made = make_world(world, robot, gravity_m_s2=gravity, imperfections=wrong.imperfections)
         return Runner(made, settings=settings).run(content, terrain)

@@ -10,14 +10,14 @@ truly feasible and infeasible ones, decided by the exact planner, how many are c
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
-from screening import upper_end
+import tyro
+from _bench import Options, launch, upper_end
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.surrogates.shipped import surrogate_of
@@ -92,14 +92,24 @@ SHIFTS: dict[str, Shift] = {
 }
 
 
-def main() -> None:
-    """Print a line of JSON per shift."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("surrogate", help="a file, or the name of one that ships")
-    parser.add_argument("--problems", type=int, default=1000)
-    parser.add_argument("--error", type=float, default=0.005)
-    parser.add_argument("--seed", type=int, default=505)
-    options = parser.parse_args()
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """A surrogate and problems.
+
+    Arguments:
+        surrogate: a file, or the name of one that ships.
+        problems: how many a shift.
+        error: the stated one.
+    """
+
+    surrogate: Annotated[str, tyro.conf.Positional]
+    problems: int = 1000
+    error: float = 0.005
+    seed: int = 505
+
+
+def main(options: Asked) -> None:
+    """Print a row per shift."""
     surrogate = surrogate_of(options.surrogate)
     limits = surrogate.thresholds(options.error)
     source = distribution(surrogate.problem_class)
@@ -119,7 +129,7 @@ def main() -> None:
             noticed[size] = f"{sum(asked)} of {len(asked)}"
         answers = surrogate.answered(problems, limits, options.error).answers
         truth = decide_all(ExactPlanner(max_nodes=500, time_limit_s=math.inf), problems).outcomes
-        line = {
+        line: dict[str, Any] = {
             "shift": name,
             "noticed": noticed,
             "asked": round(float((answers == "ask").mean()), 3),
@@ -128,8 +138,8 @@ def main() -> None:
             mine = np.array([each.status is status for each in truth])
             wrong, rows = int((answers[mine] == other).sum()), int(mine.sum())
             line[status.value] = f"{wrong} of {rows} wrong, up to {upper_end(wrong, rows):.4f}"
-        print(json.dumps(line), flush=True)
+        options.say(line)
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from _bench import Options, launch
-from scipy.stats import beta
+from _bench import Options, launch, upper_end
 from second_labels import HOLDS, second
 
 import stancekit
@@ -71,8 +70,8 @@ def main(options: Arguments) -> None:
     for called, right in ((LIKELY, FEASIBLE), (UNLIKELY, INFEASIBLE)):
         mine = likely[verdict[likely] == called]
         wrong = int((truth.verdict[mine] != right).sum())
-        upper = 100.0 * beta.ppf(0.975, wrong + 1, max(len(mine) - wrong, 1))
-        print(f"{VERDICTS[called]}: {len(mine)} solved, {wrong} wrong, up to {upper:.2f} %")
+        row = {"called": VERDICTS[called], "solved": len(mine), "wrong": wrong}
+        options.say({**row, "up to, %": round(100.0 * upper_end(wrong, len(mine)), 2)})
     proved = np.flatnonzero((verdict == FEASIBLE) | ((verdict == INFEASIBLE) & ~poses.off))
     proved = rng.permutation(proved)[: options.proved]
     batch, counts = poses.batch(proved), Counter[tuple[str, str]]()
@@ -81,7 +80,7 @@ def main(options: Arguments) -> None:
         near = said.label == "feasible" and not said.worst <= HOLDS
         counts[VERDICTS[verdict[proved[k]]], "near" if near else said.label] += 1
     for (ours, theirs), count in sorted(counts.items()):
-        print(f"proved {ours}: SCIP says {theirs}: {count}")
+        options.say({"proved": ours, "SCIP": theirs, "problems": count})
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from _bench import Options, Row, launch, spread
-from robot_step import scene_course
+from _robot_step import scene_course
 from robots import robots
 
 from stancekit.planners.answer.plan import Plan

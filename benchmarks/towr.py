@@ -18,20 +18,19 @@ verifier.
 
 from __future__ import annotations
 
-import argparse
-import json
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import casadi
 import numpy as np
+import tyro
+from _bench import Lines, Options, launch, share
 from pydantic import PrivateAttr
 
-from stancekit.learners.evaluation.leap_bench import share
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem.leap import Leap
@@ -55,40 +54,42 @@ class OnTerrain(LeapClass):
         return super()._place(scene, *rest)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Scenes for both.
+
+    Arguments:
+        folder: sources of TOWR and ifopt.
+        scenes: over all classes.
+        limit_s: CPU time of one solve.
+        out: rows; what is there is not solved again.
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    scenes: int = 50
+    seed: int = 4450
+    limit_s: float = 20.0
+    out: Path = Path("towr.jsonl")
+
+
+def main(asked: Asked) -> None:
     """Solve the scenes by both, and print a line for each method and class."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("folder", type=Path, help="sources of TOWR and ifopt")
-    parser.add_argument("--scenes", type=int, default=50, help="over all classes")
-    parser.add_argument("--seed", type=int, default=4450)
-    parser.add_argument("--limit-s", type=float, default=20.0, help="CPU time of one solve")
-    parser.add_argument("--out", type=Path, default=Path("towr.jsonl"), help="rows")
-    options = parser.parse_args(arguments)
-    program = compiled(options.folder)
-    rows = []
-    if options.out.exists():
-        rows = [json.loads(line) for line in options.out.read_text(encoding="utf-8").splitlines()]
-    for index in range(len(rows), options.scenes):
-        name = CLASSES[index % len(CLASSES)]
-        row = compared(name, options.seed + index, program, options.limit_s)
-        rows.append(row)
-        with options.out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
-        print(json.dumps(row), file=sys.stderr)
+    program, lines = compiled(asked.folder), Lines(asked.out, "seed")
+    for index in range(asked.scenes):
+        name, seed = CLASSES[index % len(CLASSES)], asked.seed + index
+        if seed not in lines.rows:
+            lines.add(seed, compared(name, seed, program, asked.limit_s))
+    rows = list(lines.rows.values())
     for name in (*CLASSES, "all"):
         of = [row for row in rows if name in (row["class"], "all")]
         for method, ended in (("towr", "converged"), ("finder", "accepted")):
-            hits = [row for row in of if row[method]]
-            _, low, high = share(len(hits), len(of)) or (0.0, 0.0, 1.0)
-            used = float(np.median([row[f"{method}_s"] for row in of])) if of else 0.0
-            proved = f", {sum(row['refuted'] for row in of)} refuted" if method == "finder" else ""
-            print(
-                f"{name:12s} {method:7s} {ended} {len(hits)} of {len(of)} "
-                f"[{100 * low:.0f}, {100 * high:.0f}] %, {used:.2f} CPU-s (median of all){proved}"
-            )
-    return 0
+            count = sum(bool(row[method]) for row in of)
+            used_s = float(np.median([row[f"{method}_s"] for row in of])) if of else 0.0
+            shown = {"class": name, "method": method, ended: share(count, len(of))}
+            shown["CPU-s, median of all"] = round(used_s, 2)
+            if method == "finder":
+                shown["refuted"] = sum(row["refuted"] for row in of)
+            asked.say(shown)
 
 
 def compiled(folder: Path, name: str = "leap") -> Path:
@@ -187,4 +188,4 @@ def asked(leap: Leap, kind: LeapClass, scene: Terrain, limit_s: float) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    launch(main, Asked, __doc__)

@@ -19,7 +19,7 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from _bench import Options
+from _bench import Options, launch
 from scipy.spatial.transform import Rotation
 from towr import compiled
 
@@ -125,4 +125,4 @@ def table_of(rows: np.ndarray, *, stripped: bool) -> tuple[MotionTable, float]:
 
 
 if __name__ == "__main__":
-    tyro.cli(TowrWalks).run()
+    launch(TowrWalks.run, TowrWalks, __doc__)

@@ -39,7 +39,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.walker import walker_of
-from stancekit.runner.acceptance import AcceptedGait
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.execution import Execution, Tolerance
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -230,7 +230,7 @@ def row(path: Path | str, world: str, wrong: Wrong, *, fits: bool = True) -> dic
     """One walk, run. fits: say why the runner would have refused it."""
     if isinstance(path, str):
         return {"outcome": f"not planned: {path}"}
-    accepted = AcceptedGait.from_file(path)
+    accepted = Accepted.from_file(path)
     settings = RunSettings(
         check_limits=False, tolerance=Tolerance(body_m=0.3, body_rad=0.8, slip_m=SLIP_M)
     )

@@ -16,7 +16,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from stancekit.planners.search.either import Kind
+    from stancekit.planners.search.answer import Kind
 
 OptionalPath: TypeAlias = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH")]  # noqa: UP045
 OptionalInt: TypeAlias = Annotated[Optional[int], tyro.conf.arg(metavar="INT")]  # noqa: UP045

@@ -30,12 +30,7 @@ from .stops import stop_sources
 if TYPE_CHECKING:
     from stancekit.planners.problem import Problem
     from stancekit.planners.robot.actuators import Actuators
-    from stancekit.runner.acceptance import (
-        Accepted,
-        AcceptedCrossing,
-        AcceptedGait,
-        AcceptedLeap,
-    )
+    from stancekit.runner.acceptance import Accepted
     from stancekit.runner.control.envelope_choice import SelectorPolicy
     from stancekit.runner.control.loop_report import LoopReport
     from stancekit.runner.settings import RunSettings
@@ -132,7 +127,7 @@ class RunMotion:
     rate_hz: OptionalFloat = None
     """Commands a second, where not the world's own: 200 in simulations, 50 on robots."""
     speed_rad_s: float = 0.4
-    """Of the soft start, and of the way home."""
+    """Speed of the soft start, and of the way home."""
     log: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mcap")] = None
     """Log of everything, for `stancekit replay`; readable up to the last message whatever ends the
     run."""
@@ -152,13 +147,7 @@ class RunMotion:
     def run(self) -> int:
         """Check, run, report."""
         from stancekit.motions import LIFT, WORLDS, check_run, policy_of, run
-        from stancekit.planners.problem import Problem
-        from stancekit.runner.acceptance import (
-            Accepted,
-            AcceptedCrossing,
-            AcceptedGait,
-            AcceptedLeap,
-        )
+        from stancekit.runner.acceptance import Accepted
         from stancekit.runner.report import RunReport
         from stancekit.runner.safety.estop import on_signals
         from stancekit.runner.worlds import SoftContact, WorldSettings
@@ -178,14 +167,13 @@ class RunMotion:
                 )
                 raise InvalidInput(message) from None
         with ExitStack() as stack:
-            made_for = request.plan.problem if isinstance(request, Accepted) else request
             with as_options(
                 "setup", "rate_hz", "actuators", "contact_stiffness_n_m", "contact_damping_ns_m"
             ):
                 world = kind.make(
                     WorldSettings(
-                        robot=made_for.robot,
-                        gravity_m_s2=made_for.gravity_m_s2,
+                        robot=request.robot,
+                        gravity_m_s2=request.gravity_m_s2,
                         setup=self.setup,
                         rate_hz=self.rate_hz,
                         actuators=self._actuators(),
@@ -205,9 +193,9 @@ class RunMotion:
                 )
             )
             if led:
-                assert isinstance(made_for, Problem)
-                policy = policy_of(self.policy or LIFT, made_for)
-            bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
+                course = request.plan.problem if isinstance(request, Accepted) else request
+                policy = policy_of(self.policy or LIFT, course)
+            bar = stack.enter_context(progress(f"run {request.name} on {self.world}"))
             try:
                 report = run(
                     request,
@@ -223,12 +211,12 @@ class RunMotion:
                     str(error).replace("least_push 0 runs", "--least-push 0 runs")
                 ) from None
         if isinstance(report, RunReport):
-            assert isinstance(request, Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing)
+            assert isinstance(request, Accepted)
             film(self.video, request, report)
             return self._report(report.succeeded, report.to_json(), run_table(report))
         return self._report(report.succeeded, *_led(report, policy))
 
-    def _request(self) -> Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing | Problem:
+    def _request(self) -> Accepted[Any] | Problem:
         """Motion that PLAN names.
 
         Raises InvalidInput for what cannot be run, or not with these options.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.crossing import Crossing
     from stancekit.planners.answer.leap_plan import LeapPlan
     from stancekit.planners.answer.plan import Plan
-    from stancekit.runner.acceptance import Accepted, AcceptedCrossing, AcceptedLeap
+    from stancekit.runner.acceptance import Accepted
     from stancekit.runner.execution import Execution
     from stancekit.runner.report import RunReport
     from stancekit.runner.worlds import World
@@ -71,7 +71,6 @@ class Simulate:
         from stancekit.motions import WORLDS, simulate
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.motion.plan_motion import Timing
-        from stancekit.runner.acceptance import Accepted
         from stancekit.runner.settings import RunSettings
         from stancekit.runner.worlds import SoftContact, WorldSettings
 
@@ -85,17 +84,16 @@ class Simulate:
             return 1
         timing = Timing().at_pace(self.pace)
         settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
-        made_for = accepted.plan.problem if isinstance(accepted, Accepted) else accepted
         world: str | World = self.world
         with as_options("world", "contact_stiffness_n_m", "contact_damping_ns_m"):
             contact = SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
             if contact is not None and (kind := WORLDS.get(self.world)).kind == "simulation":
                 world = kind.make(
                     WorldSettings(
-                        robot=made_for.robot, gravity_m_s2=made_for.gravity_m_s2, contact=contact
+                        robot=accepted.robot, gravity_m_s2=accepted.gravity_m_s2, contact=contact
                     )
                 )
-        with as_options("world"), progress(f"simulate {made_for.name} in {self.world}") as bar:
+        with as_options("world"), progress(f"simulate {accepted.name} in {self.world}") as bar:
             report = simulate(accepted, world, settings=settings, progress=bar)
         execution = report.execution
         if execution is None:
@@ -111,25 +109,23 @@ class Simulate:
                     out.print(f"written: {path}")
         return 0 if report.succeeded else 1
 
-    def _accepted(self) -> Accepted | AcceptedLeap | AcceptedCrossing | None:
+    def _accepted(self) -> Accepted[Any] | None:
         """The motion of the file; None for a plan that the verifier rejected.
 
         Raises InvalidInput for what cannot be executed, or not at this pace.
         """
         from stancekit.motions import accepted_of
         from stancekit.planners.formats.crossing_file import is_crossing_file
-        from stancekit.planners.formats.leap_file import is_leap_file
         from stancekit.planners.formats.plan_file import read_plan
-        from stancekit.runner.acceptance import Accepted, AcceptedCrossing, AcceptedLeap
+        from stancekit.planners.problem.leap_names import is_leap_file
+        from stancekit.runner.acceptance import Accepted
 
         if is_leap_file(self.plan) or is_crossing_file(self.plan):
             if self.pace != 1.0 and is_leap_file(self.plan):
                 raise InvalidInput(
                     "--pace: expected none with a leap, which runs as planned, or not at all"
                 )
-            leapt = accepted_of(self.plan)
-            assert isinstance(leapt, AcceptedLeap | AcceptedCrossing)
-            return leapt
+            return accepted_of(self.plan)
         plan, header = read_plan(self.plan)
         return Accepted.verified(plan, str(self.plan)) if header["verified"] else None
 

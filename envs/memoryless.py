@@ -4,8 +4,7 @@ them.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from numpy.typing import NDArray
@@ -13,10 +12,17 @@ from numpy.typing import NDArray
 Observation = Mapping[str, NDArray[Any]]
 
 
-class MemorylessPolicy(ABC):
-    """Adapter to call rules and selectors, which have an ``action`` alone, as policies of
+class MemorylessPolicy:
+    """Adapter to call a rule, or a selector, which has an ``action`` alone, as policies of
     stable-baselines3 are called.
+
+    Arguments:
+        rule: from an observation, or a batch of them, to the action; classes with an ``action`` of
+            their own need none.
     """
+
+    def __init__(self, rule: Callable[[Observation], NDArray[Any]]) -> None:
+        self._rule = rule
 
     def predict(
         self,
@@ -30,9 +36,9 @@ class MemorylessPolicy(ABC):
         """
         return self.action(observation), state
 
-    @abstractmethod
     def action(self, observation: Observation) -> NDArray[Any]:
         """The action; of a batch of observations one a row.
 
         Raises InvalidInput where it was made for others.
         """
+        return self._rule(observation)

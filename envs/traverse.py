@@ -22,7 +22,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
 from .episodes import check_options, checked_render_mode, checked_seed
@@ -166,7 +166,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
         check_selectors(self._planners, self._draw)
-        self._start, self._executor = TwoStageCoursePlanner(programs=programs), settings.executor
+        self._start, self._executor = TwoStagePlanner(programs=programs), settings.executor
         self._horizon, self._weights = settings.horizon, settings.rewards
         self._patience, self._timing = settings.patience, bool(settings.timing)
         self._margins = bool(settings.margins)

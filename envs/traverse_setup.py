@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -30,21 +30,20 @@ from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.course_features import CourseFeatures
-from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.control.envelope_choice import SelectorPlanner
 
 from .distributions.courses import perturbed
 from .learned_selectors import LearnedSelector, class_envelopes
 
 DRAWS = 50
-"""Of a source that has nothing for some toe, before it is given up."""
+"""Number of draws of a source that has nothing for some toe, before it is given up."""
 CourseSource = Callable[[np.random.Generator], Problem]
 Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | CourseSource
-"""What courses are drawn from: names, files and descriptions, also as mappings with a file's keys;
-or a function."""
+"""Sources of courses: names, files and descriptions, also as mappings with a file's keys; or a
+function."""
 Boxes = EnvelopeSet | Sequence[EnvelopeSet | str | Path] | Modes | LearnedSelector | str | Path
-"""What a planner has: envelopes, several sets of them for different legs, modes, a selector, or a
+"""Boxes of a planner: envelopes, several sets of them for different legs, modes, a selector, or a
 file of these."""
 READERS: Mapping[str, str] = MappingProxyType(
     {
@@ -57,15 +56,9 @@ READERS: Mapping[str, str] = MappingProxyType(
 because networks are read on a higher floor."""
 
 
-class Executed(Protocol):
-    """Answer of an executor: whether the robot did what was planned."""
-
-    @property
-    def succeeded(self) -> bool:
-        """Tell whether the robot arrived, upright and without slipping."""
-
-
-Executor = Callable[[Plan], Executed]
+Executor = Callable[[Plan], Any]
+"""Executor of a plan: its report says by ``succeeded`` whether the robot arrived, upright and
+without slipping."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +252,7 @@ def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> S
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
     return [
-        TwoStageCoursePlanner(programs=programs),
+        TwoStagePlanner(programs=programs),
         *(_within(_there(each), programs) for each in envelopes),
     ]
 
@@ -336,5 +329,5 @@ def _within(
     given: EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector, programs: Programs
 ) -> Planner:
     if isinstance(given, EnvelopeSet | Modes | Sequence):
-        return EnvelopeCoursePlanner(given, programs=programs)
+        return TwoStagePlanner(given, programs=programs)
     return SelectorPlanner(given.selector, class_envelopes(given), programs=programs)

@@ -1,8 +1,8 @@
-"""Motions that may be run: plans and gaits that the verifier accepted, for the robot that the world
-has.
+"""Motions that may be run: plans, gaits, leaps and crossings that the verifier accepted, for the
+robot that the world has.
 
-They are judged once, when they come in: ``Accepted.from_file`` and ``Accepted.verified``, and those
-of gaits, are the border. Behind it frozen values pass by reference (SECURITY.md says what that
+They are judged once, when they come in: ``Accepted.from_file`` and ``Accepted.verified`` are the
+border. Behind it frozen values pass by reference (SECURITY.md says what that
 trusts).
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -17,16 +18,19 @@ from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.codec import to_json
-from stancekit.planners.formats.crossing_file import read_crossing
-from stancekit.planners.formats.leap_file import read_leap
+from stancekit.planners.files.documents import read_json
+from stancekit.planners.formats.crossing_file import is_crossing_file, read_crossing
+from stancekit.planners.formats.leap_file import is_leap_file, read_leap
 from stancekit.planners.formats.plan_file import read_plan
-from stancekit.planners.formats.trajectory_file import read_trajectory
+from stancekit.planners.formats.trajectory_file import is_trajectory, read_trajectory
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.crossings import check_crossing
@@ -37,257 +41,203 @@ from stancekit.planners.verify.trajectories import check_trajectory
 
 from .worlds.world import Ground, World
 
+S = TypeVar("S", bound=Plan | Trajectory | LeapPlan | Crossing)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Accepted:
-    """A plan that may be run.
+class Accepted(Generic[S]):
+    """A motion that may be run: a plan of a course, a gait, a leap or a crossing.
 
     Arguments:
+        plan: the motion; of a gait its trajectory.
         digest: the verifier's.
         source: where it comes from, for messages.
     """
 
-    plan: Plan
+    plan: S
     digest: str
     source: str
 
     @classmethod
-    def from_file(cls, path: str | Path) -> Accepted:
-        """Read a plan file.
+    def from_file(cls, path: str | Path) -> Accepted[Any]:
+        """Read a file of any of these.
 
         Raises InvalidInput for one that was edited since, that the verifier rejected, or that it
-        rejects now: a digest shows that a file is whole, not that it is right.
+        rejects now (a digest shows that a file is whole, not that it is right), for one without a
+        motion, and for a robot whose joints are not known.
         """
+        source = str(path)
+        if is_leap_file(path):
+            leap = read_leap(path).plan
+            if leap is None:
+                raise InvalidInput(f"{path}: expected a leap with a plan, got none")
+            return Accepted.verified(leap, source)
+        if is_crossing_file(path):
+            return Accepted.verified(read_crossing(path), source)
+        if Path(path).suffix == ".json" and is_trajectory(read_json(path)):
+            record = read_trajectory(path)
+            if not record.verified:
+                raise InvalidInput(
+                    f"{path}: expected a gait that the verifier accepted, this one it rejected"
+                )
+            gait = Accepted.verified(record.trajectory, source)
+            if gait.digest != record.verdict.get("digest"):
+                raise InvalidInput(
+                    f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise"
+                )
+            return gait
         plan, header = read_plan(path)
         if not (header["verified"] and header["verdict"]["accepted"]):
             raise InvalidInput(
                 f"{path}: expected a plan that the verifier accepted, this one it rejected"
             )
-        return cls.verified(plan, str(path))
+        return Accepted.verified(plan, source)
 
     @classmethod
-    def verified(cls, plan: Plan, source: str) -> Accepted:
-        """Verify a plan now.
+    def verified(cls, plan: S, source: str) -> Accepted[S]:
+        """Verify a motion now.
 
-        Raises InvalidInput for one that is rejected.
+        Raises InvalidInput for one that is rejected, that no runner executes, or whose robot's
+        joints are not known; a leap has to begin and end at rest, and to be judged with its legs.
         """
-        if plan.problem.is_posture:
-            raise InvalidInput(
-                f"{source}: expected the plan of a course, got that of a posture problem"
-            )
-        plan.problem.check_whole()
-        report = judged(plan)
-        if not report.accepted:
-            raise InvalidInput(
-                f"{source}: expected a plan that the verifier accepts, {_said(report)}"
-            )
-        _check_hindrance(report, source)
-        return cls(plan=plan, digest=report.digest, source=source)
+        if isinstance(plan, LeapPlan):
+            digest = _leap(plan, source)
+        elif isinstance(plan, Crossing):
+            digest = _crossing(plan, source)
+        elif isinstance(plan, Plan):
+            digest = _plan(plan, source)
+        else:
+            digest = _gait(plan, source)
+        return Accepted(plan=plan, digest=digest, source=source)
 
-    def check_stands(self, least_push: float) -> None:
-        """Raise InvalidInput for a plan that is about to tip.
-
-        Arguments:
-            least_push: that every stance has to bear, as a share of the weight.
-        """
-        if tips := tipping(self.plan, least_push):
-            raise InvalidInput(f"{self.source}: {tips}; least_push 0 runs it all the same")
-
-    def check_fits(self, world: World) -> None:
-        """Raise InvalidInput unless the world has the plan's robot, and its joints can take every
-        pose of the plan.
-        """
-        check_joints(self.source, self.plan.problem.robot, world, self.plan.problem.gravity_m_s2)
-        report = joint_report(self.plan, world.servo)
-        if not report.accepted:
-            raise InvalidInput(
-                f"{self.source}: expected joints that can do it, they cannot: {report.message}"
-            )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AcceptedGait:
-    """A trajectory that may be run, and the robot that walks it.
-
-    Arguments:
-        digest: the verifier's.
-        source: for messages.
-    """
-
-    trajectory: Trajectory
-    robot: Robot
-    digest: str
-    source: str
-    gravity_m_s2: float = GRAVITY_M_S2
-
-    @classmethod
-    def from_file(cls, path: str | Path) -> AcceptedGait:
-        """Read a gait.
-
-        Raises InvalidInput for one that was edited since, that the verifier rejected, or that it
-        rejects now, and for a robot whose joints are not known.
-        """
-        record = read_trajectory(path)
-        if not record.verified:
-            raise InvalidInput(
-                f"{path}: expected a gait that the verifier accepted, this one it rejected"
-            )
-        accepted = cls.verified(record.trajectory, str(path))
-        if accepted.digest != record.verdict.get("digest"):
-            raise InvalidInput(
-                f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise"
-            )
-        return accepted
-
-    @classmethod
-    def verified(cls, trajectory: Trajectory, source: str) -> AcceptedGait:
-        """Verify a gait now.
-
-        Raises InvalidInput for one that is rejected, or whose robot's joints are not known.
-        """
-        report = check_trajectory(trajectory)
-        if not report.accepted:
-            raise InvalidInput(
-                f"{source}: expected a gait that the verifier accepts, it says: {report.message}"
-            )
-        _check_hindrance(report, source)
-        robot = walking_robot(trajectory.robot)
-        return cls(trajectory=trajectory, robot=robot, digest=report.digest, source=source)
-
-    @property
-    def name(self) -> str:
-        """Name of its terrain."""
-        return self.trajectory.terrain.name or "gait"
-
-    def ground(self, friction_share: float = 1.0) -> Ground:
-        """The terrain of a world, with this share of the friction that the gait counts on."""
-        return Ground(
-            heights=self.trajectory.terrain, friction=friction_share * self.trajectory.friction
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AcceptedLeap:
-    """A leap that may be run.
-
-    Arguments:
-        digest: the verifier's.
-        source: for messages.
-    """
-
-    plan: LeapPlan
-    digest: str
-    source: str
-    gravity_m_s2: float = GRAVITY_M_S2
-
-    @property
+    @cached_property
     def robot(self) -> Robot:
-        """The robot that leaps."""
-        return self.plan.problem.robot
+        """The robot that moves."""
+        if isinstance(self.plan, Trajectory):
+            return walking_robot(self.plan.robot)
+        return self.plan.robot if isinstance(self.plan, Crossing) else self.plan.problem.robot
 
     @property
     def name(self) -> str:
-        """Name of the leap."""
-        return self.plan.problem.name
-
-    @classmethod
-    def from_file(cls, path: str | Path) -> AcceptedLeap:
-        """Read a leap's file.
-
-        Raises InvalidInput for one without a plan, or whose plan the verifier rejects.
-        """
-        plan = read_leap(path).plan
-        if plan is None:
-            raise InvalidInput(f"{path}: expected a leap with a plan, got none")
-        return cls.verified(plan, str(path))
-
-    @classmethod
-    def verified(cls, plan: LeapPlan, source: str) -> AcceptedLeap:
-        """Verify a leap now.
-
-        Raises InvalidInput for one that is rejected, whose whole body was not judged, or that begins
-        or ends in motion.
-        """
-        if not all(plan.problem.still):
-            raise InvalidInput(f"{source}: expected a leap that begins and ends at rest")
-        report = check_leap(plan, body=True)
-        if not report.accepted:
-            raise InvalidInput(
-                f"{source}: expected a leap that the verifier accepts, {_said(report)}"
-            )
-        if report.unchecked:
-            left = ", ".join(report.unchecked)
-            raise InvalidInput(
-                f"{source}: expected a leap that was judged with legs, {left} not checked: plan it with --robot FILE"
-            )
-        return cls(plan=plan, digest=report.digest, source=source)
-
-    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
-        """The surfaces that are taken, with this share of their friction."""
-        leap = self.plan.problem
-        patches = [leap.patch(j, self.plan.choice) for j in range(len(leap.footholds))]
-        return tuple(replace(patch, friction=friction_share * patch.friction) for patch in patches)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AcceptedCrossing:
-    """A crossing that may be run.
-
-    Arguments:
-        digest: the verifier's.
-        source: for messages.
-    """
-
-    plan: Crossing
-    digest: str
-    source: str
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that crosses."""
-        return self.plan.robot
-
-    @property
-    def name(self) -> str:
-        """Name of the course."""
-        return self.plan.name
+        """Name of the course or the leap; of a gait that of its terrain."""
+        if isinstance(self.plan, Trajectory):
+            return self.plan.terrain.name or "gait"
+        return self.plan.name if isinstance(self.plan, Crossing) else self.plan.problem.name
 
     @property
     def gravity_m_s2(self) -> float:
-        """Gravity of its course [m/s²]."""
-        return self.plan.first.gravity_m_s2
+        """Gravity that it counts on [m/s²]."""
+        if isinstance(self.plan, Trajectory | LeapPlan):
+            return GRAVITY_M_S2
+        course = self.plan.first if isinstance(self.plan, Crossing) else self.plan.problem
+        return course.gravity_m_s2
 
-    @classmethod
-    def from_file(cls, path: str | Path) -> AcceptedCrossing:
-        """Read a crossing's file.
-
-        Raises InvalidInput for one that was edited since, or that the verifier rejects.
+    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...] | Ground:
+        """The terrain of a world, with this share of the friction that it counts on; of a leap the
+        surfaces that are taken.
         """
-        return cls.verified(read_crossing(path), str(path))
+        plan: Plan | Trajectory | LeapPlan | Crossing = self.plan
+        if isinstance(plan, Trajectory):
+            return Ground(heights=plan.terrain, friction=friction_share * plan.friction)
+        if isinstance(plan, Plan):
+            return slippery(plan.problem, friction_share).terrain
+        if isinstance(plan, Crossing):
+            patches = plan.terrain
+        else:
+            feet = range(len(plan.problem.footholds))
+            patches = tuple(plan.problem.patch(j, plan.choice) for j in feet)
+        return tuple(replace(patch, friction=friction_share * patch.friction) for patch in patches)
 
-    @classmethod
-    def verified(cls, crossing: Crossing, source: str) -> AcceptedCrossing:
-        """Verify a crossing now.
 
-        Raises InvalidInput for one that is rejected, or of which something was not judged.
-        """
-        if not any(isinstance(part, LeapPlan) for part in crossing.parts):
-            raise InvalidInput(f"{source}: expected a leap among its parts, got climbs alone")
-        report = check_crossing(crossing)
-        if not report.accepted or report.unchecked:
-            raise InvalidInput(
-                f"{source}: expected a crossing that the verifier accepts, {report.message}"
-            )
-        for k, part in enumerate(crossing.parts, 1):
-            if isinstance(part, Plan):
-                Accepted.verified(part, f"{source}: part {k}")
-        return cls(plan=crossing, digest=report.digest, source=source)
+def check_stands(accepted: Accepted[Plan], least_push: float) -> None:
+    """Raise InvalidInput for a plan that is about to tip.
 
-    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
-        """All of the terrain, with this share of its friction."""
-        return tuple(
-            replace(patch, friction=friction_share * patch.friction) for patch in self.plan.terrain
+    Arguments:
+        least_push: that every stance has to bear, as a share of the weight.
+    """
+    if tips := tipping(accepted.plan, least_push):
+        raise InvalidInput(f"{accepted.source}: {tips}; least_push 0 runs it all the same")
+
+
+def check_fits(accepted: Accepted[Plan], world: World) -> None:
+    """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose
+    of the plan.
+    """
+    check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
+    report = joint_report(accepted.plan, world.servo)
+    if not report.accepted:
+        raise InvalidInput(
+            f"{accepted.source}: expected joints that can do it, they cannot: {report.message}"
         )
+
+
+def _plan(plan: Plan, source: str) -> str:
+    """Digest of the verdict on a plan.
+
+    Raises InvalidInput for one that is rejected.
+    """
+    if plan.problem.is_posture:
+        raise InvalidInput(
+            f"{source}: expected the plan of a course, got that of a posture problem"
+        )
+    plan.problem.check_whole()
+    report = judged(plan)
+    if not report.accepted:
+        raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")
+    _check_hindrance(report, source)
+    return report.digest
+
+
+def _gait(trajectory: Trajectory, source: str) -> str:
+    """Digest of the verdict on a gait.
+
+    Raises InvalidInput for one that is rejected, or whose robot's joints are not known.
+    """
+    report = check_trajectory(trajectory)
+    if not report.accepted:
+        raise InvalidInput(
+            f"{source}: expected a gait that the verifier accepts, it says: {report.message}"
+        )
+    _check_hindrance(report, source)
+    walking_robot(trajectory.robot)
+    return report.digest
+
+
+def _leap(plan: LeapPlan, source: str) -> str:
+    """Digest of the verdict on a leap.
+
+    Raises InvalidInput for one that is rejected, whose whole body was not judged, or that begins or
+    ends in motion.
+    """
+    if not all(plan.problem.still):
+        raise InvalidInput(f"{source}: expected a leap that begins and ends at rest")
+    report = check_leap(plan, body=True)
+    if not report.accepted:
+        raise InvalidInput(f"{source}: expected a leap that the verifier accepts, {_said(report)}")
+    if report.unchecked:
+        left = ", ".join(report.unchecked)
+        raise InvalidInput(
+            f"{source}: expected a leap that was judged with legs, {left} not checked: plan it with --robot FILE"
+        )
+    return report.digest
+
+
+def _crossing(crossing: Crossing, source: str) -> str:
+    """Digest of the verdict on a crossing.
+
+    Raises InvalidInput for one that is rejected, or of which something was not judged.
+    """
+    if not any(isinstance(part, LeapPlan) for part in crossing.parts):
+        raise InvalidInput(f"{source}: expected a leap among its parts, got climbs alone")
+    report = check_crossing(crossing)
+    if not report.accepted or report.unchecked:
+        raise InvalidInput(
+            f"{source}: expected a crossing that the verifier accepts, {report.message}"
+        )
+    for k, part in enumerate(crossing.parts, 1):
+        if isinstance(part, Plan):
+            _plan(part, f"{source}: part {k}")
+    return report.digest
 
 
 def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:

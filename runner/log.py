@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Protocol, Self
+from typing import IO, Any, Self
 
 import numpy as np
 
@@ -38,7 +38,7 @@ FORMAT = "stancekit/run/1"
 LOADED = "loaded"
 """The decision to begin with joints that press already."""
 LARGEST_TIME = 1e9
-"""Of times [s] and rates [Hz] in a log."""
+"""Largest value of times [s] and rates [Hz] in a log."""
 TOPICS: dict[str, dict[str, str]] = {
     "plan": {
         "format": "string",
@@ -60,27 +60,19 @@ TOPICS: dict[str, dict[str, str]] = {
 }
 """The topics, and what every message of each has at least, by JSON type."""
 ARRAYS_OF = {"joints": str}
-"""What the arrays of messages hold; numbers, or rows of them, where it is not said. What was not
+"""Content of the arrays of messages; numbers, or rows of them, where it is not said. What was not
 finite is null."""
 KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
 
 
-class Log(Protocol):
-    """Log in which a run writes down what happens."""
+class Log:
+    """Log in which a run writes down what happens; this one forgets everything."""
 
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
         """Write one message."""
-        ...
 
 
-class NoLog:
-    """Forgets everything."""
-
-    def write(self, topic: str, content: Mapping[str, Any]) -> None:
-        """Nothing."""
-
-
-class McapLog:
+class McapLog(Log):
     """An MCAP file.
 
     A context manager. Raises InvalidInput where it cannot be written, or without the package mcap.

@@ -10,6 +10,10 @@ from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
+from stancekit.planners.answer.crossing import Crossing
+from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.crossing_motion import CrossingMotion, plans_of
@@ -20,7 +24,7 @@ from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.motion.touch_down import touch_downs_m
 from stancekit.planners.robot.kinematics import Kinematics
 
-from .acceptance import Accepted, AcceptedCrossing, AcceptedGait, AcceptedLeap, check_joints
+from .acceptance import Accepted, check_fits, check_joints, check_stands
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
@@ -158,7 +162,7 @@ class Resumption:
 
 
 def prepare_plan(
-    accepted: Accepted,
+    accepted: Accepted[Plan],
     world: SafeWorld,
     settings: RunSettings,
     resumption: Resumption | None = None,
@@ -174,8 +178,8 @@ def prepare_plan(
     plan, sees = accepted.plan, sees_feet(world, settings)
     if settings.check_limits:
         if resumption is None and not settings.hung:
-            accepted.check_stands(settings.least_push)
-        accepted.check_fits(world)
+            check_stands(accepted, settings.least_push)
+        check_fits(accepted, world)
     else:
         check_joints(accepted.source, plan.problem.robot, world, plan.problem.gravity_m_s2)
     course = plan.problem
@@ -240,7 +244,7 @@ def prepare_plan(
 
 
 def prepare_gait(
-    accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
+    accepted: Accepted[Trajectory], world: SafeWorld, settings: RunSettings
 ) -> Prepared[GaitMotion]:
     """A gait for a world that it fits.
 
@@ -252,7 +256,7 @@ def prepare_gait(
             "odometry: expected a plan, got a gait: two standing feet do not determine the body's "
             "rotation"
         )
-    trajectory = accepted.trajectory
+    trajectory = accepted.plan
     check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
     motion, sees = (
         GaitMotion(trajectory, accepted.robot.source.foot_radii_m),
@@ -296,7 +300,7 @@ def prepare_gait(
 
 
 def prepare_leap(
-    accepted: AcceptedLeap, world: SafeWorld, settings: RunSettings
+    accepted: Accepted[LeapPlan], world: SafeWorld, settings: RunSettings
 ) -> Prepared[LeapRun]:
     """A leap for a world that it fits: it was judged with its legs, and runs as planned.
 
@@ -317,6 +321,7 @@ def prepare_leap(
         world.drives,
     )
     ground = accepted.ground()
+    assert isinstance(ground, tuple)
     return Prepared(
         digest=accepted.digest,
         source=accepted.source,
@@ -333,7 +338,7 @@ def prepare_leap(
 
 
 def prepare_crossing(
-    accepted: AcceptedCrossing, world: SafeWorld, settings: RunSettings
+    accepted: Accepted[Crossing], world: SafeWorld, settings: RunSettings
 ) -> Prepared[CrossingMotion]:
     """A crossing for a world that it fits: its climbs are timed as any plan's, and slowed down to
     what joints can do; its leaps run as planned.
@@ -425,7 +430,7 @@ def check_settings(settings: RunSettings, world: SafeWorld) -> None:
 
 
 def _check_bodies(
-    accepted: Accepted, timed: TimedMotion[PlanMotion], kinematics: Kinematics
+    accepted: Accepted[Plan], timed: TimedMotion[PlanMotion], kinematics: Kinematics
 ) -> None:
     """Raise InvalidInput where a link goes through another one or the terrain on the way; log what
     has no shape.

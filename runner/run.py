@@ -12,11 +12,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from math import acos, sqrt
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
+from stancekit.planners.answer.crossing import Crossing
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.crossing_motion import CrossingMotion
@@ -28,11 +31,11 @@ from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 
-from .acceptance import Accepted, AcceptedCrossing, AcceptedGait, AcceptedLeap
+from .acceptance import Accepted
 from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
-from .log import FORMAT, LOADED, Log, NoLog, state_json
+from .log import FORMAT, LOADED, Log, state_json
 from .motion.soft_start import rise_m, soft_motion, soft_start
 from .prepared import (
     PlannedMotion,
@@ -78,12 +81,12 @@ class Runner:
         settings: RunSettings = RunSettings(),
         dry: bool = True,
         sources: Sequence[Source] = (),
-        log: Log = NoLog(),
+        log: Log = Log(),
         progress: Progress = lambda done, total: None,
         monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.settings, self.log = settings, log
-        self._logs = not isinstance(log, NoLog)  # else nothing is made ready to be written
+        self._logs = type(log) is not Log  # else nothing is made ready to be written
         self.latch, self._progress = world.latch, progress
         sources = (*settings.stops, *sources, *(() if monitor is None else (monitor.gone,)))
         self.world = SafeWorld(
@@ -95,7 +98,7 @@ class Runner:
 
     def run(
         self,
-        accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+        accepted: Accepted[Any],
         terrain: Terrain | None = None,
     ) -> RunReport:
         """Run one plan, or gait, from its beginning to its end.
@@ -160,21 +163,19 @@ class Runner:
 
     @overload
     def prepare(
-        self, accepted: Accepted, resumption: Resumption | None = None
+        self, accepted: Accepted[Plan], resumption: Resumption | None = None
     ) -> Prepared[PlanMotion]: ...
     @overload
-    def prepare(self, accepted: AcceptedGait) -> Prepared[GaitMotion]: ...
+    def prepare(self, accepted: Accepted[Trajectory]) -> Prepared[GaitMotion]: ...
     @overload
-    def prepare(self, accepted: AcceptedLeap) -> Prepared[LeapRun]: ...
+    def prepare(self, accepted: Accepted[LeapPlan]) -> Prepared[LeapRun]: ...
     @overload
-    def prepare(self, accepted: AcceptedCrossing) -> Prepared[CrossingMotion]: ...
+    def prepare(self, accepted: Accepted[Crossing]) -> Prepared[CrossingMotion]: ...
     @overload
-    def prepare(
-        self, accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing
-    ) -> Prepared[PlannedMotion]: ...
+    def prepare(self, accepted: Accepted[Any]) -> Prepared[PlannedMotion]: ...
     def prepare(
         self,
-        accepted: Accepted | AcceptedGait | AcceptedLeap | AcceptedCrossing,
+        accepted: Accepted[Any],
         resumption: Resumption | None = None,
     ) -> Prepared[PlannedMotion]:
         """Check that a plan, or a gait, fits the world, and time it.
@@ -185,11 +186,11 @@ class Runner:
             resumption: how a robot that stands already takes up a plan.
         """
         prepared: Prepared[PlannedMotion]
-        if isinstance(accepted, Accepted):
+        if isinstance(accepted.plan, Plan):
             prepared = prepare_plan(accepted, self.world, self.settings, resumption)
-        elif isinstance(accepted, AcceptedLeap):
+        elif isinstance(accepted.plan, LeapPlan):
             prepared = prepare_leap(accepted, self.world, self.settings)
-        elif isinstance(accepted, AcceptedCrossing):
+        elif isinstance(accepted.plan, Crossing):
             prepared = prepare_crossing(accepted, self.world, self.settings)
         else:
             prepared = prepare_gait(accepted, self.world, self.settings)

@@ -12,7 +12,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import SETTLE_S
 from stancekit.planners.motion.motion import Motion, Samples, stacked
-from stancekit.runner.acceptance import Accepted, AcceptedGait
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.body_feedback import BodyFeedback
 from stancekit.runner.control.tracker import Target
 from stancekit.runner.prepared import Tracked
@@ -91,10 +91,10 @@ def streamed_targets(
     """What a run in MuJoCo streams from the beginning of the motion to its end."""
     settings = RunSettings(blind=blind, body=BodyFeedback())
     if isinstance(subject, Plan):
-        accepted: Accepted | AcceptedGait = Accepted.verified(subject, "plan")
+        accepted: Accepted = Accepted.verified(subject, "plan")
         robot, ground = subject.problem.robot, cast("Terrain", subject.problem.terrain)
     else:
-        walk = AcceptedGait.verified(subject, "walk")
+        walk = Accepted.verified(subject, "walk")
         accepted, robot, ground = walk, walk.robot, walk.ground()
     with make_world("mujoco", robot, rate_hz=rate_hz) as world:
         runner = Kept(world, settings=settings)

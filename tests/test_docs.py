@@ -41,7 +41,7 @@ WRITES = ("docs/learning-own-robot.md", "docs/selectors.md", "docs/running-on-a-
 """Pages whose Python writes files, and prints nothing."""
 BEFORE = {"docs/running-on-a-robot.md": ["plan desk.yaml --out desk.json"]}
 """Commands of a page that its Python needs."""
-FEW = "24"
+FEW = "12"
 """Scenes of a page that learns; its reader has more."""
 NEEDS = {
     "docs/training.md": "sb3_contrib optuna",

@@ -34,7 +34,7 @@ import numpy as np
 import tyro
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from _bench import ROOT
+from _bench import ROOT, Options, launch
 from build_ros1 import PYTHON
 
 from stancekit.cli.main import main as command
@@ -229,8 +229,8 @@ ODD = (
 CASES: dict[Kind, tuple[Case, ...]] = {"faults": FAULTS, "healthy": HEALTHY, "odd": ODD}
 
 
-@dataclass
-class Arguments:
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Options):
     """Options of the script."""
 
     folder: Annotated[Path, tyro.conf.Positional]
@@ -289,7 +289,7 @@ def main(arguments: Arguments) -> None:
                     done.append(row)
                     with results.open("a") as file:
                         file.write(json.dumps(row) + "\n")
-                    print(json.dumps(row), flush=True)
+                    arguments.say(row)
     for kind in arguments.kinds:
         print(table(CASES[kind], done))
 
@@ -661,4 +661,4 @@ def opened(port: int) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Arguments, description=__doc__))
+    launch(main, Arguments, __doc__)

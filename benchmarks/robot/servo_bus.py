@@ -36,7 +36,7 @@ import numpy as np
 import tyro
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from _bench import ROOT, realtime
+from _bench import ROOT, Options, launch, realtime
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import write_text
@@ -103,7 +103,7 @@ Read."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arguments:
+class Arguments(Options):
     """Options of the script."""
 
     folder: Annotated[Path, tyro.conf.Positional]
@@ -409,4 +409,4 @@ def told(rows: list[dict[str, Any]]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Arguments, description=__doc__)))
+    launch(main, Arguments, __doc__)

@@ -18,7 +18,7 @@ from typing import Literal, Protocol, TypeVar
 
 from joblib.externals.loky import get_reusable_executor
 
-from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import checked_int
 
 Answer = TypeVar("Answer")
@@ -32,7 +32,7 @@ DEATHS = 5
 """How many times in a row, without any answer between, workers may die before a run gives up; or a
 task's worker."""
 POLL_S = 1.0
-"""How often a worker looks whether the process that started it is still there."""
+"""Period at which a worker looks whether the process that started it is still there."""
 ONE_THREAD = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA", "NUMEXPR")
 }
@@ -59,14 +59,6 @@ class Executor(Protocol):
     def __call__(self, tasks: Iterable[Task[Answer] | None]) -> Iterator[Answer]:
         """Run them; the first exception of a task is raised again here."""
         ...
-
-
-class ClusterGone(InvalidInput):
-    """The cluster that was asked for is not there, or not any more."""
-
-
-class WorkersDied(StancekitError):
-    """Worker processes die again and again."""
 
 
 def gather(
@@ -169,12 +161,12 @@ def _pooled(workers: int, tasks: Iterator[Task[Answer] | None]) -> Iterator[Answ
         except BrokenProcessPool as error:
             if "un-serialize" in str(error):
                 message = (str(error.__cause__ or error).strip("\"' \n").splitlines() or [""])[-1]
-                raise WorkersDied(
+                raise StancekitError(
                     f"a worker process cannot read its task: {message:.200}"
                 ) from None
             deaths += 1
             if deaths >= DEATHS:
-                raise WorkersDied(
+                raise StancekitError(
                     f"a worker process died {deaths} times in a row: is there enough memory?"
                 ) from None
             log.warning("a worker process died; %d tasks are left and run again", len(left))

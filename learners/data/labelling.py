@@ -43,14 +43,13 @@ if TYPE_CHECKING:  # torch
     from ..surrogates.surrogate import Surrogate
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
-"""How postures and points are chosen now (``search.canonical``); another choice gets another
-name."""
+"""Choice of postures and points now (``search.canonical``); another choice gets another name."""
 
 INNER = (
     "feasible: of the robot, whose feet reach the inner sets of its legs; infeasible: of these inner sets and a level "
     "body, which proves nothing of the robot"
 )
-"""What is said of a data set whose legs are half-spaces, see ``planners.robot.contact_robot``."""
+"""Note on a data set whose legs are half-spaces, see ``planners.robot.contact_robot``."""
 
 log = logging.getLogger(__name__)
 
@@ -119,7 +118,7 @@ def label(
         surrogate: likewise, which screens the draws.
 
     Raises:
-        InvalidInput: where the folder holds another data set, LabellingFailed where a shard gives
+        InvalidInput: where the folder holds another data set, StancekitError where a shard gives
             up.
     """
     execute = run or processes(workers)
@@ -195,7 +194,7 @@ class _Drafts:
     def take(self, block: LabelBlock) -> Shard | None:
         """The shard that this block completes.
 
-        Raises LabellingFailed.
+        Raises StancekitError.
         """
         draft = next((draft for draft in self._open if draft.shard == block.shard), None)
         shard = None if draft is None else draft.take(block)

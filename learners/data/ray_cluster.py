@@ -21,14 +21,14 @@ from typing import Any
 import cloudpickle
 
 from stancekit.envs.data.ledger import software
-from stancekit.planners.errors import not_installed
+from stancekit.planners.errors import InvalidInput, not_installed
 
-from .executor import Answer, ClusterGone, Executor, Task, due
+from .executor import Answer, Executor, Task, due
 
 SILENCE_S = 8.0
 """A driver that says nothing for so long is no use any more; it says something every second."""
 DRIVER = ("-m", "stancekit.learners.data.ray_driver")
-"""How Python starts a driver."""
+"""Command that starts a driver."""
 START_S, JOIN_S = 60.0, 60.0
 """Time that a driver may take to start, and to join a cluster that has let it in, or to start one
 of its own."""
@@ -45,7 +45,7 @@ def ray_cluster(address: str = "auto") -> Executor:
             shared.
 
     Raises:
-        ClusterGone: where the cluster is not there or not fit, here or while tasks run, and
+        InvalidInput: where the cluster is not there or not fit, here or while tasks run, and
             InvalidInput without Ray.
     """
     return _Cluster(address)
@@ -98,7 +98,7 @@ class _Cluster:
 class _Driver:
     """A process that has joined a cluster. processors: of the cluster.
 
-    Raises ClusterGone.
+    Raises InvalidInput.
     """
 
     def __init__(self, address: str) -> None:
@@ -135,7 +135,7 @@ class _Driver:
     def _heard(self, limit_s: float) -> Any:
         """The driver's next message.
 
-        Raises ClusterGone.
+        Raises InvalidInput.
         """
         try:
             message = (
@@ -146,9 +146,11 @@ class _Driver:
         except (EOFError, OSError):
             message = ("gone", "has lost the node that this process joined it by")
         if message[0] == "refused":
-            raise ClusterGone(f"address: expected a Ray cluster at {self._address!r}: {message[1]}")
+            raise InvalidInput(
+                f"address: expected a Ray cluster at {self._address!r}: {message[1]}"
+            )
         if message[0] == "gone":
-            raise ClusterGone(
+            raise InvalidInput(
                 f"the Ray cluster at {self._address!r} {message[1]}; what it had answered is kept"
             )
         return message[1:]

@@ -57,10 +57,6 @@ BARREN = 10_000
 log = logging.getLogger(__name__)
 
 
-class LabellingFailed(StancekitError):
-    """The distribution does not give the rows that were planned."""
-
-
 def planned(plan: LabelPlan) -> Distribution:
     """The distribution of a plan.
 
@@ -85,7 +81,7 @@ def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
 KINDS = ("feasible", "infeasible", "trivial", "undecided")
 """Labels of samples, those of ``Counts``."""
 CALLED = ("feasible", "infeasible")
-"""What a surrogate calls a draw that it is sure of."""
+"""Names by which a surrogate calls a draw that it is sure of."""
 Place = tuple[int, Mapping[str, Any]]
 """A number of samples, and the state of a shard's random stream after so many."""
 
@@ -387,7 +383,7 @@ class ShardDraft:
         """Keep what is wanted of a block, once all before it are there; the shard, where it has
         become whole.
 
-        Raises LabellingFailed where too many samples were drawn.
+        Raises StancekitError where too many samples were drawn.
         """
         if not self.missing:
             return None
@@ -437,7 +433,7 @@ class ShardDraft:
                 f"{count} {kind}" for kind, count in sorted(Counter(self._drawn).items())
             )
             lacks = f"lacks {self.missing} rows after {self._most} draws: {came}"
-            raise LabellingFailed(f"{self._plan.distribution}: shard {self.shard} {lacks}")
+            raise StancekitError(f"{self._plan.distribution}: shard {self.shard} {lacks}")
 
     def _wants(self, kind: str) -> bool:
         """Tell whether there is room for another row of this kind."""

@@ -15,7 +15,8 @@ import gymnasium as gym
 import numpy as np
 
 import stancekit.envs  # noqa: F401 — registers the environments
-from stancekit.envs.branching import LargestGap, NoisyGap, RandomDimension, WidestDimension
+from stancekit.envs.branching import any_dimension, largest_gap, noisy_gap, widest
+from stancekit.envs.memoryless import MemorylessPolicy
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice, checked_int
@@ -196,10 +197,14 @@ def _selectors() -> Mapping[str, Player]:
 
 
 def _rules() -> Mapping[str, Player]:
-    chance = RandomDimension(np.random.default_rng(0))
-    chance_again = RandomDimension(np.random.default_rng(1))
-    gap = NoisyGap(np.random.default_rng(0), spread=0.0)
-    rules = {"largest gap": LargestGap(), "largest gap · width": gap, "widest": WidestDimension()}
+    chance = any_dimension(np.random.default_rng(0))
+    chance_again = any_dimension(np.random.default_rng(1))
+    gap = noisy_gap(np.random.default_rng(0), spread=0.0)
+    rules = {
+        "largest gap": MemorylessPolicy(largest_gap),
+        "largest gap · width": gap,
+        "widest": MemorylessPolicy(widest),
+    }
     chances = dict(zip(RANDOM, (chance, chance_again), strict=True))
     return {name: _by(rule) for name, rule in {**chances, **rules}.items()}
 

@@ -25,10 +25,11 @@ from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
+from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.executor import Executor, gather, processes
 from ..selectors.own import ANY
-from ..selectors.selector import Learned, Selector
+from ..selectors.selector import Learned
 
 Progress = Callable[[int, int], None]
 CHUNK = 100
@@ -142,7 +143,7 @@ class Score:
 
 
 def rollout(
-    selector: Selector, env: EnvelopeSelectionEnv, episodes: int, progress: Progress | None = None
+    selector: Predictor, env: EnvelopeSelectionEnv, episodes: int, progress: Progress | None = None
 ) -> list[dict[str, Any]]:
     """Play one-step episodes and return the info of each, with its ``reward``: what every selector
     is judged by.

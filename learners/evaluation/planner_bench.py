@@ -27,11 +27,11 @@ from stancekit.planners.files.writing import write_text
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
+from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.micp import MicpGrid
-from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 from ..selectors.modes import solved_postures
 from ..selectors.quantile import quantile_box
@@ -218,11 +218,8 @@ def _two_stage(
     cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
 ) -> dict[str, Any]:
     course, programs = read_course(settings.course, frames=cell.frames), Programs()
-    planner: TwoStageCoursePlanner | EnvelopeCoursePlanner = (
-        TwoStageCoursePlanner(programs=programs)
-        if cell.form == "lift"
-        else EnvelopeCoursePlanner(envelopes, programs=programs)
-    )
+    lifted = cell.form == "lift"
+    planner = TwoStagePlanner(None if lifted else envelopes, programs=programs)
     first = planner.solve(course)
     cpu_s = time.process_time()
     again = [planner.solve(course) for _ in range(settings.repeats)]
@@ -233,12 +230,12 @@ def _two_stage(
         for outcome in again
     ]
     scaled = Scaled.of(course)
-    if isinstance(planner, EnvelopeCoursePlanner):
-        rows, columns = planner.size(scaled)
-    else:
-        rows, columns = programs.get(
-            LiftProgram, scaled.layout, scaled.box_implied, False
-        ).rows.shape
+    program = (
+        programs.get(LiftProgram, scaled.layout, scaled.box_implied, False)
+        if lifted
+        else programs.get(McCormick, scaled.layout, "contact", False)
+    )
+    rows, columns = program.rows.shape
     return {
         **_answer(middle),
         "variables": columns,

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,21 +17,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import write_boxes
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
-
-class Selector(Protocol):
-    """Chooses the envelope(s) that P1 may use for an observed scene."""
-
-    def predict(
-        self,
-        observation: Observation,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[Any], Any]:
-        """Return (action, state): one action of ``EnvelopeSelection-v0``, or a row an observation
-        of a batch.
-        """
-        ...
+if TYPE_CHECKING:
+    from stancekit.runner.control.envelope_choice import Predictor
 
 
 class FixedSelector(MemorylessPolicy):
@@ -77,7 +64,7 @@ class Learned:
         'wall-3'
     """
 
-    selector: Selector
+    selector: Predictor
     problem_class: str
     boxes: int = 1
     relaxation: str = "p1"
@@ -95,7 +82,7 @@ class Learned:
 
     @classmethod
     def of(cls, found: Any, name: str, problem_class: str) -> Learned:
-        """Selector from the result of a fit or from a file: envelopes, or a selector with
+        """Predictor from the result of a fit or from a file: envelopes, or a selector with
         ``predict``.
 
         Its ``problem_class``, ``boxes`` (how many its action holds), ``relaxation`` and

@@ -17,11 +17,11 @@ from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.labelling import Progress, label
 from ..selectors.neural import NeuralSelector
 from ..selectors.policy import TrainedPolicy, bounds_of
-from ..selectors.selector import Selector
 from .baselines import open_scenes
 from .envelope_methods import fit
 from .train_config import TrainConfig
@@ -121,7 +121,7 @@ def _tell(
 
 def evaluator(
     config: TrainConfig, scenes: Sequence[LabelledScene]
-) -> Callable[[Selector], tuple[float, Figures]]:
+) -> Callable[[Predictor], tuple[float, Figures]]:
     """A function that plays every scene once with a policy: mean reward an episode, and figures.
 
     Selection: ``p1_feasible``, ``p1_infeasible`` (shares that P1 answers as the expert does),
@@ -138,7 +138,7 @@ def evaluator(
 
 
 def _selection_figures(
-    policy: Selector, env: EnvelopeSelectionEnv, episodes: int
+    policy: Predictor, env: EnvelopeSelectionEnv, episodes: int
 ) -> tuple[float, Figures]:
     rewards, projected = [], []
     right: dict[int, list[float]] = {0: [], 1: []}
@@ -156,13 +156,13 @@ def _selection_figures(
 
 
 def _refinement_figures(
-    policy: Selector, env: EnvelopeRefinementEnv, episodes: int
+    policy: Predictor, env: EnvelopeRefinementEnv, episodes: int
 ) -> tuple[float, Figures]:
     reward, solves, settled = refinement_episodes(policy, env, episodes).mean(axis=0).tolist()
     return reward, {"solves": solves, "settled": settled}
 
 
-def refinement_episodes(policy: Selector, env: EnvelopeRefinementEnv, episodes: int) -> Array:
+def refinement_episodes(policy: Predictor, env: EnvelopeRefinementEnv, episodes: int) -> Array:
     """Reward, solves, and whether it ended with a verdict (1 or 0), of every episode, shape
     (episodes, 3).
     """

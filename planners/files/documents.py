@@ -26,15 +26,17 @@ import yaml
 from ..errors import InvalidInput
 from .validation import shown
 
+YAML = (".yaml", ".yml")
+"""How the names of YAML files end."""
 MOST_BYTES = 128_000_000
-"""Of any file."""
+"""Largest size of any file."""
 MOST_JSON_BYTES, MOST_YAML_BYTES = 32_000_000, 1_000_000
-"""Of one document. YAML is for what people write by hand, and slow to read."""
+"""Largest size of one document. YAML is for what people write by hand, and slow to read."""
 MOST_VALUES, MOST_YAML_VALUES = 2_000_000, 200_000
-"""How many keys, lists and values a document may hold, what aliases stand for counted wherever they
-stand."""
+"""Most keys, lists and values of a document, what aliases stand for counted wherever they stand."""
 DEEPEST = 60
-"""How deep a document may be nested."""
+"""Deepest nesting of a document."""
+TOO_DEEP = f"expected {DEEPEST} levels of nesting or fewer, got more"
 MOST_ELEMENTS = 1_000_000
 """Elements and attributes of an XML document."""
 
@@ -192,6 +194,8 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
         raise InvalidInput(f"{where}: {error}") from None
     except Exception as error:  # PyYAML's constructors raise whatever struck them
         message = " ".join(str(error).split()) or type(error).__name__
+        if "maximum nesting depth" in message:  # PyYAML 6.0.4 looks ahead, and finds it first
+            raise InvalidInput(f"{where}: {TOO_DEEP}") from None
         raise InvalidInput(f"{where}: expected YAML: {message:.300}") from None
     if not isinstance(data, dict):
         raise InvalidInput(f"{where}: expected keys and values, got {type(data).__name__}")
@@ -303,7 +307,7 @@ def _check_growth(text: str) -> None:
                 sizes[anchor] = count - begun, depth
         deepest[-1] = max(deepest[-1], depth)
         if len(stack) + deepest[-1] > DEEPEST:
-            raise InvalidInput(f"expected {DEEPEST} levels of nesting or fewer, got more")
+            raise InvalidInput(TOO_DEEP)
         if count > MOST_YAML_VALUES:
             raise InvalidInput(
                 f"expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more"

@@ -7,8 +7,8 @@ and a better one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -18,22 +18,14 @@ from .held import FixToes, Linearised
 from .project import SURFACE
 
 SHARES = (1.0, 0.3, 0.1)
-"""Of a linearised step, tried in this order until one is better."""
-
-
-class Counter(Protocol):
-    """Whoever counts solves."""
-
-    def count(self, solves: int, solver_s: float) -> None:
-        """Note solves and their time [s]."""
-        ...
+"""Shares of a linearised step, tried in this order until one is better."""
 
 
 def improved(
     programs: Programs,
     scaled: Scaled,
     point: Point,
-    clock: Counter,
+    count: Callable[[int, float], object],
     *,
     steps: int = 8,
     least: float = 1e-9,
@@ -43,7 +35,7 @@ def improved(
 
     Arguments:
         point: on the surface, one candidate a foothold.
-        clock: counts solves and their seconds.
+        count: called with solves and their seconds.
         steps: the most.
         least: an improvement of the objective, in units of the length scale squared, worth another
             step.
@@ -55,7 +47,7 @@ def improved(
     best, value = point, cost(scaled, point)
     for _ in range(steps):
         stepped = step.solve(scaled, best)
-        clock.count(1, stepped.seconds)
+        count(1, stepped.seconds)
         if not np.isfinite(stepped.residual):
             return best
         before = value
@@ -63,7 +55,7 @@ def improved(
             result = held.solve(
                 scaled, replace(best, toes=best.toes + share * (stepped.toes - best.toes))
             )
-            clock.count(1, result.seconds)
+            count(1, result.seconds)
             if result.residual <= SURFACE and cost(scaled, result) < value:
                 best, value = result, cost(scaled, result)
                 break

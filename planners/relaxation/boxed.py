@@ -15,12 +15,16 @@ from .envelope import Corners, Envelope
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boxed(Given):
-    """Data that P1 is loaded with: boxes over the stance contacts, and which of them a stance may
-    use, (S, E).
+    """Data that P1 is loaded with: boxes over the stance contacts.
+
+    Arguments:
+        allowed: which of them a stance may use, (S, E).
+        slope: what ``within`` minimises, over [p, f], shape (B, 6).
     """
 
     boxes: Sequence[Envelope]
     allowed: Array | None = None
+    slope: Array | None = None
 
     @cached_property
     def corners(self) -> Corners:

@@ -7,8 +7,6 @@ one candidate per toe, boxes in contact axes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..equilibrium.gather import Of
@@ -23,13 +21,6 @@ from .envelope_rows import envelope_rows
 from .relaxed import Relaxed
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sloped(Boxed):
-    """A box, and the slope over [p, f] that is minimised, shape (B, 6)."""
-
-    slope: Array
-
-
 class WithinBox:
     """Points of a posture problem with [p, f] in a box.
 
@@ -41,7 +32,7 @@ class WithinBox:
     def __init__(self, layout: Layout, products: bool) -> None:
         layout.check_point_feet("envelopes")
         self._products = products
-        self.rows = rows = Rows[Sloped](keep=True)
+        self.rows = rows = Rows[Boxed](keep=True)
         body, toes = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=False)
         forces = Forces.of_contacts(rows, layout)
         forces.balance()
@@ -68,10 +59,11 @@ class WithinBox:
         rows.linear(whole, Of("slope"))
         self._forces = (forces.contact, forces.candidate)
 
-    def reference(self, given: Sloped) -> Reference:
+    def reference(self, given: Boxed) -> Reference:
         """Formulation of the same program in cvxpy."""
         from ..equilibrium.reference import within_box  # cvxpy takes a second to import
 
+        assert given.slope is not None
         return within_box(given.scaled, given.boxes[0], given.slope, products=self._products)
 
     def solve(self, scaled: Scaled, box: Envelope, slope: Array) -> tuple[Point | None, bool]:
@@ -82,7 +74,7 @@ class WithinBox:
             box: over the B contacts.
             slope: shape (B, 6).
         """
-        solution = self.rows.solve(Sloped(scaled, boxes=(box,), slope=slope))
+        solution = self.rows.solve(Boxed(scaled, boxes=(box,), slope=slope))
         if not solution.solved:
             return None, solution.status.name == "INFEASIBLE"
         return Relaxed.of(scaled, solution, self._forces).rounded()[1], True

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import numpy as np
 
@@ -15,19 +15,25 @@ from ..answer.certificate import Certificate
 from ..answer.plan import Plan
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
+from ..errors import InvalidInput
 from ..problem import Problem
 from ..verify import check_certificate, check_plan
 from .clock import Clock
 
+Kind = Literal["postures", "courses"]
+"""The two kinds of question that planners are asked."""
+POSTURE_LIMIT_S, COURSE_LIMIT_S = 30.0, 60.0
+"""Time limits of one posture problem and of one course where none is given [s]."""
 GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
-"""Of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
+"""Reason of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
 legs."""
 
 
 class Planner(Protocol):
     """Anything that answers problems: posture problems, courses, or both.
 
-    ``name`` is its name on the command line.
+    ``name`` is its name on the command line. One whose time can be limited from outside has
+    ``with_limit``, see ``TimeLimited``.
     """
 
     name: str
@@ -40,25 +46,41 @@ class Planner(Protocol):
         ...
 
 
-@runtime_checkable
-class Limitable(Protocol):
-    """A planner whose time can be limited from outside."""
-
-    def with_limit(self, limit_s: float) -> Planner:
-        """Planner whose ``solve`` takes no longer than this [s], nor longer than it would."""
-        ...
-
-
 class TimeLimited:
-    """Mixin of the planners that have a time limit ``time_limit_s`` [s]."""
+    """Mixin of the planners that have a time limit ``time_limit_s`` [s]; None for the usual one."""
 
-    time_limit_s: float
+    time_limit_s: float | None
+
+    def limit_s(self, problem: Problem) -> float:
+        """Time limit of one problem [s]."""
+        usual_s = POSTURE_LIMIT_S if problem.is_posture else COURSE_LIMIT_S
+        return usual_s if self.time_limit_s is None else self.time_limit_s
 
     def with_limit(self, limit_s: float) -> Self:
         """A copy that takes no longer than this [s], nor longer than its own limit."""
         limited = copy(self)
-        limited.time_limit_s = max(min(self.time_limit_s, limit_s), 0.0)
+        own_s = COURSE_LIMIT_S if self.time_limit_s is None else self.time_limit_s
+        limited.time_limit_s = max(min(own_s, limit_s), 0.0)
         return limited
+
+
+def kind_of(problem: Problem) -> Kind:
+    """Kind of question that a problem is."""
+    return "postures" if problem.is_posture else "courses"
+
+
+def check_unused(planner: Planner, **usual: Any) -> None:
+    """Raise InvalidInput for a setting that postures have no use for.
+
+    Arguments:
+        usual: by name, what the settings of courses alone are by default.
+    """
+    for name, value in usual.items():
+        came = getattr(planner, name)
+        if came != value:
+            raise InvalidInput(
+                f"{name}: expected no such argument with {planner.name} for postures, which have no use for it, got {came}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -24,12 +24,12 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, FreeToes, Given
+from ..errors import InvalidInput
 from ..problem import Problem
 from ..projection.project import project
-from .answer import Acceptance, Claim, plan_of
+from .answer import Acceptance, Claim, Kind, kind_of, plan_of
 from .clock import Clock
 from .cuts import LEAF, alone
-from .either import Kind
 from .least_steps import over_sides
 
 
@@ -94,9 +94,17 @@ class DecoupledPlanner:
         self.acceptance = acceptance
         self.programs = programs or Programs()
 
+    def check(self, kind: Kind) -> None:
+        """Raise InvalidInput for postures."""
+        if kind == "postures":
+            raise InvalidInput(
+                f"method: expected one for postures, got {self.name}, which plans courses"
+            )
+
     @over_sides
     def solve(self, course: Problem) -> Answer[Plan]:
         """Plan one course."""
+        self.check(kind_of(course))
         clock, scaled = Clock.start(), Scaled.of(course)
         details: dict[str, float] = {}
         solution, choice, point = self._place(scaled, clock)

@@ -1,4 +1,4 @@
-"""The exact planners: a posture decided by cuts in space; a course planned to within a gap of its
+"""The exact planner: a posture decided by cuts in space; a course planned to within a gap of its
 best plan.
 
 A posture is feasible with a witness or infeasible with a certificate (``cuts``). A course is first
@@ -14,8 +14,9 @@ import heapq
 import itertools
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from types import MappingProxyType
 
 import numpy as np
 
@@ -31,62 +32,89 @@ from ..problem import Problem
 from ..projection.descent import cost, improved
 from ..projection.project import SURFACE, project
 from ..relaxation.lift import LiftAnswer, solve_lift
-from .answer import Acceptance, Claim, TimeLimited, plan_of
+from .answer import (
+    POSTURE_LIMIT_S,
+    Acceptance,
+    Claim,
+    Kind,
+    TimeLimited,
+    check_unused,
+    plan_of,
+)
 from .choice import LEAST, ChoiceSearch
 from .clock import Clock
 from .cuts import CutSearch, bent_patches, branch
-from .either import Kind
 from .least_steps import over_sides
 from .proposals import Proposer
-from .two_stage import TwoStageCoursePlanner, decide
+from .two_stage import TwoStagePlanner, decide
+
+GAP = 1e-3
+NODES: Mapping[Kind, int] = MappingProxyType({"postures": 2000, "courses": 20000})
+"""Relative gap to the best plan, and nodes of one search, where nobody says."""
 
 
-class ExactPlanner:
-    """Feasible with a witness, infeasible with a certificate, or undecided at a limit.
+class ExactPlanner(TimeLimited):
+    """A posture decided, with a witness or a certificate; a plan within ``gap`` of the best, or a
+    certificate that there is none; or what is known at a limit.
 
     Arguments:
-        acceptance: problems whose least moment residual lies between its two figures stay
+        acceptance: posture problems whose least moment residual lies between its two figures stay
             undecided.
-        max_nodes, max_solves, time_limit_s: where to stop and say undecided.
-        proposers: asked before any solver, and decided on by the verifier, where problems come in
-            batches (``batch``); one problem alone is solved sooner than they are asked.
+        gap: of courses, relative.
+        max_nodes: where to stop; ``NODES`` where None.
+        max_solves, time_limit_s: likewise; of courses the bound is then what is proved so far.
+        proposers: asked before any solver, and decided on by the verifier, where posture problems
+            come in batches (``batch``); one problem alone is solved sooner than they are asked.
     """
 
     name = "exact"
-    answers: ClassVar[Kind] = "postures"
 
     def __init__(
         self,
         *,
         acceptance: Acceptance = Acceptance(),
-        max_nodes: int = 2000,
+        gap: float = GAP,
+        max_nodes: int | None = None,
         max_solves: int | None = None,
-        time_limit_s: float = 30.0,
+        time_limit_s: float | None = None,
         programs: Programs | None = None,
         proposers: Proposer | None = None,
     ) -> None:
-        if not time_limit_s >= 0.0:
+        if time_limit_s is not None and not time_limit_s >= 0.0:
             raise InvalidInput(
                 f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}"
             )
-        checked_int(max_nodes, "max_nodes", least=0)
+        if max_nodes is not None:
+            checked_int(max_nodes, "max_nodes", least=0)
         self.acceptance = acceptance
+        self.gap = checked(gap, "gap", above=0.0)
         self.max_nodes, self.max_solves = max_nodes, max_solves
         self.time_limit_s = time_limit_s
         self.programs = programs or Programs()
         self.proposers = proposers
 
-    def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Plan]:
-        """Decide whether a posture problem has an answer (Lin et al.'s P, exactly).
+    def check(self, kind: Kind) -> None:
+        """Raise InvalidInput for a setting that this kind of question has no use for."""
+        if kind == "postures":
+            check_unused(self, gap=GAP)
 
-        Returns FEASIBLE with a posture, INFEASIBLE with a certificate whose leaves all prove a
-        moment residual above ``acceptance.gap``, both checked by the verifier; or UNDECIDED with
+    def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Plan]:
+        """Answer one problem (of postures Lin et al.'s P, exactly).
+
+        Of a posture: FEASIBLE with a posture, INFEASIBLE with a certificate whose leaves all prove
+        a moment residual above ``acceptance.gap``, both checked by the verifier; or UNDECIDED with
         the reason. details: nodes of the tree, and trivial, 1.0 where not even P̄ has an answer.
         The verdict depends on the problem alone.
 
+        Of a course: claim is optimal where the gap is closed, infeasible where cuts refute it
+        without a proof.
+
         Arguments:
-            root: the lift of the problem with the least moment, where it is solved already.
+            root: the lift of a posture problem with the least moment, where it is solved already.
         """
+        if not problem.is_posture:
+            return self._best(problem)
+        self.check("postures")
         clock, scaled = Clock.start(), Scaled.of(problem)
         search = self.search(scaled, root=root)
         clock.count(search.solves, 0.0)
@@ -101,20 +129,21 @@ class ExactPlanner:
     def search(
         self, scaled: Scaled, *, root: LiftAnswer | None = None, wanted: Status | None = None
     ) -> CutSearch:
-        """The search that ``solve`` has the claim of verified, when it has run.
+        """The search that ``solve`` has the claim of a posture verified of, when it has run.
 
         Arguments:
             root: as for ``solve``.
             wanted: where only this answer counts, which is then the same to the last bit; the
                 search ends where it cannot come any more.
         """
+        limit_s = POSTURE_LIMIT_S if self.time_limit_s is None else self.time_limit_s
         search = CutSearch(
             self.programs,
             scaled,
             gap=self.acceptance.gap,
             tolerance=self.acceptance.tolerance,
-            max_nodes=self.max_nodes,
-            deadline=time.perf_counter() + self.time_limit_s,
+            max_nodes=NODES["postures"] if self.max_nodes is None else self.max_nodes,
+            deadline=time.perf_counter() + limit_s,
             max_solves=math.inf if self.max_solves is None else self.max_solves,
             root=root,
             wanted=wanted,
@@ -122,58 +151,25 @@ class ExactPlanner:
         search.run()
         return search
 
-
-class ExactCoursePlanner(TimeLimited):
-    """A plan within ``gap`` of the best, a certificate that there is none, or what is known at a
-    limit.
-
-    Arguments:
-        gap: relative.
-        max_nodes, max_solves, time_limit_s: where to stop; the bound is then what is proved so far.
-    """
-
-    name = "exact"
-    answers: ClassVar[Kind] = "courses"
-
-    def __init__(
-        self,
-        *,
-        acceptance: Acceptance = Acceptance(),
-        gap: float = 1e-3,
-        max_nodes: int = 20000,
-        max_solves: int | None = None,
-        time_limit_s: float = 60.0,
-        programs: Programs | None = None,
-    ) -> None:
-        self.acceptance = acceptance
-        self.gap = checked(gap, "gap", above=0.0)
-        checked_int(max_nodes, "max_nodes", least=1)
-        self.max_nodes, self.max_solves = max_nodes, max_solves
-        self.time_limit_s = checked(time_limit_s, "time_limit_s", least=0.0)
-        self.programs = programs or Programs()
-
     @over_sides
-    def solve(self, course: Problem) -> Answer[Plan]:
-        """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it
-        without a proof.
-        """
-        clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
-        choices = TwoStageCoursePlanner(
-            gap=self.gap,
-            max_nodes=self.max_nodes,
-            time_limit_s=self.time_limit_s,
-            programs=self.programs,
+    def _best(self, course: Problem) -> Answer[Plan]:
+        """The best plan of a course."""
+        limit_s = self.limit_s(course)
+        max_nodes = NODES["courses"] if self.max_nodes is None else self.max_nodes
+        clock, scaled = Clock.start(limit_s, self.max_solves), Scaled.of(course)
+        choices = TwoStagePlanner(
+            gap=self.gap, max_nodes=max_nodes, time_limit_s=limit_s, programs=self.programs
         )
         head = choices.search(scaled, clock)
         proof, details = head.certificate(), {"nodes": float(head.nodes), "cuts": 0.0}
         best, upper, lower, stopped = head.found, head.upper, head.bound, ""
         if proof is None and not head.closed:
-            tail = _BestPlan(self, head, scaled, clock)
+            tail = _BestPlan(self.programs, self.gap, max_nodes, head, scaled, clock)
             tail.run()
             best, upper, lower, stopped = tail.best, tail.upper, tail.lower, tail.stopped
             details = {"nodes": float(head.nodes + tail.nodes), "cuts": float(tail.cuts)}
         if best is None and proof is None and not stopped:
-            best, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
+            best, proof, nodes = decide(self.programs, scaled, clock, max_nodes)
             details["nodes"] += nodes
             if best is not None:  # the solver refuted, by its tolerance, a part that has a plan
                 upper, lower = cost(scaled.chosen(best[0]), best[1]), head.bound
@@ -205,10 +201,16 @@ class _BestPlan:
     """
 
     def __init__(
-        self, planner: ExactCoursePlanner, head: ChoiceSearch, scaled: Scaled, clock: Clock
+        self,
+        programs: Programs,
+        gap: float,
+        max_nodes: int,
+        head: ChoiceSearch,
+        scaled: Scaled,
+        clock: Clock,
     ) -> None:
-        self._planner, self._programs, self._clock = planner, planner.programs, clock
-        self._scaled = scaled
+        self._programs, self._gap, self._max_nodes = programs, gap, max_nodes
+        self._scaled, self._clock = scaled, clock
         self.best: tuple[Index, Point] | None = head.found
         self.upper = head.upper
         self._known = head.bound if np.isfinite(head.bound) else 0.0  # no objective is negative
@@ -219,7 +221,7 @@ class _BestPlan:
         self._queue: list[tuple[float, int, int, _Node]] = []
         self._order = itertools.count()
         self._bent = bent_patches(scaled, 1e-9)
-        self._quantum = 0.1 * planner.gap * max(self._known, LEAST)
+        self._quantum = 0.1 * gap * max(self._known, LEAST)
 
     def run(self) -> None:
         """Search until the gap is closed, nothing is left, or a limit."""
@@ -232,9 +234,9 @@ class _BestPlan:
             self.lower = max(self._known, min(bound, self._lost))
             if self._closed(self.lower):
                 return
-            if self.nodes >= self._planner.max_nodes or self._clock.ended():
-                at_nodes = self.nodes >= self._planner.max_nodes
-                limit = f"{self._planner.max_nodes} nodes" if at_nodes else self._clock.limit
+            if self.nodes >= self._max_nodes or self._clock.ended():
+                at_nodes = self.nodes >= self._max_nodes
+                limit = f"{self._max_nodes} nodes" if at_nodes else self._clock.limit
                 self.stopped = f"the search met its limit ({limit})"
                 return
             self._project(node)
@@ -247,9 +249,7 @@ class _BestPlan:
             self.stopped = "the conic solver gave up on a part of the course"
 
     def _closed(self, bound: float) -> bool:
-        return self.best is not None and bound >= self.upper - self._planner.gap * max(
-            self.upper, LEAST
-        )
+        return self.best is not None and bound >= self.upper - self._gap * max(self.upper, LEAST)
 
     def _node(self, part: Scaled, above: _Node | None = None) -> _Node:
         self.nodes += 1
@@ -282,8 +282,8 @@ class _BestPlan:
         self._clock.count(point.solves, point.seconds)
         if point.residual <= SURFACE and cost(chosen, point) < self.upper:
             self._keep(choice, point, cost(chosen, point))
-            least = 0.1 * self._planner.gap * max(self.upper, LEAST)
-            point = improved(self._programs, chosen, point, self._clock, least=least)
+            least = 0.1 * self._gap * max(self.upper, LEAST)
+            point = improved(self._programs, chosen, point, self._clock.count, least=least)
             self._keep(choice, point, cost(chosen, point))
 
     def _keep(self, choice: Index, point: Point, value: float) -> None:

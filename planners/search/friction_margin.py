@@ -20,9 +20,8 @@ from ..errors import InvalidInput
 from ..problem import Problem
 from ..projection.support_margin import PRESSES, PUSHES, pressing, push_share, pushed, steady
 from ..terrain.patch import Patch
-from .answer import Limitable, Planner
-from .either import part_of
-from .two_stage import TwoStageCoursePlanner
+from .answer import COURSE_LIMIT_S, Planner
+from .two_stage import TwoStagePlanner
 
 LOG = logging.getLogger(__name__)
 SHARES = (0.8, 0.9, 1.0)
@@ -74,16 +73,16 @@ def plan_with_reserve(
 
     Arguments:
         deadline: when all of this has to end (``time.perf_counter()``), for planners whose time can
-            be limited (``Limitable``), whose own limit is one for all shares, too. The more
+            be limited (``with_limit``), whose own limit is one for all shares, too. The more
             cautious shares and ``presses`` may take ``CAUTION`` of the time, the last share the
             rest.
 
     Raises:
         InvalidInput: where the planner is not made for the course.
     """
-    begin, planner = time.perf_counter(), part_of(planner, "courses")
+    begin, own_s = time.perf_counter(), getattr(planner, "time_limit_s", math.inf)
     if len(shares) > 1:
-        deadline = min(deadline, begin + getattr(planner, "time_limit_s", math.inf))
+        deadline = min(deadline, begin + (COURSE_LIMIT_S if own_s is None else own_s))
     cautious = begin + CAUTION * (deadline - begin)
     outcome: Answer[Plan] | None = None
     for share in shares:
@@ -137,7 +136,10 @@ def in_time(planner: Planner, deadline: float) -> Planner | None:
     left_s = deadline - time.perf_counter()
     if left_s <= 0.0:
         return None
-    return planner.with_limit(left_s) if isinstance(planner, Limitable) else planner
+    limited: Planner = planner
+    if hasattr(planner, "with_limit"):
+        limited = planner.with_limit(left_s)
+    return limited
 
 
 def _braced(
@@ -197,7 +199,7 @@ def _quick(planner: Planner) -> Planner:
     """The planner without cuts in space: nobody waits half a minute for a plan that is only better
     to have.
     """
-    if isinstance(planner, TwoStageCoursePlanner):
+    if isinstance(planner, TwoStagePlanner):
         planner = copy(planner)
         planner.cuts = False
     return planner
@@ -209,8 +211,8 @@ def check_push(course: Problem, planner: Planner) -> None:
     """
     if course.push_n == 0.0:
         return
-    if not isinstance(planner, TwoStageCoursePlanner):
-        over = " over envelopes" if planner.name == TwoStageCoursePlanner.name else ""
+    if not (isinstance(planner, TwoStagePlanner) and planner.envelopes is None):
+        over = " over envelopes" if planner.name == TwoStagePlanner.name else ""
         raise InvalidInput(
             f"push_n: expected 0 N with {planner.name}{over}, got {course.push_n:g} N: "
             "two-stage alone knows pushes, over the lift"

@@ -39,9 +39,8 @@ from ..projection.project import project
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 from ..verify import check_plan
-from .answer import Acceptance, Claim, plan_of
+from .answer import Acceptance, Claim, Kind, plan_of
 from .clock import Clock
-from .either import Kind
 
 Choice = Literal["l1", "mip"]
 SOLVERS = {"highs": cp.HIGHS, "scip": cp.SCIP}

@@ -25,7 +25,7 @@ from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.sides import OPEN, half_space, parts, too_small
 from ..projection.least_steps import along, lengths_of
-from .answer import Acceptance, Claim
+from .answer import Acceptance, Claim, TimeLimited
 from .clock import Clock
 
 TRIES = 3
@@ -61,7 +61,8 @@ class _Search:
         self, planner: Any, solve: Callable[[Any, Problem], Answer[Plan]], course: Problem
     ) -> None:
         self._planner, self._solve, self._course = planner, solve, course
-        self._clock = Clock.start(getattr(planner, "time_limit_s", math.inf))
+        limited = isinstance(planner, TimeLimited)
+        self._clock = Clock.start(planner.limit_s(course) if limited else math.inf)
         self._plan: Plan | None = None
         self._message, self._parts, self._asked = "", 0, 0
         self._bound = math.nan
@@ -186,7 +187,7 @@ def _breadth(side: Array | None) -> float:
 
 
 def _most(course: Problem) -> Array:
-    """How long each least step could be by its patches, or by the tilt limit, alone, shape (E,)."""
+    """Greatest length of each least step by its patches, or by the tilt limit, alone, shape (E,)."""
     toes = [
         max(
             float(np.linalg.norm(one[:, None] - other, axis=2).max())

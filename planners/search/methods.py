@@ -10,18 +10,27 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, get_args, runtime_checkable
 
+from ..answer.answer import Answer
+from ..answer.plan import Plan
 from ..arguments import check_argument
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..files.arrays import check_numbers, checked_choice
 from ..files.validation import shown
 from ..plugins import Registry, foreign, takes
+from ..problem import Problem
 from ..projection.project import PROJECTIONS, Projection
-from .answer import Acceptance, Planner
-from .either import EitherPlanner, Kind, part_of
+from .answer import (
+    COURSE_LIMIT_S,
+    POSTURE_LIMIT_S,
+    Acceptance,
+    Kind,
+    Planner,
+    kind_of,
+)
 
 if (
     TYPE_CHECKING
@@ -33,8 +42,6 @@ Solver = Literal["highs", "scip", "gurobi"]
 EnvelopeUse = Literal["rows", "shrink"]
 MOST_INTERVALS = 64
 """A finer grid takes minutes to write down and more memory than most machines have."""
-POSTURE_LIMIT_S, COURSE_LIMIT_S = 30.0, 60.0
-"""Time limits of one posture problem and of one course where none is given [s]."""
 SETTINGS: Mapping[str, Any] = MappingProxyType(
     {
         "envelopes": None,
@@ -86,17 +93,6 @@ class PlannerOptions:
         """The time limit, or this one where none was given [s]."""
         return default_s if self.time_limit_s is None else self.time_limit_s
 
-    def check_unlimited(self, by: str) -> None:
-        """Raise InvalidInput for a time limit.
-
-        Arguments:
-            by: the method that has no use for one.
-        """
-        if self.time_limit_s is not None:
-            raise InvalidInput(
-                f"time_limit_s: expected none for {by}, which has no use for it, got {self.time_limit_s:g}"
-            )
-
 
 @runtime_checkable
 class Method(Protocol):
@@ -105,45 +101,16 @@ class Method(Protocol):
     name: ClassVar[str]
 
     def planner(self, options: PlannerOptions) -> Planner:
-        """Make the planner of what ``options.of`` says.
+        """Make the planner, for what ``options.of`` says.
 
         Raises InvalidInput where there is none, or settings do not fit the kind of question; where
-        that may be either, the planner raises it when it is asked.
+        that may be either, the planner refuses what it cannot answer.
         """
         ...
 
 
-class _OfBoth:
-    """Mixin of the package's methods, which have a planner of each kind of question."""
-
-    name: ClassVar[str]
-
-    def planner(self, options: PlannerOptions) -> Planner:
-        """Make the planner of what ``options.of`` says.
-
-        Raises InvalidInput, see ``Method``.
-        """
-        make: dict[Kind, Callable[[], Planner]] = {
-            "postures": lambda: self._of_postures(options),
-            "courses": lambda: self._of_courses(options),
-        }
-        return EitherPlanner(self.name, make) if options.of is None else make[options.of]()
-
-    def _of_postures(self, options: PlannerOptions) -> Planner:
-        """Make the planner of postures."""
-        raise InvalidInput(
-            f"method: expected one for postures, got {self.name}, which plans courses"
-        )
-
-    def _of_courses(self, options: PlannerOptions) -> Planner:
-        """Make the planner of courses."""
-        raise InvalidInput(
-            f"method: expected one for courses, got {self.name}, which answers postures"
-        )
-
-
 @dataclass(frozen=True, kw_only=True)
-class Exact(_OfBoth):
+class Exact:
     """Branch and bound to a verdict with its evidence; of courses to the best plan, for short ones.
 
     Arguments:
@@ -172,31 +139,27 @@ class Exact(_OfBoth):
         check_argument("max_solves", self.max_solves, int | None)
         check_numbers(self, least=("gap", "max_solves"))
 
-    def _of_postures(self, options: PlannerOptions) -> Planner:
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner.
+
+        Raises InvalidInput, see ``Method``.
+        """
         from .exact import ExactPlanner
 
-        _check_of_postures(self, "gap")
-        return ExactPlanner(
-            acceptance=options.acceptance,
-            max_solves=self.max_solves,
-            time_limit_s=options.limit(POSTURE_LIMIT_S),
-            programs=options.programs,
-        )
-
-    def _of_courses(self, options: PlannerOptions) -> Planner:
-        from .exact import ExactCoursePlanner
-
-        return ExactCoursePlanner(
-            gap=self.gap,
-            max_solves=self.max_solves,
-            time_limit_s=options.limit(COURSE_LIMIT_S),
-            acceptance=options.acceptance,
-            programs=options.programs,
+        return _checked_for(
+            options.of,
+            ExactPlanner(
+                gap=self.gap,
+                max_solves=self.max_solves,
+                time_limit_s=options.time_limit_s,
+                acceptance=options.acceptance,
+                programs=options.programs,
+            ),
         )
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwoStage(_OfBoth):
+class TwoStage:
     """The two stages of Lin et al.: P1, a convex relaxation, then P2, a projection onto the
     bilinear surface m = p·f.
 
@@ -260,48 +223,30 @@ class TwoStage(_OfBoth):
                 f"envelopes: expected none for the {self.relaxation}, which has no use for them"
             )
 
-    def _of_postures(self, options: PlannerOptions) -> Planner:
-        from .posture import TwoStagePlanner
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner.
 
-        options.check_unlimited(self.name)
-        _check_of_postures(self, "reserve", "max_solves")
-        return TwoStagePlanner(
-            envelopes=_boxes(self.envelopes),
-            relaxation=self.relaxation or "p1",
-            projection=self.projection,
-            acceptance=options.acceptance,
-            programs=options.programs,
+        Raises InvalidInput, see ``Method``.
+        """
+        from .two_stage import TwoStagePlanner
+
+        return _checked_for(
+            options.of,
+            TwoStagePlanner(
+                self.envelopes,
+                relaxation=self.relaxation or "p1",
+                projection=self.projection,
+                reserve=self.reserve,
+                max_solves=self.max_solves,
+                time_limit_s=options.time_limit_s,
+                acceptance=options.acceptance,
+                programs=options.programs,
+            ),
         )
-
-    def _of_courses(self, options: PlannerOptions) -> Planner:
-        if self.projection is None:
-            raise InvalidInput("projection: expected one for courses, got none")
-        made: dict[str, Any] = {
-            "projection": self.projection,
-            "reserve": self.reserve,
-            "max_solves": self.max_solves,
-            "time_limit_s": options.limit(COURSE_LIMIT_S),
-            "acceptance": options.acceptance,
-            "programs": options.programs,
-        }
-        if self.envelopes is None:
-            from .two_stage import TwoStageCoursePlanner
-
-            return TwoStageCoursePlanner(**made)
-        from ..relaxation.mccormick import McCormick
-        from ..relaxation.table import RELAXATIONS
-        from .enveloped import EnvelopeCoursePlanner
-
-        relaxation = RELAXATIONS.get(self.relaxation or "p1")
-        if not (isinstance(relaxation, type) and issubclass(relaxation, McCormick)):
-            raise InvalidInput(
-                f"relaxation: expected one for courses, p1 or one derived from it, got {self.relaxation}"
-            )
-        return EnvelopeCoursePlanner(self.envelopes, relaxation=relaxation, **made)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Micp(_OfBoth):
+class Micp:
     """A piecewise McCormick grid, mixed-integer; needs the extra exact for other solvers than
     HiGHS.
 
@@ -353,42 +298,31 @@ class Micp(_OfBoth):
         if isinstance(self.envelopes, Modes):
             raise InvalidInput("envelopes: expected one envelope for micp, got modes")
 
-    def _of_postures(self, options: PlannerOptions) -> Planner:
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner.
+
+        Raises InvalidInput, see ``Method``.
+        """
         from ..relaxation.micp import MicpGrid
         from .micp import MicpPlanner
 
-        _check_of_postures(self, "envelope_use", "gap", "projection")
-        if self.envelopes is not None and len(self.envelopes.envelopes) > 1:
-            raise InvalidInput(
-                f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}"
-            )
-        return MicpPlanner(
-            solver=self.solver,
-            grid=MicpGrid(intervals=self.intervals),
-            envelope=self.envelopes,
-            time_limit_s=options.limit(POSTURE_LIMIT_S),
-            acceptance=options.acceptance,
-            programs=options.programs,
-        )
-
-    def _of_courses(self, options: PlannerOptions) -> Planner:
-        from ..relaxation.micp import MicpGrid
-        from .micp import MicpPlanner
-
-        return MicpPlanner(
-            solver=self.solver,
-            grid=MicpGrid(intervals=self.intervals, envelope_use=self.envelope_use),
-            envelope=self.envelopes,
-            gap=self.gap,
-            projection=self.projection,
-            time_limit_s=options.limit(COURSE_LIMIT_S),
-            acceptance=options.acceptance,
-            programs=options.programs,
+        return _checked_for(
+            options.of,
+            MicpPlanner(
+                solver=self.solver,
+                grid=MicpGrid(intervals=self.intervals, envelope_use=self.envelope_use),
+                envelope=self.envelopes,
+                gap=self.gap,
+                projection=self.projection,
+                time_limit_s=options.time_limit_s,
+                acceptance=options.acceptance,
+                programs=options.programs,
+            ),
         )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Nlp(_OfBoth):
+class Nlp:
     """The nonlinear program as it is, solved by IPOPT.
 
     Source:
@@ -403,25 +337,22 @@ class Nlp(_OfBoth):
 
     name: ClassVar[str] = "nlp"
 
-    def _of_postures(self, options: PlannerOptions) -> Planner:
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner.
+
+        Raises InvalidInput, see ``Method``.
+        """
         from .nlp import NlpPlanner
 
-        limit_s = options.limit(POSTURE_LIMIT_S)
         return NlpPlanner(
-            acceptance=options.acceptance, time_limit_s=limit_s, programs=options.programs
-        )
-
-    def _of_courses(self, options: PlannerOptions) -> Planner:
-        from .nlp import NlpPlanner
-
-        limit_s = options.limit(COURSE_LIMIT_S)
-        return NlpPlanner(
-            time_limit_s=limit_s, acceptance=options.acceptance, programs=options.programs
+            time_limit_s=options.time_limit_s,
+            acceptance=options.acceptance,
+            programs=options.programs,
         )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decoupled(_OfBoth):
+class Decoupled:
     """Positions first and forces after, for courses: a baseline that fails on ice; done long before
     any time limit.
 
@@ -436,22 +367,27 @@ class Decoupled(_OfBoth):
 
     name: ClassVar[str] = "decoupled"
 
-    def _of_courses(self, options: PlannerOptions) -> Planner:
+    def planner(self, options: PlannerOptions) -> Planner:
+        """Make the planner.
+
+        Raises InvalidInput, see ``Method``.
+        """
         from .decoupled import DecoupledPlanner
 
-        return DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
+        planner = DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
+        return _checked_for(options.of, planner)
 
 
-def _check_of_postures(method: Any, *of_courses: str) -> None:
-    """Raise InvalidInput for a setting that postures have no use for, where it is not what it is by
-    default.
+def _checked_for(kind: Kind | None, planner: Any) -> Planner:
+    """A planner of the package.
+
+    Raises InvalidInput for a setting that this kind of question has no use for; None is either
+    kind, of which the planner refuses what it cannot answer.
     """
-    for name in of_courses:
-        came = getattr(method, name)
-        if came != getattr(type(method), name):
-            raise InvalidInput(
-                f"{name}: expected no such argument with {method.name} for postures, which have no use for it, got {came}"
-            )
+    if kind is not None:
+        planner.check(kind)
+    made: Planner = planner
+    return made
 
 
 def p1(
@@ -467,18 +403,6 @@ def p1(
 def lift(*, projection: Projection | None = None) -> TwoStage:
     """The lift without P2, unless a projection is named; what the text "lift" stands for."""
     return TwoStage(relaxation="lift", projection=projection)
-
-
-def _boxes(envelopes: EnvelopeSet | Modes | None) -> EnvelopeSet | None:
-    """The envelopes of postures.
-
-    Raises InvalidInput for modes, between which only courses can switch.
-    """
-    from ..relaxation.modes import Modes
-
-    if isinstance(envelopes, Modes):
-        raise InvalidInput("envelopes: expected envelopes, got modes, which are for courses")
-    return envelopes
 
 
 Make = Callable[..., Any]
@@ -536,7 +460,7 @@ one release."""
 CALLED: Mapping[Kind | None, str] = MappingProxyType(
     {"postures": "method", "courses": "planner", None: "method"}
 )
-"""What messages call a planner."""
+"""Name of a planner in messages."""
 
 
 def known(of: Kind | None = None) -> tuple[str, ...]:
@@ -615,7 +539,7 @@ def make_planner(
     of = options.of
     if not isinstance(method, str):
         value = _checked(method, settings)
-        if of != "postures" and not isinstance(value, _OfBoth) and hasattr(value, "course_planner"):
+        if of != "postures" and hasattr(value, "course_planner"):
             return _of_both_as_before(value, options)
         return value.planner(options)
     make = _named(method, of)
@@ -653,11 +577,18 @@ def _of_both_as_before(method: Any, options: PlannerOptions) -> Planner:
         DeprecationWarning,
         4,
     )
-    make: dict[Kind, Callable[[], Planner]] = {
-        "postures": lambda: method.planner(options),
-        "courses": lambda: method.course_planner(options),
-    }
-    return EitherPlanner(method.name, make) if options.of is None else make[options.of]()
+    if options.of is not None:
+        make = method.course_planner if options.of == "courses" else method.planner
+        planner: Planner = make(options)
+        return planner
+
+    def solve(problem: Problem) -> Answer[Plan]:
+        answered: Answer[Plan] = _of_both_as_before(
+            method, replace(options, of=kind_of(problem))
+        ).solve(problem)
+        return answered
+
+    return SimpleNamespace(name=method.name, solve=solve)
 
 
 def through_verifier(planner: Planner, of: Kind) -> Planner:
@@ -667,9 +598,8 @@ def through_verifier(planner: Planner, of: Kind) -> Planner:
     from .verified import VerifiedPlanner, check_answers
 
     if type(planner).__module__.startswith("stancekit."):
-        part = part_of(planner, of)
-        check_answers(part, of, "method")
-        return part
+        check_answers(planner, of, "method")
+        return planner
     return VerifiedPlanner(planner, _called(planner), Acceptance(), called=CALLED[of])
 
 

@@ -28,7 +28,7 @@ from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_frames, unit_domain
 from ..relaxation.micp import SOLVERS, MicpGrid, MicpProgram, cones_of, of_layout
-from .answer import Acceptance, Claim, TimeLimited, plan_of
+from .answer import Acceptance, Claim, Kind, TimeLimited, check_unused, plan_of
 from .clock import Clock
 from .least_steps import over_sides
 
@@ -59,7 +59,7 @@ class MicpPlanner(TimeLimited):
         envelope: Envelope | EnvelopeSet | None = None,
         gap: float | None = None,
         projection: Projection = "scp",
-        time_limit_s: float = 60.0,
+        time_limit_s: float | None = None,
         acceptance: Acceptance = Acceptance(),
         programs: Programs | None = None,
     ) -> None:
@@ -69,12 +69,26 @@ class MicpPlanner(TimeLimited):
         cones_of(grid, solver)
         PROJECTIONS.get(projection)
         if isinstance(envelope, EnvelopeSet) and len(envelope.envelopes) > 1:
-            raise InvalidInput(f"envelopes: expected one for micp, got {len(envelope.envelopes)}")
+            raise InvalidInput(
+                f"envelopes: expected one envelope for micp, got {len(envelope.envelopes)}"
+            )
         self.solver, self.grid, self.envelope = solver, grid, envelope
         self.gap = None if gap is None else checked(gap, "gap", least=0.0)
         self.projection: Projection = projection
-        self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
+        self.time_limit_s = (
+            None if time_limit_s is None else checked(time_limit_s, "time_limit_s", above=0.0)
+        )
         self.acceptance, self._programs = acceptance, programs or Programs()
+
+    def check(self, kind: Kind) -> None:
+        """Raise InvalidInput for a setting that this kind of question has no use for."""
+        if kind == "postures":
+            check_unused(self, envelope_use="rows", gap=None, projection="scp")
+
+    @property
+    def envelope_use(self) -> str:
+        """What the grid makes of an envelope."""
+        return self.grid.envelope_use
 
     @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
@@ -86,7 +100,7 @@ class MicpPlanner(TimeLimited):
         with clock.compiling():
             program = self.program(problem)
         begin = time.process_time()
-        answer = program.solve(scaled, max(self.time_limit_s - clock.elapsed(), LEAST_S))
+        answer = program.solve(scaled, max(self.limit_s(problem) - clock.elapsed(), LEAST_S))
         clock.count(1, answer.seconds)
         details = program.figures | {
             "solver_s": answer.seconds,

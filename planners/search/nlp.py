@@ -48,7 +48,7 @@ class NlpPlanner(TimeLimited):
         starts: int | None = None,
         seed: int = 0,
         max_iterations: int = 500,
-        time_limit_s: float = 10.0,
+        time_limit_s: float | None = None,
         acceptance: Acceptance = Acceptance(),
         programs: Programs | None = None,
     ) -> None:
@@ -57,13 +57,15 @@ class NlpPlanner(TimeLimited):
             checked_int(starts, "starts", least=1)
         self.start: Start = start
         self.starts, self.seed, self.max_iterations = starts, seed, max_iterations
-        self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
+        self.time_limit_s = (
+            None if time_limit_s is None else checked(time_limit_s, "time_limit_s", above=0.0)
+        )
         self.acceptance, self._programs = acceptance, programs or Programs()
 
     @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
         """Try the starts in order until one ends on the bilinear surface."""
-        clock, scaled = Clock.start(), Scaled.of(problem)
+        clock, scaled, limit_s = Clock.start(), Scaled.of(problem), self.limit_s(problem)
         choice = nearest(scaled)
         chosen, count = scaled.chosen(choice), self.starts or (5 if scaled.weights is None else 1)
         with clock.compiling():
@@ -72,11 +74,11 @@ class NlpPlanner(TimeLimited):
                 chosen.layout,
                 scaled.weights is None,
                 self.max_iterations,
-                self.time_limit_s / count,
+                limit_s / count,
             )
         best, word, tried = None, "", 0
         for start in self._starting(chosen, count):
-            if tried and clock.elapsed() > self.time_limit_s:
+            if tried and clock.elapsed() > limit_s:
                 break
             point, word = program.attempt(self._programs, chosen, start)
             tried += 1

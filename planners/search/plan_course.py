@@ -28,7 +28,6 @@ from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
-from .either import part_of
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
 from .pieces import Detour, Kept, Pieces, Progress, in_pieces, plan_pieces
 from .plan_window import Standing
@@ -112,7 +111,6 @@ def plan_course(
         InvalidInput: where the planner is not made for the course, or torques are asked for of a
             robot whose joints are not known.
     """
-    planner = part_of(planner, "courses")
     question = _loaded(question, wrench)
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else ALL_FRICTION
@@ -266,7 +264,8 @@ def _laid_out(
     """
     first: Answer[Plan] | None = None
     refusal: InvalidInput | PlanningFailed | None = None
-    left, used, laid_s = list(layouts), _Used(), 0.0
+    began = time.perf_counter(), time.process_time()
+    left, laid_s = list(layouts), 0.0
     while left:
         alternative, now = left.pop(0), time.perf_counter()
         if alternative is not layouts[0] and now + laid_s >= deadline:
@@ -281,7 +280,7 @@ def _laid_out(
                 left = ordered(left, "contacts")
             refusal = refusal or error
             continue
-        share_s = max(FIRST * (deadline - now), used.wall_s(LEAST_S))
+        share_s = max(FIRST * (deadline - now), _wall_s(began, LEAST_S))
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
         if outcome.status is Status.FEASIBLE and alternative.message:
             return _of_layout(outcome, alternative)
@@ -298,18 +297,14 @@ def _laid_out(
     return first
 
 
-class _Used:
-    """Processor time of this process since now."""
+def _wall_s(began: tuple[float, float], processor_s: float) -> float:
+    """Wall time that computing for so long takes, as it has gone since then [s].
 
-    def __init__(self) -> None:
-        self._began = time.perf_counter(), time.process_time()
-
-    def wall_s(self, processor_s: float) -> float:
-        """Wall time that computing for so long takes, as it has gone so far [s]."""
-        wall_s, own_s = time.perf_counter() - self._began[0], time.process_time() - self._began[1]
-        return (
-            processor_s * max(wall_s / max(own_s, 1e-9), 1.0) if wall_s > PAUSE_S else processor_s
-        )
+    Arguments:
+        began: wall time and processor time of this process [s].
+    """
+    wall_s, own_s = time.perf_counter() - began[0], time.process_time() - began[1]
+    return processor_s * max(wall_s / max(own_s, 1e-9), 1.0) if wall_s > PAUSE_S else processor_s
 
 
 def _cannot_lift(outcome: Answer[Plan]) -> bool:

@@ -14,7 +14,7 @@ from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
 from .plan_course import ALL_FRICTION, plan_course
 from .plan_window import Standing, course_window
-from .two_stage import TwoStageCoursePlanner
+from .two_stage import TwoStagePlanner
 
 
 def replan(
@@ -54,7 +54,7 @@ def replan(
     last = course.frames - 1 if horizon is None else min(frame + horizon, course.frames - 1)
     window = course_window(course, frame, last, state)
     if planner is None:
-        planner = TwoStageCoursePlanner()
+        planner = TwoStagePlanner()
     chosen: Planner = planner if hasattr(planner, "solve") else planner(window)  # type: ignore[assignment]
     start_rad = None if state is None else state.angles_rad
     return plan_course(

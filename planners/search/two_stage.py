@@ -1,7 +1,8 @@
-"""The two-stage planner P1 → P2 over the lift (Lin et al. §II, §IV-B), for postures and for
-courses.
+"""The two-stage planner P1 → P2 (Lin et al. §II, §IV-B), for postures and for courses.
 
-A course is tried in this order: the nearest patches that have friction; a dive and a branch and
+A posture is relaxed once and put on the bilinear surface; a course over learned
+envelopes chooses patches and boxes on the way (``enveloped``). A course over the lift is tried in
+this order: the nearest patches that have friction; a dive and a branch and
 bound over the choices (``choice``), every node rounded and projected, with cuts in space against
 stances that cannot be held alone (``nogoods``); cuts in space over all frames (``cuts``), where P1
 still has points and P2 finds no plan. Feasible with a plan, infeasible with a certificate, or
@@ -11,68 +12,93 @@ undecided at a limit.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..answer.answer import Answer
+from ..answer.answer import Answer, Status
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
+from ..errors import InvalidInput
 from ..files.arrays import checked
 from ..problem import Problem
 from ..projection.descent import improved
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
-from .answer import Acceptance, Claim, TimeLimited, plan_of
+from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
+from .answer import Acceptance, Claim, Kind, TimeLimited, check_unused, kind_of, plan_of
 from .choice import ChoiceSearch, SearchLimits
 from .clock import Clock
-from .cuts import PROVABLE, CutSearch
-from .either import Kind
+from .cuts import LEAF, PROVABLE, CutSearch
 from .least_steps import over_sides
+
+if TYPE_CHECKING:  # a planner over the lift waits for none of them
+    from ..relaxation.boxes import StanceBoxes
+    from ..relaxation.envelope import EnvelopeSet
+    from ..relaxation.mccormick import McCormick
+    from ..relaxation.modes import Modes
+    from ..relaxation.table import RelaxedProgram
 
 QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
+NODES = 2000
+"""Of each search over the lift, where nobody says."""
 CHOICE_SHARE = 0.75
-"""Of the time limit that the search over choices may use where cuts in space, which get the rest,
-are of use."""
+"""Share of the time limit that the search over choices may use where cuts in space, which get the
+rest, are of use."""
 
 
-class TwoStageCoursePlanner(TimeLimited):
-    """P1 by the lift, P2 by projection, branch and bound over candidates, and cuts where P1 says
-    yes and P2 no.
+class TwoStagePlanner(TimeLimited):
+    """P1 over learned envelopes, or the lift where ``envelopes`` is None; then P2.
+
+    A posture is answered by one relaxation and one projection. A course needs branch and bound over
+    candidates, and over boxes where there are several; over the lift also cuts in space, where P1
+    says yes and P2 no. The settings from ``reserve`` on are for courses.
 
     Arguments:
-        projection: see ``projection.project``.
+        envelopes: boxes in contact frames, learned for a stance of the problem or its mirror image;
+            of courses, with several, one is chosen a stance. For courses also several sets, for
+            stances on different limbs, ``StanceBoxes`` for the stances of one course, and
+            ``Modes``, boxes in world axes.
+        relaxation: which P1 over envelopes, a name of ``RELAXATIONS``; of courses p1 or one derived
+            from it.
+        projection: see ``projection.project``; None puts P1's own point to the verifier, of
+            postures.
+        reserve: whether ``plan`` keeps friction in reserve.
         gap: None takes the first plan that the search finds; else the search goes on, and improves
             plans, until one is proved to be within this relative gap of the best.
-        max_nodes: of each search.
+        max_nodes: of each search; 2000 over the lift and 200 over envelopes where None.
         time_limit_s, max_solves: of one course, None for no limit of solves.
         cuts: whether to cut in space.
         steps: of SCP at most, where the first few bring a point near to a plan.
     """
 
     name = "two-stage"
-    answers: ClassVar[Kind] = "courses"
 
     def __init__(
         self,
+        envelopes: EnvelopeSet | Sequence[EnvelopeSet] | StanceBoxes | Modes | None = None,
         *,
-        projection: Projection = "scp",
+        relaxation: str = "p1",
+        projection: Projection | None = "scp",
         reserve: bool = True,
         acceptance: Acceptance = Acceptance(),
         gap: float | None = None,
-        max_nodes: int = 2000,
+        max_nodes: int | None = None,
         max_solves: float | None = None,
-        time_limit_s: float = 60.0,
+        time_limit_s: float | None = None,
         cuts: bool = True,
         steps: int = STEPS,
         programs: Programs | None = None,
     ) -> None:
-        PROJECTIONS.get(projection)
-        self.projection: Projection = projection
+        if projection is not None:
+            PROJECTIONS.get(projection)
+        self.envelopes, self.relaxation = envelopes, relaxation
+        self.projection: Projection | None = projection
         self.acceptance, self.reserve = acceptance, reserve
         self.gap = None if gap is None else checked(gap, "gap", above=0.0)
         self.max_nodes, self.max_solves = max_nodes, max_solves
@@ -81,12 +107,64 @@ class TwoStageCoursePlanner(TimeLimited):
         self.steps = steps
         self.programs = programs or Programs()
 
-    @over_sides
-    def solve(self, course: Problem) -> Answer[Plan]:
-        """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of
-        the whole search.
+    def check(self, kind: Kind) -> None:
+        """Raise InvalidInput for a setting that this kind of question has no use for, or needs."""
+        if kind == "courses":
+            if self.projection is None:
+                raise InvalidInput("projection: expected one for courses, got none")
+            if self.envelopes is not None:
+                self.boxed()
+            return
+        if self.time_limit_s is not None:
+            raise InvalidInput(
+                f"time_limit_s: expected none for {self.name}, which has no use for it, got {self.time_limit_s:g}"
+            )
+        check_unused(self, reserve=True, max_solves=None)
+        self._of_one_class()
+
+    def relaxed(self) -> type[RelaxedProgram]:
+        """P1 over envelopes."""
+        from ..relaxation.table import RELAXATIONS
+
+        return RELAXATIONS.get(self.relaxation)
+
+    def boxed(self) -> type[McCormick]:
+        """P1 over the envelopes of a course.
+
+        Raises InvalidInput for one that is not derived from p1.
         """
-        clock, scaled = Clock.start(self.time_limit_s, self.max_solves), Scaled.of(course)
+        from ..relaxation.mccormick import McCormick
+
+        relaxation = self.relaxed()
+        if not (isinstance(relaxation, type) and issubclass(relaxation, McCormick)):
+            raise InvalidInput(
+                f"relaxation: expected one for courses, p1 or one derived from it, got {self.relaxation}"
+            )
+        return relaxation
+
+    def solve(self, problem: Problem) -> Answer[Plan]:
+        """Answer one problem; of a course over the lift, bound is the root's lower bound on the
+        objective, with ``gap`` that of the whole search.
+
+        Raises InvalidInput where the envelopes were not learned for it, and for settings that its
+        kind has no use for.
+        """
+        self.check(kind_of(problem))
+        if problem.is_posture:
+            return self._of_posture(problem)
+        return self._over_lift(problem) if self.envelopes is None else self._within(problem)
+
+    @property
+    def posture_name(self) -> str:
+        """Name of what answers a posture."""
+        if self.envelopes is not None:
+            return self.name if self.projection else "p1"
+        return f"lift+{self.projection}" if self.projection else "lift"
+
+    @over_sides
+    def _over_lift(self, course: Problem) -> Answer[Plan]:
+        """Plan one course over the lift."""
+        clock, scaled = Clock.start(self.limit_s(course), self.max_solves), Scaled.of(course)
         search = self.search(scaled, clock)
         result, message, proof = search.found, search.message, None
         if (
@@ -111,7 +189,9 @@ class TwoStageCoursePlanner(TimeLimited):
             and not scaled.layout.pushes
             and not clock.ended()
         ):
-            result, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes)
+            result, proof, nodes = decide(
+                self.programs, scaled, clock, NODES if self.max_nodes is None else self.max_nodes
+            )
             message, details["cuts"] = "" if result or proof else message, float(nodes)
         plan = None
         if result is not None:
@@ -125,21 +205,153 @@ class TwoStageCoursePlanner(TimeLimited):
             course, claim, method=self.name, clock=clock, bound=bound * course.length_scale_m**2
         )
 
+    def _of_posture(self, problem: Problem) -> Answer[Plan]:
+        """Relax, project, verify.
+
+        A relaxation that is infeasible proves something only where it relaxes the whole problem:
+        the lift's answer comes with a certificate, an envelope's is reported as its margin and the
+        problem stays undecided. Without a projection the relaxation's own point is put to the
+        verifier.
+
+        Raises InvalidInput where the envelopes were learned for another class.
+        """
+        clock, lift, envelopes = Clock.start(), None, self._of_one_class()
+        if envelopes is not None:
+            envelopes.check_fits(problem)
+        scaled = Scaled.of(problem)
+        if envelopes is None:
+            lift = solve_lift(self.programs, scaled, least_moment=True)
+            answer = as_relaxation(lift)
+        else:
+            boxes = [envelopes.envelopes]
+            answer = self.relaxed().answers(self.programs, [scaled], boxes, [])[0]
+        clock.count(answer.solves, 0.0)
+        if not answer.known:
+            claim = Claim(message="the relaxation was not solved")
+            return self.acceptance.answer(problem, claim, method=self.posture_name, clock=clock)
+        details = {"margin": answer.margin, "gap": answer.gap, "chosen": float(answer.chosen)}
+        if (
+            not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap)
+            or answer.point is None
+        ):
+            return self._refused(problem, scaled, clock, lift, details)
+        point = answer.point
+        if self.projection:
+            point = project(self.programs, self.projection, scaled, answer.point)
+            clock.count(point.solves, 0.0)
+        plan: Plan | None = None
+        if not (self.projection and np.isinf(point.residual)) and np.all(np.isfinite(point.forces)):
+            plan = plan_of(problem, scaled, scaled.numbers, point)
+        message = "" if plan is not None else f"{self.projection} found no answer from P1's point"
+        claim = Claim(found=plan, word="feasible", message=message, details=details)
+        return self.acceptance.answer(problem, claim, method=self.posture_name, clock=clock)
+
+    def _refused(
+        self,
+        problem: Problem,
+        scaled: Scaled,
+        clock: Clock,
+        lift: LiftAnswer | None,
+        details: dict[str, float],
+    ) -> Answer[Plan]:
+        """The relaxation is infeasible.
+
+        Where that holds whatever the box, the lift's certificate says so.
+        """
+        if lift is None and np.isinf(details["margin"]):
+            lift = solve_lift(self.programs, scaled, least_moment=True)
+            clock.count(1, 0.0)
+        proof = lift is not None and lift.solved and lift.bound > self.acceptance.gap
+        certificate = (
+            Certificate(tree=np.array([LEAF]), multipliers=lift.multipliers[None])
+            if lift and proof
+            else None
+        )
+        message = (
+            ""
+            if certificate
+            else "the relaxation is infeasible; over a learned box that is no proof"
+        )
+        claim = Claim(certificate=certificate, word="infeasible", message=message, details=details)
+        return self.acceptance.answer(problem, claim, method=self.posture_name, clock=clock)
+
+    def _of_one_class(self) -> EnvelopeSet | None:
+        """The envelopes of postures.
+
+        Raises InvalidInput for what only courses can be planned over.
+        """
+        if self.envelopes is None:
+            return None
+        from ..relaxation.envelope import EnvelopeSet
+        from ..relaxation.modes import Modes
+
+        if isinstance(self.envelopes, EnvelopeSet):
+            return self.envelopes
+        came = "modes" if isinstance(self.envelopes, Modes) else type(self.envelopes).__name__
+        raise InvalidInput(f"envelopes: expected envelopes, got {came}, which are for courses")
+
+    @over_sides
+    def _within(self, course: Problem) -> Answer[Plan]:
+        """Plan one course over envelopes.
+
+        Raises InvalidInput that names the stance that the envelopes were not learned for.
+        """
+        from .enveloped import EnvelopeSearch
+
+        assert self.envelopes is not None
+        assert self.projection is not None
+        clock = Clock.start(self.limit_s(course), self.max_solves)
+        search = EnvelopeSearch(
+            self.programs,
+            course,
+            self.envelopes,
+            clock,
+            relaxation=self.boxed(),
+            projection=self.projection,
+            max_nodes=self.max_nodes,
+        )
+        search.run()
+        details, plan, message = search.details(), search.plan(self.name), search.message
+        if plan is None and search.solved_none and len(search.boxes) == 1:
+            details["margin"] = search.margin()
+            if np.isinf(details["margin"]):  # infeasible whatever the box: the lift may prove it
+                left_s, solves = clock.left()
+                lift = TwoStagePlanner(
+                    programs=self.programs,
+                    acceptance=self.acceptance,
+                    time_limit_s=left_s,
+                    max_solves=solves,
+                )
+                proof = lift.solve(course)
+                if proof.status is Status.INFEASIBLE:
+                    return proof
+            message = f"P1 misses the envelope by {details['margin']:.3g}; over a learned box that is no proof"
+        elif plan is None and search.solved_none:
+            message = (
+                message
+                or "P1 has no answer for any choice of boxes; over learned ones that is no proof"
+            )
+        word = "infeasible" if plan is None and search.solved_none else ""
+        claim = Claim(found=plan, word=word, message=message, details=details)
+        return self.acceptance.answer(course, claim, method=self.name, clock=clock)
+
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
         """The search over the patches of one course, run."""
+        assert self.projection is not None
         share = CHOICE_SHARE if self.cuts else 1.0
-        limits = SearchLimits(max_nodes=self.max_nodes, gap=self.gap, share=share)
+        max_nodes, projection = NODES if self.max_nodes is None else self.max_nodes, self.projection
+        limits = SearchLimits(max_nodes=max_nodes, gap=self.gap, share=share)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, QUICK)
             deadline = clock.begin + clock.time_limit_s
             point = project(
-                self.programs, self.projection, chosen, start, steps=steps, deadline=deadline
+                self.programs, projection, chosen, start, steps=steps, deadline=deadline
             )
             clock.count(point.solves, point.seconds)
             if self.gap is None or not point.residual <= SURFACE:
                 return point
-            return improved(self.programs, chosen, point, clock)
+            return improved(self.programs, chosen, point, clock.count)
 
         search = ChoiceSearch(self.programs, scaled, projected, limits, clock)
         search.run()

@@ -21,9 +21,8 @@ from ..errors import InvalidInput
 from ..files.validation import shown
 from ..plugins import foreign
 from ..problem import Problem
-from .answer import Acceptance, Claim, Limitable
+from .answer import Acceptance, Claim, Kind, kind_of
 from .clock import Clock
-from .either import Kind, kind_of
 
 if TYPE_CHECKING:
     from ..relaxation.envelope import EnvelopeSet
@@ -45,7 +44,7 @@ NUMBERS = {
         "modes",
     ),
 }
-"""What is taken over of each kind of evidence."""
+"""Numbers that are taken over of each kind of evidence."""
 
 
 class VerifiedPlanner:
@@ -78,7 +77,7 @@ class VerifiedPlanner:
 
     def with_limit(self, limit_s: float) -> VerifiedPlanner:
         """The planner made anew with this time limit [s]; itself where nobody can limit it."""
-        if self._remake is None and not isinstance(self._planner, Limitable):
+        if self._remake is None and not hasattr(self._planner, "with_limit"):
             return self
         with foreign(self._where):
             planner = (

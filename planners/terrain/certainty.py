@@ -13,7 +13,7 @@ from ..files.codec import LATER
 BENT_M = 0.08
 """Distance over which the ground turns that is off its plane from place to place [m]."""
 NEGATIVE = 1e-9
-"""What rounding makes of a covariance, as a share of its largest entry."""
+"""Error of a covariance by rounding, as a share of its largest entry."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,6 +27,8 @@ class Certainty:
         inset_m: how far footholds keep from where edges most likely are [m].
         rough_m: standard deviation of the ground off its plane from place to place, over about a
             foot's width [m].
+        wider_m: how far the surface goes on beyond where its edges most likely are, for bodies to
+            keep out of; toes may not stand there [m].
     """
 
     about_m: Array
@@ -34,6 +36,7 @@ class Certainty:
     edge_sd_m: float = 0.0
     inset_m: float = 0.0
     rough_m: float = field(default=0.0, metadata=LATER)
+    wider_m: float = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "about_m", read_only(self.about_m, (2,), "about_m"))
@@ -44,7 +47,7 @@ class Certainty:
             raise InvalidInput(
                 f"covariance: expected a symmetric matrix without negative eigenvalues, got {self.covariance.tolist()}"
             )
-        for name in ("edge_sd_m", "inset_m", "rough_m"):
+        for name in ("edge_sd_m", "inset_m", "rough_m", "wider_m"):
             checked(getattr(self, name), name, least=0.0)
 
     def levers(self, places_m: Array) -> Array:
@@ -62,6 +65,11 @@ class Certainty:
         levers = self.levers(places_m)
         plane = np.maximum(np.einsum("...i,ij,...j->...", levers, self.covariance, levers), 0.0)
         return np.asarray(np.sqrt(plane + self.rough_m**2))
+
+    @property
+    def exact(self) -> bool:
+        """Whether plane and edges are known to the last digit."""
+        return not (self.covariance.any() or self.edge_sd_m or self.rough_m)
 
     @property
     def tilt_sd_rad(self) -> float:

@@ -4,15 +4,25 @@ number.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, block_squares, fitted, sums_of
+from .cells import GroundCells, Labels, block_squares, boxed, fitted, sums_of
 from .certainty import Certainty
+from .footholds import TerrainPatch
+from .polygon import half_planes
 
 BLOCK_M = 0.08
 """Side of the blocks by whose means a surface is held against its plane: about what a foot and its
 path need [m]."""
+PATH_M = 0.15
+"""Side of the squares of cells by which a piece is held against its plane, 3 cells at least [m]."""
+UNSEEN = 0.5
+"""How many of its own deviations the mean square of what a piece is off its plane may be larger than it seems."""
 KNOWN = 4.0
 """The noise counts as much as so many blocks beside those of a surface."""
 LEAST_STEP_M, BLURRED = 0.01, 1.5
@@ -81,8 +91,52 @@ def certainties(
     return result
 
 
+def excess_squares(labels: Labels, cells: GroundCells, noise_m: float) -> Array:
+    """Squares of means over about a foot's path of each surface off its plane, less those of noise's means; and the
+    latter, shape (2, n, m) [m²].
+    """
+    planes = fitted(labels, cells)[0]
+    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
+    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
+    side = max(2 * round(0.5 * PATH_M / cells.spacing_m) + 1, 3)
+    count, off = boxed(np.stack([one, z - a * x - b * y - c * one]), side)
+    count = np.maximum(count, cells.weight)
+    chance = noise_m**2 / count
+    return np.stack([(off / count) ** 2 - chance, chance])
+
+
+def with_local(
+    pieces: Sequence[TerrainPatch], own: NDArray[np.bool_], cells: GroundCells, excess_m2: Array
+) -> list[TerrainPatch]:
+    """Pieces of a surface as rough as the ground is off the plane within each, if that is more.
+
+    Arguments:
+        own: the surface's cells, shape (n, m).
+        excess_m2: as of ``excess_squares``.
+    """
+    result = []
+    for piece in pieces:
+        certainty = piece.patch.certainty
+        if certainty is None:
+            continue
+        corners = (piece.patch.vertices_m[:, :2] - cells.corner_m[:2]) / cells.spacing_m
+        low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
+        high = np.ceil(corners.max(axis=0)).astype(int) + 2
+        part = np.s_[low[0] : high[0], low[1] : high[1]]
+        normals, offsets = half_planes(corners)
+        places = np.stack(np.nonzero(own[part]), axis=-1) + low
+        inside = places[np.all(places @ normals.T <= offsets + 1.0, axis=1)]
+        off_m2, chance_m2 = excess_m2[:, *inside.T].mean(axis=1) if len(inside) else (0.0, 0.0)
+        paths = max(len(inside) * (cells.spacing_m / PATH_M) ** 2, 1.0)
+        rough_m2 = max(off_m2 + UNSEEN * chance_m2 * np.sqrt(2.0 / paths), 0.0)
+        rough_m = max(certainty.rough_m, float(np.sqrt(rough_m2)))
+        patch = piece.patch.with_certainty(replace(certainty, rough_m=rough_m))
+        result.append(replace(piece, patch=patch))
+    return result
+
+
 def _steps(labels: Labels, level: Array, count: int) -> Array:
-    """Height of the step at the border of each surface: the median over its neighbours, inf where a
+    """Height of the step at the border of each surface: the lower quartile over its neighbours, inf where a
     foot would not notice any, shape (count,) [m].
     """
     steps = np.full(count, np.inf)
@@ -99,5 +153,5 @@ def _steps(labels: Labels, level: Array, count: int) -> Array:
     first = np.searchsorted(owner, np.arange(count))
     last = np.searchsorted(owner, np.arange(count), side="right")
     some = last > first
-    steps[some] = height[(first[some] + last[some]) // 2]
+    steps[some] = height[first[some] + (last[some] - first[some]) // 4]
     return steps

@@ -8,6 +8,8 @@ deviations of the noise.
    is parted in two, again and again; two that one plane fits as well as two are one.
 4. Cells at borders go to the neighbouring surface whose plane is nearer, in view of the noise and of their neighbours.
 5. What is left is looked at again with smaller squares that see nothing else: strips.
+6. Where means over a few cells of a surface are off its plane, another surface is: few samples among many do not bend
+   the whole.
 """
 
 from __future__ import annotations
@@ -68,6 +70,9 @@ ROUNDS, LLOYD, JOINED = 12, 4, 16
 TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
 """Cells farther than this off a surface that is no plane are taken from it, in its largest rms,
 round by round."""
+LUMPS, LUMP_SD, LUMP_ROUGH = (3, 5, 7), 3.5, 2.0
+"""Sides of squares of cells whose means over a surface are looked at, and how far they may be off its plane: in
+deviations of the mean, and in times the roughness."""
 CLOSED, MOST_VOTES, ALONE = 3, 5, 4.5
 """How often single cells are closed, how many of eight neighbours of one surface that takes, and
 how far off it they may be in deviations of the noise."""
@@ -115,7 +120,34 @@ def noisy_surfaces(
         _trimmed(renumbered(labels), cells, limits, noise_m), cells, limits, noise_m, coarse
     )
     labels = _bordered(_rejoined(labels, cells, noise_m), cells, limits, noise_m)
-    return renumbered(_large_enough(_closed(labels, cells, noise_m), cells))
+    lumps = _lumps(labels, cells, limits, noise_m)
+    if lumps.any():
+        labels = _apart(np.where(lumps, labels + labels.max() + 1, labels))
+        labels = _bordered(_large_enough(labels, cells), cells, limits, noise_m)
+    labels = _large_enough(_closed(labels, cells, noise_m), cells)
+    lumps = _lumps(labels, cells, limits, noise_m)
+    return renumbered(_large_enough(np.where(lumps, -1, labels), cells) if lumps.any() else labels)
+
+
+def _lumps(
+    labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float
+) -> NDArray[np.bool_]:
+    """Cells about which the mean of a surface is off its plane by more than noise and roughness
+    are.
+    """
+    planes = fitted(labels, cells)[0]
+    lumps = np.zeros(labels.shape, dtype=bool)
+    if not len(planes):
+        return lumps
+    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
+    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
+    sums = np.stack([one, z - a * x - b * y - c * one])
+    rough_m = LUMP_ROUGH * limits.roughness_m
+    for side in LUMPS:
+        count, off = boxed(sums, side)
+        most = (LUMP_SD * noise_m) ** 2 * count + (rough_m * count) ** 2
+        lumps |= (labels >= 0) & (off**2 > most)
+    return lumps
 
 
 def _between_edges(cells: GroundCells, near_m: float) -> Labels:

@@ -8,6 +8,9 @@ edge at each toe by its deviation. A foot comes down until it feels, as far beyo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from ..answer.plan import Plan
@@ -17,10 +20,11 @@ from ..motion.touch_down import touch_downs_m
 from ..terrain.certainty import Certainty
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
+from .ground import certainty_under
 
 DRAWS = 200
 SHARE = 0.95
-"""Of the grounds drawn, those on which every toe has to find its foothold."""
+"""Share of the grounds drawn, those on which every toe has to find its foothold."""
 SEED = 46
 """The same grounds are drawn each time, so that a file is judged as its plan was."""
 
@@ -31,14 +35,18 @@ def ground_group(plan: Plan) -> Group | None:
     """
     course = plan.problem
     patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
-    sure = [(p, patch.certainty) for p, patch in enumerate(patches) if patch.certainty is not None]
+    sure = [
+        (p, *known)
+        for p, patch in enumerate(patches)
+        if (known := _known(course.terrain, patch, plan.toes_m[p])) is not None
+    ]
     if not sure:
         return None
     depths_m = touch_downs_m(plan)
     draws = np.random.default_rng(SEED)
     planes = dict[tuple[bytes, bytes], Array]()
     missed, deviations = np.zeros((len(sure), DRAWS), dtype=bool), np.zeros(len(sure))
-    for row, (p, certainty) in enumerate(sure):
+    for row, (p, certainty, from_edge) in enumerate(sure):
         key = certainty.covariance.tobytes(), certainty.about_m.tobytes()
         if key not in planes:
             planes[key] = draws.standard_normal((DRAWS, 3)) @ _root(certainty).T
@@ -46,7 +54,6 @@ def ground_group(plan: Plan) -> Group | None:
         local = certainty.rough_m * draws.standard_normal(DRAWS)
         off = upward * np.abs(planes[key] @ certainty.levers(place) + local)
         deviations[row] = upward * float(certainty.height_sd_m(place))
-        from_edge = certainty.inset_m + _from_border(patches[p], plan.toes_m[p])
         beyond = certainty.edge_sd_m * draws.standard_normal(DRAWS) > from_edge
         missed[row] = (off > depths_m[p]) | beyond
     share, worst = float(missed.any(axis=0).mean()), int(missed.sum(axis=1).argmax())
@@ -68,6 +75,19 @@ def ground_group(plan: Plan) -> Group | None:
             "touch_down_m": float(depths_m.max()),
         },
     )
+
+
+def _known(terrain: Sequence[Patch], patch: Patch, toe_m: Array) -> tuple[Certainty, float] | None:
+    """How sure the ground under a toe is, as terrain and patch say it, and the distance of the toe from where its edge
+    most likely is [m]; None where it is exact.
+
+    What the terrain says goes before what a plan says that may be of another hand.
+    """
+    sure, under = patch.certainty, certainty_under(terrain, patch, toe_m)
+    if under is None:
+        return None if sure is None else (sure, sure.inset_m + _from_border(patch, toe_m))
+    rough_m = max(under[0].rough_m, 0.0 if sure is None else sure.rough_m)
+    return replace(under[0], rough_m=rough_m), under[1]
 
 
 def _from_border(patch: Patch, toe_m: Array) -> float:

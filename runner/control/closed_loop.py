@@ -18,13 +18,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.plan_window import Standing
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
@@ -69,7 +70,7 @@ class ClosedLoop:
         policy: Policy | None = None,
         settings: LoopSettings = LoopSettings(),
     ) -> None:
-        planner = TwoStageCoursePlanner()
+        planner = TwoStagePlanner()
         self.runner, self.settings = runner, settings
         self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
         self._planning = Replanner(
@@ -86,7 +87,7 @@ class ClosedLoop:
         self._seconds = self._worst = 0.0
 
     def run(
-        self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None
+        self, terrain: Sequence[Patch] | None = None, first: Accepted[Plan] | None = None
     ) -> LoopReport:
         """Walk.
 

@@ -34,8 +34,7 @@ from stancekit.planners.relaxation.boxes import (
 )
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 
 from .estimation import nearest_on
@@ -48,8 +47,8 @@ NODES = 20
 """Most choices of candidates that are looked at within boxes before the lift is asked, which is
 quicker."""
 RADIUS = 0.1
-"""Of the triangles that are shown of larger patches, of a course's length scale: about the mean of
-what is learned."""
+"""Radius of the triangles that are shown of larger patches, of a course's length scale: about the
+mean of what is learned."""
 
 
 class Predictor(Protocol):
@@ -57,9 +56,15 @@ class Predictor(Protocol):
     agent.
     """
 
-    def predict(self, observation: Mapping[str, NDArray[Any]], /) -> tuple[NDArray[Any], Any]:
-        """From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more
-        envelopes, and a state, which is not looked at.
+    def predict(
+        self,
+        observation: Mapping[str, NDArray[Any]],
+        state: Any = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[Any], Any]:
+        """From an observation of ``EnvelopeSelection-v0``, or a batch of them, to its action,
+        bounds of one or more envelopes, and a state, which is not looked at.
         """
         ...
 
@@ -78,7 +83,7 @@ class SelectorPolicy:
     ) -> None:
         self.learned, self.planners = learned, list[EnvelopeOrLift]()
         self._selector, self._programs = selector, programs or Programs()
-        self._lift = TwoStageCoursePlanner(programs=self._programs)
+        self._lift = TwoStagePlanner(programs=self._programs)
 
     def __call__(self, observation: Observation) -> Planner:
         """The planner of the coming key frames."""
@@ -142,7 +147,7 @@ class SelectorPlanner:
 
 def within_chosen(
     selector: Predictor, learned: EnvelopeSet, course: Problem, programs: Programs
-) -> EnvelopeCoursePlanner:
+) -> TwoStagePlanner:
     """A planner within the boxes that a selector chooses for a course, widened by ``ROOM``.
 
     Raises InvalidInput for a course with legs or patches that nothing was learned of.
@@ -155,7 +160,7 @@ def within_chosen(
             f"{course.name}: expected stances by {legs} or the legs opposite to them, got others"
         )
     boxes = replace(boxes, boxes=tuple(box.widened(ROOM) for box in boxes.boxes))
-    return EnvelopeCoursePlanner(boxes, max_nodes=NODES, programs=programs)
+    return TwoStagePlanner(boxes, max_nodes=NODES, programs=programs)
 
 
 def chosen(selector: Predictor, learned: EnvelopeSet, course: Problem) -> StanceBoxes | None:
@@ -291,7 +296,7 @@ class EnvelopeOrLift:
     name = "two-stage"
     reserve = True
 
-    def __init__(self, within: EnvelopeCoursePlanner | None, lift: TwoStageCoursePlanner) -> None:
+    def __init__(self, within: TwoStagePlanner | None, lift: TwoStagePlanner) -> None:
         self.within, self.lift = within, lift
         self.within_last: bool | None = None
 

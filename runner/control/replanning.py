@@ -98,7 +98,7 @@ class Replanner:
         slid: bool = False,
         limits: WholeBodyLimits | None = None,
         horizon: int = 0,
-    ) -> Accepted:
+    ) -> Accepted[Plan]:
         """Observe, choose, plan, verify.
 
         Arguments:

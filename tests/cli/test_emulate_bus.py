@@ -24,7 +24,7 @@ from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.emulators.start import start_of
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
@@ -46,7 +46,7 @@ EMULATE = [
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan, and a calibration file of servos that are mounted otherwise."""
     path = tmp_path_factory.mktemp("bus")
-    plan = TwoStageCoursePlanner().solve(read_course("walls")).solution
+    plan = TwoStagePlanner().solve(read_course("walls")).solution
     assert plan is not None
     write_plan(path / "plan.json", plan, check_plan(plan))
     usual = nominal(joint_names(plan.problem.robot), port="bus", latency_ms=40.0)

@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 import stancekit
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 def easier(problem):
     contacts = (replace(c, patch=c.patch.with_friction(c.patch.friction + 3.0), reach_m=3.0 * c.reach_m)
@@ -89,7 +89,7 @@ class EasierCourse(Planner):
             return patch.with_friction(patch.friction + 3.0)
         puts = tuple(replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.footholds)
         rough = replace(course, terrain=tuple(map(gripping, course.terrain)), footholds=puts)
-        return TwoStageCoursePlanner().solve(changed(course, rough)).solution
+        return TwoStagePlanner().solve(changed(course, rough)).solution
 '''
 GARBAGE = """
 import sys

@@ -14,7 +14,7 @@ import pytest
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data import labelling
-from stancekit.learners.data.shards import LabellingFailed
+from stancekit.planners.errors import StancekitError
 
 SAME = (
     "--feasible",
@@ -131,7 +131,7 @@ def test_ctrl_c_is_one_line(stancekit, monkeypatch):
 
 def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
     def give_up(*_, **__):
-        raise LabellingFailed("wall-3: shard 0 lacks 8 infeasible rows after 9 draws")
+        raise StancekitError("wall-3: shard 0 lacks 8 infeasible rows after 9 draws")
 
     monkeypatch.setattr(labelling, "label", give_up)
     ran = stancekit("label", "wall-3", "data")

@@ -20,7 +20,7 @@ from stancekit.planners.formats.trajectory_file import read_trajectory, write_tr
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
 from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
 from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
-from stancekit.runner.acceptance import Accepted, AcceptedGait
+from stancekit.runner.acceptance import Accepted
 from tests.forgeries import stances, walks
 from tests.forgeries.crawl import crawl
 
@@ -95,7 +95,7 @@ def test_a_walk_of_which_something_is_not_checked_says_so_and_is_not_run(
     with pytest.raises(
         InvalidInput, match="this one cannot: heading, rest, rest_acceleration are not checked"
     ):
-        AcceptedGait.from_file(path)
+        Accepted.from_file(path)
 
 
 @pytest.mark.parametrize("name", ["honest", *FORGED_PLANS])

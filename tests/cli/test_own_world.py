@@ -14,7 +14,7 @@ pytest.importorskip("mcap")
 
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.log import read_log
 
@@ -83,7 +83,7 @@ ARMED = """
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
+    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert plan is not None
     write_plan("plan.json", plan, check_plan(plan))
     return tmp_path

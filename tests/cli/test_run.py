@@ -28,7 +28,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.log import read_log
@@ -39,7 +39,7 @@ from stancekit.runner.worlds.ros.setup import same_names
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
+    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert plan is not None
     write_plan(folder / "plan.json", plan, check_plan(plan))
     return folder

@@ -13,7 +13,7 @@ from stancekit.cli.simulate import _message
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")
@@ -22,7 +22,7 @@ pytest.importorskip("mujoco")
 
 @cache
 def step() -> Plan:
-    outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=2))
+    outcome = TwoStagePlanner().solve(read_course("walls", frames=2))
     assert outcome.solution is not None
     return outcome.solution
 

@@ -12,13 +12,13 @@ from stancekit.envs.curriculum import Curriculum
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 PROGRAMS = Programs()
 
 
 def env(families, **options):
-    planners = [TwoStageCoursePlanner(programs=PROGRAMS, time_limit_s=10.0)]
+    planners = [TwoStagePlanner(programs=PROGRAMS, time_limit_s=10.0)]
     return Curriculum(families, planners=planners, programs=PROGRAMS, horizon=3, **options)
 
 

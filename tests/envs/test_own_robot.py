@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.envs.branching import LargestGap
+from stancekit.envs.branching import largest_gap
 from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.memoryless import MemorylessPolicy
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
@@ -72,7 +73,7 @@ def test_refinement_comes_to_a_verdict_on_the_robots_scenes(files: dict[str, str
     env = EnvelopeRefinementEnv("terrain-3", **files, balanced=False, projection="fix-p")
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
-    policy, over = LargestGap(), False
+    policy, over = MemorylessPolicy(largest_gap), False
     while not over:
         observation, _, ended, cut_off, info = env.step(np.int64(policy.predict(observation)[0]))
         over = ended or cut_off

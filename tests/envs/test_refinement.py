@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from stancekit.envs.branching import LargestGap, NoisyGap, RandomDimension, WidestDimension
+from stancekit.envs.branching import any_dimension, largest_gap, noisy_gap, widest
 from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.memoryless import MemorylessPolicy
 from stancekit.envs.refinement import EnvelopeRefinementEnv, gap_by_dimension
 from stancekit.envs.sampling import SampledScenes
 from stancekit.envs.scenes import ListedScenes
@@ -80,7 +81,12 @@ def test_propagation_refutes_forces_that_cannot_balance(scenes):
 
 
 @pytest.mark.parametrize(
-    "rule", [LargestGap(), WidestDimension(), RandomDimension(np.random.default_rng(0))]
+    "rule",
+    [
+        MemorylessPolicy(largest_gap),
+        MemorylessPolicy(widest),
+        any_dimension(np.random.default_rng(0)),
+    ],
 )
 def test_verdicts_are_those_of_the_exact_planner(rule, scenes):
     programs, counts = Programs(), {Status.FEASIBLE: 0, Status.INFEASIBLE: 0, Status.UNDECIDED: 0}
@@ -124,7 +130,7 @@ def test_episodes_end_with_the_experts_verdict_or_at_the_budget(env):
         while True:
             assert info["verdict"] == -1
             observation, reward, ended, cut_off, info = env.step(
-                LargestGap().predict(observation)[0]
+                MemorylessPolicy(largest_gap).predict(observation)[0]
             )
             total += reward
             assert env.observation_space.contains(observation)
@@ -148,7 +154,9 @@ def test_margins_of_the_posture_that_ends_an_episode_are_told_when_asked_for():
         ended = False
         while not ended:
             assert (info["push_n"], info["support_m"], info["friction_left"]) == (0.0, 0.0, 0.0)
-            seen, _, over, cut_off, info = env.step(np.int64(LargestGap().predict(seen)[0]))
+            seen, _, over, cut_off, info = env.step(
+                np.int64(MemorylessPolicy(largest_gap).predict(seen)[0])
+            )
             ended = over or cut_off
         feasible = info["verdict"] == 1
         assert (info["push_n"] > 0.0) == (info["support_m"] > 0.0) == feasible
@@ -198,15 +206,15 @@ def test_rules_answer_batches():
     one["gap"][[2, 5]] = 0.3
     two = {**one, "high": np.arange(12.0)[::-1]}
     batch = {name: np.stack([one[name], two[name]]) for name in one}
-    np.testing.assert_array_equal(LargestGap().predict(batch)[0], [5, 2])
-    np.testing.assert_array_equal(WidestDimension().predict(batch)[0], [11, 0])
+    np.testing.assert_array_equal(MemorylessPolicy(largest_gap).predict(batch)[0], [5, 2])
+    np.testing.assert_array_equal(MemorylessPolicy(widest).predict(batch)[0], [11, 0])
     np.testing.assert_array_equal(
-        NoisyGap(np.random.default_rng(0), spread=0.0).predict(batch)[0], [5, 2]
+        noisy_gap(np.random.default_rng(0), spread=0.0).predict(batch)[0], [5, 2]
     )
-    noisy = NoisyGap(np.random.default_rng(0), spread=30.0)
+    noisy = noisy_gap(np.random.default_rng(0), spread=30.0)
     assert len({tuple(noisy.predict(batch)[0]) for _ in range(20)}) > 5
     drawn = np.array(
-        [RandomDimension(np.random.default_rng(k)).predict(batch)[0] for k in range(200)]
+        [any_dimension(np.random.default_rng(k)).predict(batch)[0] for k in range(200)]
     )
     assert drawn.shape == (200, 2)
     assert set(drawn.ravel()) == set(range(12))

@@ -17,8 +17,9 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 import stancekit
 from stancekit.envs.distributions.courses import icy_walls
+from stancekit.envs.memoryless import MemorylessPolicy
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
-from stancekit.learners.selectors.terrain_rule import TerrainRule
+from stancekit.learners.selectors.terrain_rule import terrain_rule
 from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
@@ -392,7 +393,7 @@ def test_the_experts_envelopes_are_those_of_the_selector(terrain):
 
 
 def test_the_terrain_rule_walks_on_ground_climbs_on_walls_and_leaves_the_change_to_the_lift():
-    env, rule = made("ground-to-wall", frames=9), TerrainRule()
+    env, rule = made("ground-to-wall", frames=9), MemorylessPolicy(terrain_rule)
     for seed in range(2):
         observation, _ = env.reset(seed=seed)
         chosen, over = [], False
@@ -408,7 +409,7 @@ def test_the_terrain_rule_walks_on_ground_climbs_on_walls_and_leaves_the_change_
 def test_the_terrain_rule_answers_for_many_environments_at_once():
     views = [made(name).reset(seed=0)[0] for name in ("stairs", "walls")]
     stacked = {name: np.stack([view[name] for view in views]) for name in views[0]}
-    assert TerrainRule().predict(stacked)[0].tolist() == [WALKING, CLIMBING]
+    assert MemorylessPolicy(terrain_rule).predict(stacked)[0].tolist() == [WALKING, CLIMBING]
 
 
 @pytest.fixture(scope="module")
@@ -507,6 +508,6 @@ def test_a_list_of_sets_may_hold_files_and_a_window_that_is_refused_names_its_st
     assert len([one for one in caplog.records if "is refused" in one.message]) == 2 * by_file
     with pytest.raises(
         InvalidInput,
-        match=r"envelopes\[0\]\[1\]: expected an EnvelopeSet, text or a Path, got a TerrainRule",
+        match=r"envelopes\[0\]\[1\]: expected an EnvelopeSet, text or a Path, got a MemorylessPolicy",
     ):
-        TraverseEnv(**options, envelopes=[[ground, TerrainRule()]])
+        TraverseEnv(**options, envelopes=[[ground, MemorylessPolicy(terrain_rule)]])

@@ -17,7 +17,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 TOLERANCE = 1e-6
 """The verifier's, non-dimensional: of forces by the weight, of lengths by the course's length
@@ -26,7 +26,7 @@ scale."""
 
 def honest_plan() -> Plan:
     """Three key frames between walls."""
-    plan = TwoStageCoursePlanner().solve(read_course(config_path("courses/walls.yaml"), 3)).solution
+    plan = TwoStagePlanner().solve(read_course(config_path("courses/walls.yaml"), 3)).solution
     assert plan is not None
     return plan
 

@@ -18,7 +18,7 @@ from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import hexapod_walker
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
@@ -30,7 +30,7 @@ def step() -> Callable[[str], Plan]:
 
     @cache
     def plan(course: str) -> Plan:
-        outcome = TwoStageCoursePlanner().solve(read_course(course, frames=2))
+        outcome = TwoStagePlanner().solve(read_course(course, frames=2))
         assert outcome.solution is not None
         return outcome.solution
 
@@ -47,19 +47,19 @@ def plan_path(tmp_path: Path, step: Callable[[str], Plan]) -> Path:
 
 @pytest.fixture(scope="session")
 def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Plan file of the course of docs/running-on-a-robot.md, shortened: three key frames, and less
-    of a way.
+    """Plan file of the course of docs/running-on-a-robot.md, shortened: two key frames, and less of
+    a way.
     """
     page = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(
         encoding="utf-8"
     )
     (text,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     folder = tmp_path_factory.mktemp("desk")
-    for whole, part in (("frames: 6", "frames: 3"), ("goal_m: [0.10,", "goal_m: [0.04,")):
+    for whole, part in (("frames: 6", "frames: 2"), ("goal_m: [0.10,", "goal_m: [0.02,")):
         assert whole in text
         text = text.replace(whole, part)
     (folder / "desk.yaml").write_text(text)
-    plan = TwoStageCoursePlanner().solve(read_course(folder / "desk.yaml")).solution
+    plan = TwoStagePlanner().solve(read_course(folder / "desk.yaml")).solution
     assert plan is not None
     write_plan(folder / "desk.json", plan, check_plan(plan))
     return folder / "desk.json"

@@ -26,9 +26,9 @@ from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.runner.acceptance import AcceptedGait
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.body_feedback import BodyController, BodyFeedback, BodyPose
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
@@ -183,19 +183,19 @@ def walked() -> Attempted:
 
 
 @pytest.fixture(scope="module")
-def accepted(walked: Attempted, tmp_path_factory: pytest.TempPathFactory) -> AcceptedGait:
+def accepted(walked: Attempted, tmp_path_factory: pytest.TempPathFactory) -> Accepted:
     path = tmp_path_factory.mktemp("walked") / "walk.json"
     write_trajectory(path, walked.trajectory, walked.report)
-    return AcceptedGait.from_file(path)
+    return Accepted.from_file(path)
 
 
-def run_with(accepted: AcceptedGait, body: BodyFeedback) -> RunReport:
+def run_with(accepted: Accepted, body: BodyFeedback) -> RunReport:
     with make_world("mujoco", accepted.robot) as made:
         return Runner(made, settings=RunSettings(body=body)).run(accepted, accepted.ground())
 
 
 @pytest.fixture(scope="module")
-def as_planned(accepted: AcceptedGait) -> RunReport:
+def as_planned(accepted: Accepted) -> RunReport:
     """A run as every run is that says nothing else."""
     assert RunSettings() == RunSettings(body=BodyFeedback())
     return run_with(accepted, BodyFeedback())
@@ -215,7 +215,7 @@ def test_a_quadruped_of_a_file_walks_as_planned(as_planned: RunReport) -> None:
 
 
 def test_without_the_wrench_its_body_strays_farther(
-    accepted: AcceptedGait, as_planned: RunReport
+    accepted: Accepted, as_planned: RunReport
 ) -> None:
     off = BodyFeedback(position_s2=0.0, velocity_s=0.0, rotation_s2=0.0, turn_s=0.0)
     without = run_with(accepted, off).execution
@@ -241,7 +241,7 @@ def crawl(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("crawl")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(CRAWL)
-    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml")).solution
+    plan = plan_with_reserve(TwoStagePlanner(), read_course(folder / "flat.yaml")).solution
     assert plan is not None
     return with_joints(plan)
 
@@ -258,7 +258,7 @@ def test_a_quadruped_of_a_file_crawls_over_three_feet_and_none_of_them_slips(
 
 
 def test_a_walk_for_other_legs_or_weaker_joints_is_refused_in_one_line(
-    accepted: AcceptedGait,
+    accepted: Accepted,
 ) -> None:
     weaker = model_of(
         quadruped(effort=12.0, bone=BONE), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3}
@@ -269,6 +269,6 @@ def test_a_walk_for_other_legs_or_weaker_joints_is_refused_in_one_line(
         pytest.raises(InvalidInput, match="the plan is for another"),
     ):
         Runner(made).prepare(accepted)
-    own = replace(accepted.trajectory, robot=replace(accepted.trajectory.robot, model=weaker))
+    own = replace(accepted.plan, robot=replace(accepted.plan.robot, model=weaker))
     with pytest.raises(InvalidInput, match=r"rejected: torque \(.H_KFE\)"):
-        AcceptedGait.verified(own, "walk")
+        Accepted.verified(own, "walk")

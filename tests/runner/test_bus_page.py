@@ -15,6 +15,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("mcap")
 
+from stancekit.cli.main import main
 from stancekit.runner.emulators.servo_bus import FAULTS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
@@ -32,30 +33,28 @@ def shown(language: str, text: str) -> list[str]:
 
 
 def words(line: str) -> list[str]:
-    """A printed command for this interpreter."""
+    """The arguments of a printed command."""
     name, *rest = shlex.split(line, comments=True)
     assert name == "stancekit"
-    return [sys.executable, "-m", "stancekit.cli.main", *rest]
+    return rest
 
 
-def ended(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """A command that ran to its end."""
+def ended(line: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """A command that ran to its end, in this process: its exit code and what it printed."""
     for _ in range(TRIES):
-        done = subprocess.run(
-            words(line),
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=600.0,
-        )
-        if "host watchdog: the loop was silent" not in done.stdout:
+        with pytest.raises(SystemExit) as end:
+            main(words(line))
+        out, err = capsys.readouterr()
+        if "host watchdog: the loop was silent" not in out:
             break
-    return done
+    return int(str(end.value.code)), out + err
 
 
 def test_the_commands_of_the_emulated_bus_end_well_as_printed(
-    tmp_path: Path, short_desk: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    short_desk: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(short_desk, "desk.json")
@@ -64,16 +63,15 @@ def test_the_commands_of_the_emulated_bus_end_well_as_printed(
     (commands,) = shown("sh", SECTION)
     emulate, *runs = commands.splitlines()
     assert emulate.startswith("stancekit emulate bus")
-    with subprocess.Popen(words(emulate), stdin=subprocess.PIPE, stdout=subprocess.PIPE) as bus:
+    command = [sys.executable, "-m", "stancekit.cli.main", *words(emulate)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as bus:
         assert bus.stdout is not None
         bus.stdout.readline()
-        seen = [ended(line, tmp_path) for line in runs]
+        seen = [ended(line, capsys) for line in runs]
         bus.terminate()
-    assert [done.returncode for done in seen] == [0] * len(runs), [
-        done.stdout + done.stderr for done in seen
-    ]
+    assert [code for code, _ in seen] == [0] * len(runs), seen
     assert sum("--arm" in line for line in runs) == 1
-    assert "run as planned" in seen[1].stdout
+    assert "run as planned" in seen[1][1]
     assert Path("bus.png").stat().st_size > 0
 
 

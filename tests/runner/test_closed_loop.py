@@ -19,7 +19,7 @@ from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.estimation import nearest_on
@@ -33,7 +33,7 @@ from tests.emulators.memory_world import PATIENT, MemoryWorld
 from tests.emulators.slipping import SlippingWorld
 
 FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
-PLANNER = TwoStageCoursePlanner()
+PLANNER = TwoStagePlanner()
 
 
 def looped(

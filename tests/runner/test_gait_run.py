@@ -21,7 +21,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.runner.acceptance import AcceptedGait
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -30,18 +30,18 @@ from tests.emulators.memory_world import PATIENT, MemoryWorld
 
 
 @pytest.fixture
-def accepted(gait: Attempted, tmp_path: Path) -> AcceptedGait:
+def accepted(gait: Attempted, tmp_path: Path) -> Accepted:
     write_trajectory(tmp_path / "walk.json", gait.trajectory, gait.report)
-    return AcceptedGait.from_file(tmp_path / "walk.json")
+    return Accepted.from_file(tmp_path / "walk.json")
 
 
-def walked(accepted: AcceptedGait, world: str, friction_share: float = 1.0) -> RunReport:
+def walked(accepted: Accepted, world: str, friction_share: float = 1.0) -> RunReport:
     with make_world(world, accepted.robot) as made:
         return Runner(made).run(accepted, accepted.ground(friction_share))
 
 
 @pytest.mark.parametrize("world", ["bullet", "mujoco"])
-def test_a_gait_is_walked_as_planned(accepted: AcceptedGait, world: str) -> None:
+def test_a_gait_is_walked_as_planned(accepted: Accepted, world: str) -> None:
     pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
     report = walked(accepted, world)
     assert report.succeeded, report.message
@@ -60,7 +60,7 @@ def test_a_gait_is_walked_as_planned(accepted: AcceptedGait, world: str) -> None
 
 
 def test_where_there_is_less_friction_than_it_counts_on_feet_slide_and_the_report_says_so(
-    accepted: AcceptedGait,
+    accepted: Accepted,
 ) -> None:
     report = walked(accepted, "mujoco", 0.1)
     assert not report.succeeded
@@ -69,14 +69,14 @@ def test_where_there_is_less_friction_than_it_counts_on_feet_slide_and_the_repor
 
 
 def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(
-    accepted: AcceptedGait,
+    accepted: Accepted,
 ) -> None:
     world, settings = MemoryWorld(), RunSettings(limits=PATIENT)
     report = Runner(world, dry=False, settings=settings).run(accepted)
     assert report.succeeded, report.message
     assert report.execution is None
     sent = np.array([targets for _, targets in world.commands])
-    motion = GaitMotion(accepted.trajectory)
+    motion = GaitMotion(accepted.plan)
     assert len(sent) == pytest.approx(motion.duration_s * world.rate_hz, abs=2)
     assert report.joint_worst_rad < 0.1
 
@@ -91,22 +91,22 @@ def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(
         InvalidInput,
         match=r"walk.json: expected a gait that the verifier accepted, this one it rej",
     ):
-        AcceptedGait.from_file(path)
+        Accepted.from_file(path)
     write_trajectory(path, gait.trajectory, gait.report)
     path.write_text(path.read_text().replace('"friction": 0.75', '"friction": 0.85'))
     with pytest.raises(InvalidInput, match="its digest does not fit its contents"):
-        AcceptedGait.from_file(path)
+        Accepted.from_file(path)
     with pytest.raises(InvalidInput, match=r"robot anymal: no legs are known"):
         walking_robot(anymal())
     assert walking_robot(hexapod_walker()).mass_kg == hexapod_walker().mass_kg
 
 
-def test_feet_that_stick_are_in_no_world(accepted: AcceptedGait) -> None:
-    sticky = replace(accepted.trajectory, adhesive=np.arange(6) < 2)
+def test_feet_that_stick_are_in_no_world(accepted: Accepted) -> None:
+    sticky = replace(accepted.plan, adhesive=np.arange(6) < 2)
     with pytest.raises(
         InvalidInput, match=r"this one cannot: no world has feet that stick, as \w+, \w+ do"
     ):
-        AcceptedGait.verified(sticky, "walk")
+        Accepted.verified(sticky, "walk")
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_feet_that_stick_are_in_no_world(accepted: AcceptedGait) -> None:
     ],
 )
 def test_joints_that_cannot_do_it_are_named_before_anything_moves(
-    accepted: AcceptedGait, servo: Servo, why: str
+    accepted: Accepted, servo: Servo, why: str
 ) -> None:
     with make_world("mujoco", accepted.robot, servo) as made:
         runner = Runner(made)

@@ -10,7 +10,7 @@ import stancekit
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.finder import find_leap
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.runner.acceptance import AcceptedLeap
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -22,11 +22,11 @@ FILE = Path(__file__).parents[1] / "data" / "leap-hop-anymal.json"
 
 
 @pytest.fixture(scope="module")
-def accepted() -> AcceptedLeap:
-    return AcceptedLeap.from_file(FILE)
+def accepted() -> Accepted:
+    return Accepted.from_file(FILE)
 
 
-def stopped_at(accepted: AcceptedLeap, when_s: float) -> RunReport:
+def stopped_at(accepted: Accepted, when_s: float) -> RunReport:
     """The report of a run whose e-stop is pressed at a time of the world."""
     runners = list[Runner]()
 
@@ -40,7 +40,7 @@ def stopped_at(accepted: AcceptedLeap, when_s: float) -> RunReport:
 
 
 @pytest.fixture(scope="module")
-def ran(accepted: AcceptedLeap, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunReport, Path]:
+def ran(accepted: Accepted, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunReport, Path]:
     """A run that nothing stops, and its log."""
     log = tmp_path_factory.mktemp("ran") / "leap.mcap"
     return stancekit.run(accepted, "mujoco", log=log), log
@@ -55,21 +55,21 @@ def test_a_leap_lands_where_it_should_and_stands(ran: tuple[RunReport, Path]):
     assert np.count_nonzero(flies) > 20
 
 
-def test_a_replay_sends_the_same(accepted: AcceptedLeap, ran: tuple[RunReport, Path]):
+def test_a_replay_sends_the_same(accepted: Accepted, ran: tuple[RunReport, Path]):
     first, log = ran
     again = stancekit.run(accepted, "replay", setup=log)
     assert again.sent == first.sent
     assert again.replay_rad == 0.0
 
 
-def test_a_stop_before_take_off_is_obeyed_at_once(accepted: AcceptedLeap):
+def test_a_stop_before_take_off_is_obeyed_at_once(accepted: Accepted):
     report = stopped_at(accepted, 0.6)
     assert report.message == "e-stop"
     assert report.execution.seconds < 0.75
     assert report.execution.trace.rotation[-1, 2, 2] > 0.95
 
 
-def test_a_stop_in_the_air_lands_first(accepted: AcceptedLeap):
+def test_a_stop_in_the_air_lands_first(accepted: Accepted):
     report = stopped_at(accepted, 1.4)
     assert report.message == "e-stop"
     assert not report.succeeded
@@ -78,7 +78,7 @@ def test_a_stop_in_the_air_lands_first(accepted: AcceptedLeap):
     assert report.execution.com_final_m < 0.02
 
 
-def test_a_fault_in_the_air_leaves_no_leap_that_a_stop_waits_for(accepted: AcceptedLeap):
+def test_a_fault_in_the_air_leaves_no_leap_that_a_stop_waits_for(accepted: Accepted):
     world = make_world("mujoco", accepted.robot)
     runner = Runner(world)
 
@@ -98,20 +98,20 @@ def test_a_leap_that_nobody_judged_with_legs_is_not_run():
         stancekit.run(plan, "mujoco")
 
 
-def test_a_leap_has_one_pace(accepted: AcceptedLeap):
+def test_a_leap_has_one_pace(accepted: Accepted):
     with pytest.raises(InvalidInput, match="a leap runs as planned, or not at all"):
         stancekit.run(
             accepted, "mujoco", settings=RunSettings(timing=RunSettings().timing.at_pace(0.5))
         )
 
 
-def test_a_leap_that_begins_in_motion_is_not_run(accepted: AcceptedLeap):
+def test_a_leap_that_begins_in_motion_is_not_run(accepted: Accepted):
     leap = accepted.plan.problem
     start = replace(leap.start, velocity_m_s=np.array([5e-4, 0.0, 0.0]))
     with pytest.raises(InvalidInput, match="expected a leap that begins and ends at rest"):
         stancekit.run(replace(accepted.plan, problem=replace(leap, start=start)), "mujoco")
 
 
-def test_no_push_is_asked_of_a_leap(accepted: AcceptedLeap):
+def test_no_push_is_asked_of_a_leap(accepted: Accepted):
     with pytest.raises(InvalidInput, match="least_push: expected a plan of key frames"):
         stancekit.run(accepted, "mujoco", settings=RunSettings(least_push=0.5))

@@ -17,7 +17,7 @@ from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.leg_odometry import leg_odometry, odometry_error_m
@@ -110,9 +110,7 @@ def climbed() -> dict[bool, RunReport]:
     """Two steps up the walls, the body's measurement withheld: by joints alone, and with what they
     and the feet say fed back.
     """
-    outcome = with_whole_body(
-        plan_with_reserve(TwoStageCoursePlanner(), read_course("walls", frames=3))
-    )
+    outcome = with_whole_body(plan_with_reserve(TwoStagePlanner(), read_course("walls", frames=3)))
     assert outcome.solution is not None
 
     def run(odometry: bool) -> RunReport:

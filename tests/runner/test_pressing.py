@@ -11,7 +11,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import Tracker
 
@@ -22,7 +22,7 @@ def added(course: str, deaf: int | None = None, **settings: float) -> tuple[Arra
 
     deaf: the foot that feels nothing. settings: of the pressing.
     """
-    plan = TwoStageCoursePlanner().solve(read_course(course, frames=2)).solution
+    plan = TwoStagePlanner().solve(read_course(course, frames=2)).solution
     assert plan is not None
     motion, kinematics = PlanMotion(plan), Kinematics(plan.problem.robot)
     felt = 0.5 * motion.at(0.0).forces_n

@@ -24,7 +24,7 @@ from stancekit.planners.projection.force_distribution import distribute_forces
 from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.motion.redundancy import (
     JUMP_RAD,
     LEFT,
@@ -37,7 +37,7 @@ from stancekit.runner.motion.time_parametrization import joint_profile
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    found = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
+    found = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert found is not None
     return found
 
@@ -72,7 +72,7 @@ def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
 
 
 def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_torques() -> None:
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=4)).solution
+    plan = TwoStagePlanner().solve(read_course("walls", frames=4)).solution
     assert plan is not None
     kinematics = Kinematics(plan.problem.robot)
     bent = whole_body(plan, WholeBodyLimits(torque_nm=10.0), kinematics)
@@ -149,7 +149,7 @@ def test_courses_on_which_joints_once_jumped_or_feet_stayed_behind_are_walked_sm
     index: int,
 ) -> None:
     course = perturbed("walls", np.random.default_rng([0, index]), frames=3)
-    plan = TwoStageCoursePlanner().solve(course).solution
+    plan = TwoStagePlanner().solve(course).solution
     assert plan is not None
     seen = joint_profile(PlanMotion(plan), Kinematics(course.robot))
     assert seen.error_m.max() < 1e-5

@@ -18,12 +18,12 @@ from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.plan_window import Standing
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.control.replanning import Replanner
 from stancekit.runner.settings import RunSettings
 
-PLANNER = TwoStageCoursePlanner()
+PLANNER = TwoStagePlanner()
 COURSE = read_course("walls", frames=3)
 
 

@@ -19,10 +19,11 @@ pytest.importorskip("websockets")
 pytest.importorskip("mcap")
 pytest.importorskip("dynamixel_sdk")
 
+from stancekit.cli.main import main
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.actuators import ActuatorModel, read_actuators
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.worlds import make_world
@@ -38,7 +39,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
     monkeypatch.chdir(tmp_path)
     (course,) = (text for language, text in BLOCKS if language == "yaml")
     Path("desk.yaml").write_text(course)
-    plan = TwoStageCoursePlanner().solve(read_course("desk.yaml")).solution
+    plan = TwoStagePlanner().solve(read_course("desk.yaml")).solution
     assert plan is not None
     write_plan("desk.json", plan, check_plan(plan))
     accepted = Accepted.from_file("desk.json")
@@ -53,7 +54,10 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
 
 
 def test_the_commands_behind_a_rosbridge_run_as_the_page_prints_them(
-    tmp_path: Path, short_desk: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    short_desk: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(short_desk, "desk.json")
@@ -80,10 +84,9 @@ def test_the_commands_behind_a_rosbridge_run_as_the_page_prints_them(
             Path("ros.yaml").read_text().replace("port: 9090", f"port: {port}")
         )
         for line in lines[1:]:
-            done = subprocess.run(
-                [*command, *shlex.split(line, comments=True)[1:]], capture_output=True, text=True
-            )
-            assert done.returncode == 0, f"{line}: {done.stdout}{done.stderr}"
+            with pytest.raises(SystemExit) as end:
+                main(shlex.split(line, comments=True)[1:])
+            assert end.value.code == 0, f"{line}: {capsys.readouterr()}"
         emulator.stdin.close()
         assert emulator.wait(20) == 0
 

@@ -17,7 +17,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.urdf import Servo
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.command import command
 from stancekit.runner.emulators.servo_bus import EmulatedBus
@@ -59,7 +59,7 @@ def light() -> Plan:
     """A step on level ground of a robot that such servos carry."""
     course = read_course("ground-to-wall", frames=2)
     robot = replace(course.robot, mass_kg=5.0)
-    outcome = TwoStageCoursePlanner().solve(replace(course, robot=robot))
+    outcome = TwoStagePlanner().solve(replace(course, robot=robot))
     assert outcome.solution is not None
     return outcome.solution
 

@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.plan_window import with_pause
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.polygon import Surface
 from stancekit.runner.acceptance import Accepted
@@ -32,7 +32,7 @@ from stancekit.runner.worlds.drives import Push
 
 FAST = RunSettings(timing=Timing().at_pace(2.0))
 COURSE = read_course("stairs", frames=3)
-OUTCOME = TwoStageCoursePlanner().solve(COURSE)
+OUTCOME = TwoStagePlanner().solve(COURSE)
 assert OUTCOME.solution is not None
 PLAN = OUTCOME.solution
 UP = np.tile([0.0, 0.0, 1.0], (2, 1))
@@ -118,13 +118,13 @@ def test_planes_are_moved_to_where_feet_that_bear_find_them() -> None:
     ground = COURSE.terrain[0]
     moved = replace(found, planes=(ground,)).course(COURSE)
     assert moved.terrain[0].centre_m == pytest.approx(ground.centre_m + 0.011 * ground.normal)
-    assert TwoStageCoursePlanner().solve(moved).solution is not None
+    assert TwoStagePlanner().solve(moved).solution is not None
 
 
 def test_a_pause_is_a_key_frame_in_which_the_body_alone_moves() -> None:
     paused = with_pause(COURSE, 1)
     assert (paused.frames, paused.lifts) == (4, (*COURSE.lifts[:2], (), COURSE.lifts[2]))
-    outcome = TwoStageCoursePlanner().solve(paused)
+    outcome = TwoStagePlanner().solve(paused)
     assert outcome.solution is not None
     np.testing.assert_array_equal(paused.holds[1], paused.holds[2])
 

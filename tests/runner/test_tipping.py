@@ -20,7 +20,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.tipping import LEAST_PUSH, tipping
@@ -46,7 +46,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "goal_m: [0.05, 0.0, 0.45]\nterrain: {kind: flat, friction: 0.7}\n"
     )
     outcome = with_whole_body(
-        plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml"))
+        plan_with_reserve(TwoStagePlanner(), read_course(folder / "flat.yaml"))
     )
     assert outcome.solution is not None
     assert outcome.report is not None
@@ -96,7 +96,7 @@ def test_the_verifier_accepts_it(accepted: Accepted) -> None:
 
 
 def test_robots_without_legs_of_a_file_are_not_limited() -> None:
-    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).solution
+    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert isinstance(plan, Plan)
     assert tipping(plan, 1.0) == ""
 

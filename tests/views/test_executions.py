@@ -10,7 +10,7 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.execution import Execution
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
@@ -23,7 +23,7 @@ pytest.importorskip("mujoco")
 
 @pytest.fixture(scope="module")
 def run() -> tuple[Plan, Execution]:
-    outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=2))
+    outcome = TwoStagePlanner().solve(read_course("walls", frames=2))
     assert outcome.solution is not None
     settings = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
     execution = simulate(outcome.solution, settings=settings).execution

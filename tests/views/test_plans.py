@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.views.plans import PlanView, draw_plan, frame_count, ghosts, plan_frames
 from stancekit.views.sheet import check_picture, save, to_rgb
@@ -20,7 +20,7 @@ from stancekit.views.terrain import ICE, cells
 
 @pytest.fixture(scope="module")
 def plan():
-    found = TwoStageCoursePlanner().solve(read_course("icy-walls", 3)).solution
+    found = TwoStagePlanner().solve(read_course("icy-walls", 3)).solution
     assert found is not None
     return found
 
@@ -213,7 +213,7 @@ def area(polygon):
 
 
 def test_one_frame_and_no_terrain_are_drawn_too():
-    plan = TwoStageCoursePlanner().solve(read_course("walls", 1)).solution
+    plan = TwoStagePlanner().solve(read_course("walls", 1)).solution
     assert plan is not None
     bare = replace(plan, problem=replace(plan.problem, terrain=()))
     for shown in (plan, bare):

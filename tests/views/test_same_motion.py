@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,19 +29,21 @@ ANT = Path(stancekit.__file__).parent / "configs" / "demo" / "ant.yaml"
 STAIRS = """\
 name: small-stairs
 robot: {ant}
-frames: 4
+frames: 3
 start_m: [0.0, 0.0]
-goal_m: [0.16, 0.0, 0.19]
+goal_m: [0.11, 0.0, 0.19]
 terrain: {{kind: stairs, friction: 0.7, first_m: 0.3, run_m: 0.4, rises_m: [0.04]}}
 """
 
 
+@cache
 def planned(course: str | Path) -> Plan:
-    plan = stancekit.plan(course, frames=3 if course == "walls" else None).solution
+    plan = stancekit.plan(course, frames=2 if course == "walls" else None).solution
     assert isinstance(plan, Plan)
     return plan
 
 
+@cache
 def level_walk(robot: str) -> Trajectory:
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
     walk = stancekit.walk(

@@ -14,13 +14,13 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.plan_course import LayOut, plan_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import Report, explain
 
 from .scenario import Scenario
 
 SHARES = (0.8, 1.0)
-"""Of the friction, that a plan is looked for with while the scene is changed."""
+"""Shares of the friction, that a plan is looked for with while the scene is changed."""
 QUICK_S, QUICK_NODES, QUICK_STEPS = 0.15, 20, 6
 """Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
 share."""
@@ -61,7 +61,7 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
     """A fast answer for the display, which looks at contacts alone; undecided if it would take
     longer. Raises nothing.
     """
-    planner = TwoStageCoursePlanner(
+    planner = TwoStagePlanner(
         time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS
     )
     return _planned(
@@ -76,7 +76,7 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
     """
 
     def plan(question: LayOut) -> Answer[Plan]:
-        planner = TwoStageCoursePlanner(time_limit_s=PATIENT_S)
+        planner = TwoStagePlanner(time_limit_s=PATIENT_S)
         deadline = time.perf_counter() + PATIENT_S
         return plan_course(question, planner, layouts=scenario.layouts, deadline=deadline)
 

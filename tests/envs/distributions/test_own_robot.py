@@ -28,7 +28,7 @@ from tests.planners.robot.small_urdfs import leg, quadruped, robot
 pytest.importorskip("pinocchio")
 pytest.importorskip("trimesh")
 
-GROUNDS = ["stairs:0.3:7", "rough:0.3:7", "ripple"]
+GROUNDS = ["stairs:0.3:7", "ramps:0.3:7"]
 PLANE = "v -2 -2 {0}\nv 2 -2 {1}\nv 2 2 {1}\nv -2 2 {0}\nf 1 2 3\nf 1 3 4\n"
 
 
@@ -49,7 +49,7 @@ def dog(folder: Path) -> str:
     return str(folder / "dog.urdf")
 
 
-def drawn(name: str, count: int = 40, **files: str | Path) -> list[Problem]:
+def drawn(name: str, count: int = 20, **files: str | Path) -> list[Problem]:
     source, rng = distribution(name, **files), np.random.default_rng(0)
     return [source.sample(rng) for _ in range(count)]
 
@@ -315,9 +315,9 @@ def test_scenes_are_cut_from_a_ground_by_its_name_and_are_those_of_its_surface(g
 
 def test_a_distribution_in_a_file_names_a_ground_and_no_file_that_would_be_run(tmp_path):
     (tmp_path / "d.yaml").write_text(
-        "terrain: rough:0.3:7\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n"
+        "terrain: stairs:0.3:7\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n"
     )
-    assert distribution(str(tmp_path / "d.yaml")).name.endswith("-on-rough-0.3-7")
+    assert distribution(str(tmp_path / "d.yaml")).name.endswith("-on-stairs-0.3-7")
     (tmp_path / "d.yaml").write_text(
         "terrain: mine.py:bump\nlegs: [LF, RF, LR]\nfriction: [0.3, 0.8]\n"
     )

@@ -19,11 +19,11 @@ import pytest
 
 from stancekit.envs.data.ledger import LabelPlan, TryPlan
 from stancekit.learners.data import ray_cluster, ray_driver
-from stancekit.learners.data.executor import ClusterGone, WorkersDied, gather, processes
+from stancekit.learners.data.executor import gather, processes
 from stancekit.learners.data.executors import executor
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.leap_tries import label_leaps
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, StancekitError
 from tests.emulators.tasks import die, die_once, fail, square
 
 PARENT = """
@@ -82,7 +82,7 @@ def test_the_tasks_of_a_killed_worker_run_again(tmp_path: Path) -> None:
 
 
 def test_workers_that_always_die_end_the_run() -> None:
-    with pytest.raises(WorkersDied, match="died 5 times in a row"):
+    with pytest.raises(StancekitError, match="died 5 times in a row"):
         gather(processes(2), [partial(die, x) for x in range(4)])
 
 
@@ -306,7 +306,7 @@ def test_a_driver_that_dies_hangs_or_gives_up_is_one_line(
     monkeypatch.setattr(ray_cluster, "SILENCE_S", 3.0)
     monkeypatch.setattr(ray_cluster, "START_S", 3.0)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name)
-    with pytest.raises(ClusterGone) as error:
+    with pytest.raises(InvalidInput) as error:
         gather(executor("ray", address="10.0.0.1:1"), [partial(square, 1)])
     assert str(error.value) == line
 
@@ -315,14 +315,14 @@ def test_a_cluster_that_is_not_there_is_one_line() -> None:
     pytest.importorskip("ray")
     with socket.create_server(("127.0.0.1", 0)) as closed:
         address = f"127.0.0.1:{closed.getsockname()[1]}"
-    with pytest.raises(ClusterGone) as error:
+    with pytest.raises(InvalidInput) as error:
         gather(executor("ray", address=address), [partial(square, 1)])
     assert (
         str(error.value)
         == f"address: expected a Ray cluster at '{address}': nothing answers at {address}"
     )
     with pytest.raises(
-        ClusterGone,
+        InvalidInput,
         match=r"^address: expected a Ray cluster at 'moon': expected host:port, auto or ",
     ):
         gather(executor("ray", address="moon"), [partial(square, 1)])

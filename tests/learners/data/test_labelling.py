@@ -27,9 +27,9 @@ from stancekit.envs.distributions.postures import PostureDistribution, distribut
 from stancekit.learners.data import shards
 from stancekit.learners.data.executor import Answer, Task, due, processes
 from stancekit.learners.data.labelling import Progress, label, recheck
-from stancekit.learners.data.shards import LabellingFailed, samples
+from stancekit.learners.data.shards import samples
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.search.canonical import canonical
 from stancekit.planners.search.exact import ExactPlanner
 
@@ -453,7 +453,7 @@ def test_a_distribution_without_a_label_does_not_spin_forever(tmp_path: Path) ->
         name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01)
     )
     plan = replace(PLAN, distribution="slippery", feasible=2, infeasible=0)
-    with pytest.raises(LabellingFailed) as error:
+    with pytest.raises(StancekitError) as error:
         label(plan, tmp_path, source=slippery, draws_per_row=3)
     assert str(error.value) == "slippery: shard 0 lacks 2 feasible rows after 6 draws: 6 trivial"
 
@@ -465,7 +465,7 @@ def test_a_shard_whose_label_never_comes_gives_up_early_and_one_whose_label_came
     slippery = PostureDistribution(
         name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01)
     )
-    with pytest.raises(LabellingFailed) as error:
+    with pytest.raises(StancekitError) as error:
         label(
             replace(PLAN, distribution="slippery", feasible=2, infeasible=0),
             tmp_path / "none",
@@ -480,7 +480,7 @@ def test_a_shard_whose_label_never_comes_gives_up_early_and_one_whose_label_came
 
 def test_a_failure_in_a_worker_process_arrives(tmp_path: Path) -> None:
     with pytest.raises(
-        LabellingFailed, match=r"^wall-3: shard \d lacks .* rows after 5 draws: \d+ "
+        StancekitError, match=r"^wall-3: shard \d lacks .* rows after 5 draws: \d+ "
     ):
         label(
             replace(PLAN, feasible=0, infeasible=10, shard_size=5),

@@ -14,14 +14,14 @@ from stancekit.learners.data.scene_set import export_scenes
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.families import family_terrain
 from stancekit.planners.terrain.patch import Patch
 
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStageCoursePlanner()
+    return TwoStagePlanner()
 
 
 def test_scenes_are_read_back_as_they_were_drawn(tmp_path, planner):

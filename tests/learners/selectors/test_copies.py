@@ -15,9 +15,10 @@ import pytest
 
 import stancekit
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.learners.data.executor import WorkersDied, processes
+from stancekit.learners.data.executor import processes
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.planners.errors import StancekitError
 
 BOARD = '''
 import numpy as np
@@ -147,7 +148,7 @@ class Unreadable:
 
 def test_a_task_that_a_worker_cannot_read_is_one_line():
     with pytest.raises(
-        WorkersDied, match=r"^a worker process cannot read its task: .*invalid literal"
+        StancekitError, match=r"^a worker process cannot read its task: .*invalid literal"
     ) as caught:
         list(processes(2)([Unreadable(), Unreadable()]))
     assert "\n" not in str(caught.value)

@@ -15,8 +15,9 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from stancekit.envs.branching import LargestGap
+from stancekit.envs.branching import largest_gap
 from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.memoryless import MemorylessPolicy
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.reward import RewardWeights
 from stancekit.envs.sampling import SampledScenes
@@ -160,7 +161,7 @@ def test_an_untrained_brancher_leans_to_the_largest_gap(cut):
         action, _ = policy.predict(observation, deterministic=True)
         gap = observation["gap"]
         agree.append(gap[int(action)] > 0.9 * gap.max())
-        assert int(LargestGap().predict(observation)[0]) < 18
+        assert int(MemorylessPolicy(largest_gap).predict(observation)[0]) < 18
     assert np.mean(agree) > 0.9
 
 
@@ -200,8 +201,8 @@ def test_evaluation_counts_what_it_says(drawn, cut):
     assert 0.3 < reward < 1.6
     assert all(0.0 <= value <= 1.0 for value in figures.values())
     rule = evaluator(config(environment=REFINEMENT, budget=40), cut.held_out)
-    reward, figures = rule(LargestGap())
-    assert reward == rule(LargestGap())[0]
+    reward, figures = rule(MemorylessPolicy(largest_gap))
+    assert reward == rule(MemorylessPolicy(largest_gap))[0]
     assert 2 <= figures["solves"] <= 50
     assert len(refinement_vec_env("wall-3", cut.train, envs=2, budget=40).reset()["gap"]) == 2
 

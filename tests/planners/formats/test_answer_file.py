@@ -28,7 +28,7 @@ from stancekit.planners.formats.answer_file import (
 )
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.posture import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 
 

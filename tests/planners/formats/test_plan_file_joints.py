@@ -23,7 +23,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.inverse_kinematics import descend
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.joints import LIMIT_RAD, REACHED_M
 from tests.planners.robot.small_urdfs import quadruped
@@ -53,7 +53,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(COURSE)
-    outcome = TwoStageCoursePlanner().solve(read_course(folder / "flat.yaml"))
+    outcome = TwoStagePlanner().solve(read_course(folder / "flat.yaml"))
     assert outcome.solution is not None
     return with_joints(outcome.solution)
 

@@ -14,7 +14,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
 
 
@@ -22,7 +22,7 @@ from stancekit.planners.verify import check_certificate
 def proved():
     """Two icy walls between which no tripod can hang, and the certificate."""
     course = slippery(read_course("walls", frames=2), 0.3)
-    return course, TwoStageCoursePlanner().solve(course).certificate
+    return course, TwoStagePlanner().solve(course).certificate
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def test_a_proof_is_the_same_to_the_last_bit_when_read_back(proved, written):
 def test_a_proof_of_another_course_is_refused(proved, written):
     grippy = slippery(proved[0], 4.0)
     changed(written, subject=grippy.to_json())
-    assert TwoStageCoursePlanner().solve(grippy).solution is not None
+    assert TwoStagePlanner().solve(grippy).solution is not None
     check = check_proof_file(written)
     assert not check.accepted
     assert check.to_json()["verdict"] == "refused"

@@ -16,7 +16,7 @@ from stancekit.planners.projection.force_distribution import standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search.plan_window import with_pause
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid, Solids
 from stancekit.runner.motion.other_forces import LoadTransfer
@@ -24,7 +24,7 @@ from stancekit.runner.motion.other_forces import LoadTransfer
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    outcome = TwoStageCoursePlanner().solve(read_course("stairs", frames=4))
+    outcome = TwoStagePlanner().solve(read_course("stairs", frames=4))
     assert outcome.solution is not None
     return outcome.solution
 
@@ -200,7 +200,7 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
 
 def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_cones() -> None:
     course = with_pause(read_course("walls", frames=3), 1)
-    plan = TwoStageCoursePlanner().solve(course).solution
+    plan = TwoStagePlanner().solve(course).solution
     assert plan is not None
     kinematics = Kinematics(course.robot)
     standing = standing_forces(plan, kinematics)

@@ -28,7 +28,7 @@ from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.course_file import is_scene, read_course, read_spec
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.terrain import Terrain
 from stancekit.planners.verify import check_plan
@@ -104,7 +104,7 @@ def test_a_computer_that_is_busy_gives_layouts_as_much_of_its_processor_as_one_t
     monkeypatch.setattr("stancekit.planners.search.plan_course.time.process_time", lambda: own_s[0])
     ends = list[float]()
 
-    class Slow(TwoStageCoursePlanner):
+    class Slow(TwoStagePlanner):
         def with_limit(self, limit_s: float) -> Slow:
             ends.append(wall_s[0] + limit_s)
             return self
@@ -138,7 +138,7 @@ def test_others_are_tried_where_the_first_has_no_place_for_a_toe() -> None:
             raise NoPlace(f"frame 0: nowhere ({len(tried)})")
         return read_course("walls", frames=2)
 
-    outcome: Answer[Plan] = plan_course(question, TwoStageCoursePlanner(), layouts=ALTERNATIVES)
+    outcome: Answer[Plan] = plan_course(question, TwoStagePlanner(), layouts=ALTERNATIVES)
     assert outcome.status is Status.FEASIBLE
     assert outcome.solution is not None
     assert outcome.solution.provenance["layout"] == ALTERNATIVES[2].message
@@ -147,14 +147,14 @@ def test_others_are_tried_where_the_first_has_no_place_for_a_toe() -> None:
     order = [AS_ASKED, *ordered(ALTERNATIVES[1:], "contacts")]
     assert tried == [each.message for each in order[: order.index(ALTERNATIVES[2]) + 1]]
     with pytest.raises(NoPlace, match=rf"nowhere \({len(tried) + 1}\)"):
-        plan_course(question, TwoStageCoursePlanner(), deadline=math.inf)  # the first alone
+        plan_course(question, TwoStagePlanner(), deadline=math.inf)  # the first alone
 
 
 @pytest.mark.parametrize("worst", [None, {"frame": 1.0, "link": "trunk", "other": "patch 1"}])
 def test_a_higher_body_is_tried_first_where_a_foot_alone_stays_from_its_path(worst: object) -> None:
     tried = list[str]()
 
-    class Astray(TwoStageCoursePlanner):
+    class Astray(TwoStagePlanner):
         def solve(self, course: Problem) -> Answer[Plan]:
             answer = super().solve(course)
             assert answer.solution is not None

@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
 
@@ -98,13 +98,13 @@ def test_forces_are_bounded_foothold_by_foothold(drawn):
 
 def test_bounds_of_footholds_count_in_plans_and_in_files():
     course = read_course("walls", frames=3)
-    strong = TwoStageCoursePlanner().solve(course)
+    strong = TwoStagePlanner().solve(course)
     first = course.footholds[0]
     weak = replace(
         first, force_min=np.array([0.0, -1.0, -1.0]), force_max=np.array([0.1, 1.0, 1.0])
     )
     changed = replace(course, footholds=(weak, *course.footholds[1:]))
-    answer = TwoStageCoursePlanner().solve(changed)
+    answer = TwoStagePlanner().solve(changed)
     assert answer.solution is not None
     on = [
         (s, i)
@@ -134,7 +134,7 @@ def test_another_force_scale_changes_no_plan():
         force_min=course.force_min * course.weight_n / 40.0,
         force_max=course.force_max * course.weight_n / 40.0,
     )
-    one, other = (TwoStageCoursePlanner().solve(each) for each in (course, scaled))
+    one, other = (TwoStagePlanner().solve(each) for each in (course, scaled))
     assert one.status is other.status
     assert one.objective == pytest.approx(other.objective, rel=1e-3)
     assert stancekit.verify(other.solution).contacts

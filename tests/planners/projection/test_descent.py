@@ -16,7 +16,7 @@ from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import objective_of, plan_of
 from stancekit.planners.search.clock import Clock
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
 
@@ -39,7 +39,7 @@ def test_descent_ends_on_a_better_plan_and_never_on_a_worse_one(points, programs
     gains = []
     for course, scaled, point in points:
         clock = Clock.start()
-        better = improved(programs, scaled, point, clock)
+        better = improved(programs, scaled, point, clock.count)
         assert clock.solves >= 2
         assert better.residual <= SURFACE
         assert check_plan(plan(course, scaled, better)).accepted
@@ -54,12 +54,12 @@ def test_of_more_steps_none_is_worse_and_from_its_end_no_step_to_other_toes_near
     rng, looked_at = np.random.default_rng(0), 0
     for _, scaled, point in points:
         costs = [
-            cost(scaled, improved(programs, scaled, point, Clock.start(), steps=steps))
+            cost(scaled, improved(programs, scaled, point, Clock.start().count, steps=steps))
             for steps in (0, 1, 4, 40)
         ]
         assert costs[0] == cost(scaled, point)
         assert (np.diff(costs) <= 0.0).all()
-        end = improved(programs, scaled, point, Clock.start(), steps=40)
+        end = improved(programs, scaled, point, Clock.start().count, steps=40)
         for _ in range(10):
             corner = np.array([piece[rng.integers(len(piece))] for piece in scaled.pieces])
             moved = replace(end, toes=end.toes + 1e-3 * (corner - end.toes))
@@ -71,7 +71,7 @@ def test_of_more_steps_none_is_worse_and_from_its_end_no_step_to_other_toes_near
 
 
 def test_cost_is_the_objective_of_the_finished_plan(climb, programs):
-    planner = TwoStageCoursePlanner(programs=programs)
+    planner = TwoStagePlanner(programs=programs)
     for course in (climb(1), climb(4, regions=2, ice=0.4), climb(2, frames=1)):
         outcome = planner.solve(course)
         found, length = outcome.solution, course.length_scale_m

@@ -20,7 +20,7 @@ from stancekit.planners.projection.whole_body import EASY, largest, whole_body, 
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.joints import joint_report
 from tests.planners.robot.small_urdfs import quadruped
@@ -146,7 +146,7 @@ def test_torques_of_loads_are_the_torques(plan: Plan) -> None:
 
 
 def test_a_plan_of_drawn_up_legs_gets_joints_too(tmp_path: Path) -> None:
-    outcome = TwoStageCoursePlanner().solve(read_course("stairs", frames=2))
+    outcome = TwoStagePlanner().solve(read_course("stairs", frames=2))
     assert outcome.solution is not None
     jointed = with_joints(outcome.solution)
     assert jointed.joints_rad is not None
@@ -157,7 +157,7 @@ def test_a_plan_of_drawn_up_legs_gets_joints_too(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def climb() -> Plan:
     """Between walls; its largest torque is 20 Nm."""
-    outcome = plan_with_reserve(TwoStageCoursePlanner(), read_course("walls"))
+    outcome = plan_with_reserve(TwoStagePlanner(), read_course("walls"))
     assert outcome.solution is not None
     return outcome.solution
 

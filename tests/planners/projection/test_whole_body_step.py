@@ -17,7 +17,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.held import held_moments
 from stancekit.planners.projection.restoration import REACHED_M, Restoration
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.projection.joint_ranges import UPRIGHT_RAD, joint_ranges, keeps_to
@@ -30,7 +30,7 @@ SMALL = 1e-6
 
 @pytest.fixture(scope="module")
 def walls() -> Plan:
-    outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=3))
+    outcome = TwoStagePlanner().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 

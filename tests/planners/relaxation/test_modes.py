@@ -17,15 +17,16 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course, read_spec
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.relaxation.boxes import boxes_of
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.modes import Modes, composed, modes_of_frames, world_points
+from stancekit.planners.search import enveloped
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.cuts import alone
-from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.enveloped import EnvelopeSearch
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 SHORT = read_spec("ground-to-wall").model_copy(
     update={"start_m": (0.2, 0, 0.2), "goal_m": (0.25, 0, 0.4), "frames": 6}
@@ -40,7 +41,7 @@ def modes(programs):
 
 @pytest.fixture(scope="module")
 def planner(modes):
-    return EnvelopeCoursePlanner(modes)
+    return TwoStagePlanner(modes)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,7 @@ def test_the_hull_with_every_choice_made_is_p1_over_the_chosen_boxes(small):
             np.testing.assert_allclose(answer.modes, np.eye(2)[list(z)], atol=1e-6)
 
 
-def test_the_hull_bounds_every_choice_and_the_search_finds_the_best(small, modes):
+def test_the_hull_bounds_every_choice_and_the_search_finds_the_best(small, modes, monkeypatch):
     course, scaled, boxes, choices = small
     solved = {z: answer.objective for z, answer in choices.items() if answer.feasible}
     assert len(solved) > 1
@@ -115,15 +116,13 @@ def test_the_hull_bounds_every_choice_and_the_search_finds_the_best(small, modes
     hull = McCormick(scaled.layout, "world", False, 2)
     assert hull.solve_hull(scaled, boxes, np.ones((3, 2))).objective <= best + 1e-6
 
-    class Given(EnvelopeCoursePlanner):
-        def allowed(self, scaled, boxes, clock):
-            return super().allowed(scaled, given, clock)
+    class Given(EnvelopeSearch):
+        def __init__(self, *args, **settings):
+            super().__init__(*args, **settings)
+            self.boxes = boxes
 
-        def relaxed(self, scaled, boxes, allowed, clock):
-            return super().relaxed(scaled, given if len(boxes) == 2 else boxes, allowed, clock)
-
-    given = boxes
-    outcome = Given(modes).solve(course)
+    monkeypatch.setattr(enveloped, "EnvelopeSearch", Given)
+    outcome = TwoStagePlanner(modes).solve(course)
     assert outcome.status is Status.FEASIBLE
     length = scaled.length_m
     assert outcome.details["p1_objective"] / length**2 == pytest.approx(best, rel=2e-4, abs=2e-8)
@@ -141,10 +140,10 @@ def test_a_stance_alone_relaxes_the_course(small):
                 assert not any(answer.feasible for z, answer in choices.items() if z[stance] == e)
 
 
-def test_closing_boxes_leaves_what_a_stance_can_use(planner, modes):
+def test_closing_boxes_leaves_what_a_stance_can_use(programs, modes):
     course = build_course(SHORT, Path())
     scaled = Scaled.of(course)
-    allowed = planner.allowed(scaled, boxes_of(course, modes.boxes, "world"), Clock.start())
+    allowed = EnvelopeSearch(programs, course, modes, Clock.start()).allowed()
     wanted = [course.modes[frame] for frame, _ in scaled.layout.stances]
     carried = [
         all(abs(_normal(course, stance, limb)[2]) > 0.7 for limb in stance.limbs)
@@ -197,7 +196,7 @@ def test_modes_come_back_from_json_and_say_what_is_wrong_with_others(modes):
 def test_boxes_that_no_stance_can_use_are_reported_for_the_stance(modes):
     far = Envelope(low=modes.boxes.envelopes[0].low + 5.0, high=modes.boxes.envelopes[0].high + 5.0)
     boxes = type(modes.boxes)(**{**vars(modes.boxes), "envelopes": (far, far)})
-    outcome = EnvelopeCoursePlanner(Modes(names=modes.names, boxes=boxes)).solve(
+    outcome = TwoStagePlanner(Modes(names=modes.names, boxes=boxes)).solve(
         read_course("walls", frames=2)
     )
     assert outcome.status is Status.UNDECIDED

@@ -121,7 +121,7 @@ def test_a_walk_of_the_boxes_is_written_and_judged_by_them(tmp_path: Path) -> No
 
 def test_a_walk_with_legs_is_the_same_walk_and_runs_in_mujoco(walker: Robot) -> None:
     pytest.importorskip("mujoco")
-    from stancekit.runner.acceptance import AcceptedGait
+    from stancekit.runner.acceptance import Accepted
     from stancekit.runner.run import Runner
     from stancekit.runner.worlds import make_world
 
@@ -133,7 +133,7 @@ def test_a_walk_with_legs_is_the_same_walk_and_runs_in_mujoco(walker: Robot) -> 
     report = check_trajectory(found)
     assert report.accepted
     assert set(report.unchecked).isdisjoint(WHOLE_BODY)
-    accepted = AcceptedGait.verified(found, "walk")
+    accepted = Accepted.verified(found, "walk")
     with make_world("mujoco", accepted.robot) as world:
         run = Runner(world).run(accepted, accepted.ground())
     assert run.succeeded, run.message

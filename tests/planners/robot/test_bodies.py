@@ -220,7 +220,7 @@ def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_
     .3 rad.
     """
     rng, radius, found = np.random.default_rng(4), 0.01, list[bool]()
-    for _ in range(36):
+    for _ in range(24):
         ball = shape("LF_SHANK", "sphere", [radius], at=[0.0, 0.05, -0.15])
         alone = bodies([ball])
         first = standing(alone, 1.0)

@@ -18,7 +18,7 @@ from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.workspace_cache import workspaces_of
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def plan(folder: Path) -> Plan:
-    outcome = TwoStageCoursePlanner().solve(read_course(folder / "step.yaml"))
+    outcome = TwoStagePlanner().solve(read_course(folder / "step.yaml"))
     assert outcome.solution is not None, outcome.message
     return outcome.solution
 
@@ -169,7 +169,7 @@ def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does
         replace(course, weights=replace(course.weights, stance=0.0, com_path=pull))
         for pull in (0.0, 10.0)
     ]
-    far, near = (TwoStageCoursePlanner(gap=0.05).solve(each).solution for each in pulled)
+    far, near = (TwoStagePlanner(gap=0.05).solve(each).solution for each in pulled)
     assert near is not None
     assert far is not None
     off_m = [

@@ -17,7 +17,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.drawn_legs import link_lengths, outward_rad
 from stancekit.planners.robot.leg_ik import directions, swivels
 from stancekit.planners.robot.servo import FOOT_RADIUS_M, Servo
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.motion.plan_joints import plan_angles
@@ -36,7 +36,7 @@ def kinematics() -> Kinematics:
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=3))
+    outcome = TwoStagePlanner().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 

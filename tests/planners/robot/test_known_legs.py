@@ -28,7 +28,7 @@ from stancekit.planners.robot.servo import Servo
 from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
 from stancekit.planners.robot.workspace_cache import workspaces_of
 from stancekit.planners.search.plan_course import plan_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
 from .small_urdfs import quadruped
@@ -69,7 +69,7 @@ def four(**legs: Any) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def plan() -> Plan:
     """A plan for four limbs that nobody gave legs."""
-    found = plan_course(build_course(spec_from(FOUR)), TwoStageCoursePlanner()).solution
+    found = plan_course(build_course(spec_from(FOUR)), TwoStagePlanner()).solution
     assert found is not None
     return found
 
@@ -101,7 +101,7 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
     assert set(kinematics.velocity_rad_s) == {3.0}
     again = Problem.from_json(json.loads(json.dumps(course.to_json())))
     assert again.robot.drawn == servo
-    found = plan_course(course, TwoStageCoursePlanner()).solution
+    found = plan_course(course, TwoStagePlanner()).solution
     assert found is not None
     report = check_plan(found, joints=True)
     assert set(report.unchecked).isdisjoint(WHOLE_BODY)
@@ -159,7 +159,7 @@ def test_an_older_plan_with_joints_is_judged_with_the_legs_that_it_had(tmp_path:
     theirs.
     """
     drawn = build_course(spec_from(four(torque_nm=40.0)))
-    found = plan_course(drawn, TwoStageCoursePlanner()).solution
+    found = plan_course(drawn, TwoStagePlanner()).solution
     assert found is not None
     assert found.joints_rad is not None
     report = check_plan(found, joints=True)

@@ -16,7 +16,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.problem import StepLimits
 from stancekit.planners.search.decoupled import DecoupledPlanner, Positions
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 
 
@@ -31,7 +31,7 @@ def test_on_level_ground_it_plans_as_the_two_stage_planner_does(planner, program
     assert outcome.status is Status.FEASIBLE
     assert check_plan(outcome.solution).accepted
     assert outcome.objective == pytest.approx(
-        TwoStageCoursePlanner(programs=programs).solve(course).objective, rel=1e-4
+        TwoStagePlanner(programs=programs).solve(course).objective, rel=1e-4
     )
     assert outcome.details["on_ice"] == 0.0
 
@@ -40,7 +40,7 @@ def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_
     planner, programs
 ):
     failed = on_ice = 0
-    coupled = TwoStageCoursePlanner(programs=programs)
+    coupled = TwoStagePlanner(programs=programs)
     for seed in range(8):
         course = walls_of_ice(seed)
         ours, theirs = coupled.solve(course), planner.solve(course)

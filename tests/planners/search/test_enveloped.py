@@ -19,9 +19,8 @@ from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.robot import hexapod
-from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
@@ -159,7 +158,7 @@ def test_the_hard_form_has_an_answer_exactly_where_the_margin_is_not_positive(le
 @pytest.mark.parametrize("axes", ["contact", "world"])
 def test_an_envelope_around_a_plan_admits_it_so_that_p1_costs_no_more(axes, programs):
     course = perturbed("walls", np.random.default_rng(3), frames=3)
-    outcome = TwoStageCoursePlanner(programs=programs).solve(course)
+    outcome = TwoStagePlanner(programs=programs).solve(course)
     assert outcome.solution is not None
     scaled, points = Scaled.of(course), points_of(outcome.solution)
     if axes == "world":
@@ -185,7 +184,7 @@ def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(
 ):
     course = read_course(name, frames=3)
     wide = replace(learned[of], envelopes=(learned[of].envelopes[0].widened(0.05),))
-    outcome = EnvelopeCoursePlanner(wide, programs=programs).solve(course)
+    outcome = TwoStagePlanner(wide, programs=programs).solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert np.isnan(outcome.bound)  # a learned box proves no bound
 
@@ -193,15 +192,15 @@ def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(
 @pytest.mark.parametrize("projection", ["fix-p", "fix-toes"])
 def test_the_papers_projections_are_there_too(projection, learned, programs):
     course = read_course("walls", frames=3)
-    outcome = EnvelopeCoursePlanner(
-        learned["wall-3"], projection=projection, programs=programs
-    ).solve(course)
+    outcome = TwoStagePlanner(learned["wall-3"], projection=projection, programs=programs).solve(
+        course
+    )
     assert outcome.status is Status.FEASIBLE, outcome.message
 
 
 def test_a_box_too_small_is_reported_with_its_margin_and_proves_nothing(learned, programs):
     narrow = replace(learned["wall-3"], envelopes=(_shrunk(learned["wall-3"].envelopes[0], 0.1),))
-    outcome = EnvelopeCoursePlanner(narrow, programs=programs).solve(read_course("walls", frames=3))
+    outcome = TwoStagePlanner(narrow, programs=programs).solve(read_course("walls", frames=3))
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "infeasible")
     assert outcome.details["margin"] > 1e-3
     assert "over a learned box that is no proof" in outcome.message
@@ -212,9 +211,7 @@ def test_of_several_envelopes_the_one_that_fits_is_taken(learned, programs):
     up = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
     away = Envelope(low=box.low + up, high=box.high + up)
     several = replace(learned["wall-3"], envelopes=(away, box))
-    outcome = EnvelopeCoursePlanner(several, programs=programs).solve(
-        read_course("walls", frames=2)
-    )
+    outcome = TwoStagePlanner(several, programs=programs).solve(read_course("walls", frames=2))
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert outcome.solution.modes is None  # envelopes of one terrain are no modes
 
@@ -226,7 +223,7 @@ def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learn
         com_radius_m=np.full(3, 1e-3),
         steps=replace(course.steps, com_m=0.01, progress_m=0.0),
     )
-    outcome = EnvelopeCoursePlanner(learned["wall-3"], programs=programs).solve(short)
+    outcome = TwoStagePlanner(learned["wall-3"], programs=programs).solve(short)
     assert outcome.status is Status.INFEASIBLE
     assert check_certificate(outcome.certificate.of(short)).accepted
 

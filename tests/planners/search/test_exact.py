@@ -21,9 +21,9 @@ from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search import cuts
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.chords import cut, halving_chord
-from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import NlpPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_plan
 
@@ -431,7 +431,7 @@ def test_huge_scales_in_a_file_buy_no_tolerance(programs, drawn):
 
 @pytest.fixture(scope="module")
 def courses(programs):
-    return ExactCoursePlanner(programs=programs, time_limit_s=60.0)
+    return ExactPlanner(programs=programs, time_limit_s=60.0)
 
 
 def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have_closed_some(
@@ -447,9 +447,9 @@ def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have
             assert outcome.bound <= outcome.objective * (1.0 + 1e-6)
             assert outcome.claim == "optimal"
             assert outcome.objective - outcome.bound <= 1.1e-3 * outcome.objective
-            assert TwoStageCoursePlanner(programs=programs).solve(
-                course
-            ).objective >= outcome.bound * (1.0 - 1e-6)
+            assert TwoStagePlanner(programs=programs).solve(course).objective >= outcome.bound * (
+                1.0 - 1e-6
+            )
         else:
             assert check_certificate(outcome.certificate.of(course)).accepted
         cuts += outcome.details["cuts"]
@@ -508,7 +508,7 @@ def _area(border: np.ndarray) -> float:
 
 def test_a_box_of_no_size_about_a_plans_forces_makes_the_lift_exact(climb, programs):
     course = climb(GAPPED[1])
-    outcome = TwoStageCoursePlanner(programs=programs, gap=1e-4).solve(course)
+    outcome = TwoStagePlanner(programs=programs, gap=1e-4).solve(course)
     whole = part = Scaled.of(course)
     stance, limb, foothold = whole.layout.contacts
     forces = np.einsum(
@@ -537,7 +537,7 @@ def test_boxes_met_with_their_cones_change_no_bound(climb, programs):
 
 def test_at_its_limit_the_plan_stays_and_the_bound_says_how_far_it_may_be_off(climb, programs):
     course = climb(GAPPED[1])
-    outcome = ExactCoursePlanner(programs=programs, max_nodes=3).solve(course)
+    outcome = ExactPlanner(programs=programs, max_nodes=3).solve(course)
     assert outcome.status is Status.FEASIBLE
     assert outcome.claim == ""
     assert outcome.message == "the search met its limit (3 nodes)"
@@ -549,9 +549,9 @@ def test_at_its_limit_the_plan_stays_and_the_bound_says_how_far_it_may_be_off(cl
 
 def test_bad_settings_are_refused():
     with pytest.raises(InvalidInput, match="gap: expected a number above 0"):
-        ExactCoursePlanner(gap=0.0)
-    with pytest.raises(InvalidInput, match="max_nodes: expected 1 or more, got 0"):
-        ExactCoursePlanner(max_nodes=0)
+        ExactPlanner(gap=0.0)
+    with pytest.raises(InvalidInput, match="max_nodes: expected 0 or more, got -1"):
+        ExactPlanner(max_nodes=-1)
 
 
 @pytest.mark.parametrize("seed", GAPPED)

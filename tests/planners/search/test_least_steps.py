@@ -17,9 +17,9 @@ from stancekit.planners.problem.limits import StepLimits
 from stancekit.planners.problem.sides import half_space, parts, too_small
 from stancekit.planners.projection.least_steps import along, lengths_of
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.exact import ExactCoursePlanner
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import NlpPlanner
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan, explain
 
 from .test_exact import scip
@@ -75,9 +75,7 @@ def test_sides_cover_all_directions_and_each_half_space_holds_its_own_long_enoug
     assert not too_small(sides[0])
 
 
-@pytest.mark.parametrize(
-    "make", [TwoStageCoursePlanner, partial(ExactCoursePlanner, max_nodes=20), NlpPlanner]
-)
+@pytest.mark.parametrize("make", [TwoStagePlanner, partial(ExactPlanner, max_nodes=20), NlpPlanner])
 def test_plans_step_as_far_and_would_not_without(climb, programs, make):
     course = climb(4, frames=3)
     asked = least(course, least_toe_m=0.06, least_rotation_rad=0.04)
@@ -104,9 +102,9 @@ def test_plans_step_as_far_and_would_not_without(climb, programs, make):
 @pytest.mark.parametrize("share", [0.5, 0.95])
 def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, programs, share):
     course = climb(4, frames=2)
-    found = TwoStageCoursePlanner(programs=programs).solve(turned(course, share))
+    found = TwoStagePlanner(programs=programs).solve(turned(course, share))
     assert found.status is Status.FEASIBLE
-    refuted = TwoStageCoursePlanner(programs=programs).solve(turned(course, 2.0 - share))
+    refuted = TwoStagePlanner(programs=programs).solve(turned(course, 2.0 - share))
     assert refuted.status is Status.INFEASIBLE
     assert "steps.least_rotation_rad would have to fall" in explain(refuted.certificate).message
 
@@ -114,9 +112,9 @@ def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, program
 def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
     course = climb(4, frames=2)
     assert len(course.moves) >= 1
-    found = TwoStageCoursePlanner(programs=programs).solve(stepped(course, 0.6))
+    found = TwoStagePlanner(programs=programs).solve(stepped(course, 0.6))
     assert found.status is Status.FEASIBLE
-    refuted = TwoStageCoursePlanner(programs=programs).solve(stepped(course, 1.05))
+    refuted = TwoStagePlanner(programs=programs).solve(stepped(course, 1.05))
     assert refuted.status is Status.INFEASIBLE
     proof = refuted.certificate
     assert (proof.tree[:, 0] == 4.0).any()
@@ -125,7 +123,7 @@ def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
 
 def test_forged_proofs_are_refused(climb, programs):
     course = turned(climb(4, frames=2), 1.3)
-    proof = TwoStageCoursePlanner(programs=programs).solve(course).certificate
+    proof = TwoStagePlanner(programs=programs).solve(course).certificate
     assert check_certificate(proof).accepted
     feasible = turned(climb(4, frames=2), 0.5)
     assert not check_certificate(proof.of(feasible)).accepted
@@ -146,7 +144,7 @@ def test_forged_proofs_are_refused(climb, programs):
 
 def test_a_row_that_is_used_backwards_proves_nothing(climb, programs):
     course = turned(climb(4, frames=2), 1.3)
-    proof = TwoStageCoursePlanner(programs=programs).solve(course).certificate
+    proof = TwoStagePlanner(programs=programs).solve(course).certificate
     rows = np.array(proof.multipliers)
     rows[:, -1] *= -1.0
     assert not check_certificate(replace(proof, multipliers=rows)).accepted
@@ -154,7 +152,7 @@ def test_a_row_that_is_used_backwards_proves_nothing(climb, programs):
 
 def test_the_reference_solves_the_same_programs(climb, programs):
     course = least(climb(6, frames=3), least_toe_m=0.05, least_rotation_rad=0.03)
-    free = TwoStageCoursePlanner(programs=programs).solve(climb(6, frames=3))
+    free = TwoStagePlanner(programs=programs).solve(climb(6, frames=3))
     scaled = Scaled.of(along(course, free.solution))
     ours = solve_lift(programs, scaled, least_moment=False)
     theirs = solve_lift(Programs(engine="cvxpy"), scaled, least_moment=False)
@@ -168,7 +166,7 @@ def test_scip_agrees_on_the_problem_with_its_nonconvex_rows(climb, programs, see
     course = climb(seed, frames=2)
     for lengths in ({"least_toe_m": 0.08}, {"least_rotation_rad": 0.05}):
         asked = least(course, **lengths)
-        outcome = ExactCoursePlanner(programs=programs).solve(asked)
+        outcome = ExactPlanner(programs=programs).solve(asked)
         best, bound = scip(asked, nodes=200)
         assert outcome.status is Status.FEASIBLE
         assert bound <= outcome.objective * 1.002
@@ -177,7 +175,7 @@ def test_scip_agrees_on_the_problem_with_its_nonconvex_rows(climb, programs, see
 
 def test_within_the_time_limit_nothing_is_claimed(climb, programs):
     course = turned(climb(4, frames=2), 1.02)
-    outcome = TwoStageCoursePlanner(programs=programs, time_limit_s=1e-3).solve(course)
+    outcome = TwoStagePlanner(programs=programs, time_limit_s=1e-3).solve(course)
     assert outcome.status is Status.UNDECIDED
     assert outcome.certificate is None
     assert outcome.message

@@ -309,9 +309,9 @@ def test_patches_are_chosen_by_binaries():
     assert any(
         len({patch.friction for patch in course.footholds[p].candidates}) == 2 for p in carrying
     )
-    assert all(
-        course.patch(p, outcome.solution.choice).friction > 0.0 for p in carrying
-    )  # three limbs, all needed
+    frictions = [course.patch(p, outcome.solution.choice).friction for p in carrying]
+    assert np.count_nonzero(frictions) >= 2  # ice may push, and cannot hold
+    assert check_plan(outcome.solution).accepted
 
 
 def test_candidates_of_several_frames_share_the_axes_of_the_world(ragged):
@@ -433,7 +433,7 @@ def test_options_that_there_are_not_are_refused(make, message):
 
 def test_a_set_of_several_envelopes_is_refused(learned):
     two = replace(learned, envelopes=learned.envelopes * 2)
-    with pytest.raises(InvalidInput, match=r"^envelopes: expected one for micp, got 2$"):
+    with pytest.raises(InvalidInput, match=r"^envelopes: expected one envelope for micp, got 2$"):
         MicpPlanner(envelope=two)
 
 

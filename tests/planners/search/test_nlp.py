@@ -18,7 +18,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import STARTS, NlpPlanner, starting_points
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 
@@ -92,7 +92,7 @@ def test_ice_on_level_ground_is_no_obstacle(drawn):
 def test_it_plans_what_the_two_stage_planner_plans_and_nothing_that_is_refuted(
     start, ragged, programs
 ):
-    planner, best = NlpPlanner(start=start, programs=programs), TwoStageCoursePlanner(gap=1e-4)
+    planner, best = NlpPlanner(start=start, programs=programs), TwoStagePlanner(gap=1e-4)
     found = refuted = 0
     for seed in range(19):
         course = ragged(seed, candidates=1, ice=0.0)

@@ -19,7 +19,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search import pieces
 from stancekit.planners.search.pieces import in_pieces, plan_pieces
 from stancekit.planners.search.plan_window import Standing, course_window
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
 
@@ -57,7 +57,7 @@ def course():
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStageCoursePlanner()
+    return TwoStagePlanner()
 
 
 def piece_of(planner, fails=()):

@@ -21,13 +21,13 @@ from stancekit.planners.search.plan_window import (
     joined,
     one_at_a_time,
 )
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStageCoursePlanner()
+    return TwoStagePlanner()
 
 
 @pytest.fixture(scope="module")

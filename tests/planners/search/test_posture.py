@@ -15,12 +15,12 @@ from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.search import posture
+from stancekit.planners.search import two_stage
 from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner, settings_of
-from stancekit.planners.search.posture import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 
 SEEDS = range(60)
@@ -67,7 +67,7 @@ def test_a_status_is_always_one_of_the_whole_problem(
     for problem, exact in truth[:40]:
         outcome = planner.solve(problem)
         seen[outcome.status] += 1
-        assert outcome.method == planner.name
+        assert outcome.method == planner.posture_name
         if outcome.status is Status.FEASIBLE:
             assert exact.status is Status.FEASIBLE
             assert check_plan(outcome.solution).accepted
@@ -155,9 +155,9 @@ def test_p1_alone_is_feasible_only_where_its_own_point_is_a_posture(programs, tr
 
 
 def test_a_projection_without_answer_is_told(truth, programs, monkeypatch):
-    project = posture.project
+    project = two_stage.project
     monkeypatch.setattr(
-        posture, "project", lambda *given: replace(project(*given), residual=float("inf"))
+        two_stage, "project", lambda *given: replace(project(*given), residual=float("inf"))
     )
     problem = next(p for p, o in truth if o.status is Status.FEASIBLE)
     outcome = TwoStagePlanner(projection="fix-f", programs=programs).solve(problem)
@@ -260,22 +260,23 @@ def test_an_unknown_projection_is_refused():
 
 
 def test_names_say_what_runs(learned):
-    assert TwoStagePlanner(envelopes=learned).name == "two-stage"
-    assert TwoStagePlanner(envelopes=learned, projection=None).name == "p1"
-    assert TwoStagePlanner().name == "lift+scp"
-    assert TwoStagePlanner(projection="fix-p").name == "lift+fix-p"
-    assert TwoStagePlanner(projection=None).name == "lift"
+    assert TwoStagePlanner(envelopes=learned).posture_name == "two-stage"
+    assert TwoStagePlanner(envelopes=learned, projection=None).posture_name == "p1"
+    assert TwoStagePlanner().posture_name == "lift+scp"
+    assert TwoStagePlanner(projection="fix-p").posture_name == "lift+fix-p"
+    assert TwoStagePlanner(projection=None).posture_name == "lift"
 
 
 def test_planners_are_made_by_name(learned):
     names = {}
     for method in METHODS:
         some = boxed(learned, learned.envelopes[0]) if "envelopes" in settings_of(method) else None
-        names[method] = make_planner(method, envelopes=some, of="postures").name
+        planner = make_planner(method, envelopes=some, of="postures")
+        names[method] = getattr(planner, "posture_name", planner.name)
     assert set(names) == {"exact", "p1", "lift", "two-stage", "nlp", "micp"}
     for method in ("exact", "p1", "lift", "two-stage", "nlp"):
         assert names[method] == method
-    assert make_planner("two-stage", projection="fix-f", of="postures").name == "lift+fix-f"
+    assert make_planner("two-stage", projection="fix-f", of="postures").posture_name == "lift+fix-f"
     assert refusal(make_planner, "magic", of="postures") == (
         "method: expected one of exact, p1, lift, two-stage, nlp, micp, or FILE.py:NAME, got 'magic'"
     )

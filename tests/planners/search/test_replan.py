@@ -13,7 +13,7 @@ from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.plan_window import Standing, course_window, joined
 from stancekit.planners.search.replan import replan
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
 
@@ -52,15 +52,15 @@ def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
 
 def test_it_is_the_planner_on_the_window_and_without_a_horizon_on_all_that_is_left(course):
     first = replan(None, course)
-    same(first, TwoStageCoursePlanner().solve(course_window(course, 0, course.frames - 1)))
+    same(first, TwoStagePlanner().solve(course_window(course, 0, course.frames - 1)))
     state = Standing.at_end(replan(None, course, horizon=2).solution)
     window = course_window(course, 2, course.frames - 1, state)
-    same(replan(state, course, frame=2), TwoStageCoursePlanner().solve(window))
+    same(replan(state, course, frame=2), TwoStagePlanner().solve(window))
 
 
 def test_the_answer_depends_on_the_arguments_alone(course, climb, rough):
     state = Standing.at_end(replan(None, course, horizon=2).solution)
-    planner = TwoStageCoursePlanner(programs=Programs())
+    planner = TwoStagePlanner(programs=Programs())
     first, kept = (
         replan(state, course, frame=2, horizon=2, planner=some) for some in (None, planner)
     )
@@ -79,7 +79,7 @@ def test_a_policy_is_asked_for_the_window_and_its_planner_answers(course):
 
     def policy(window):
         seen.append(window)
-        return TwoStageCoursePlanner(projection="fix-toes")
+        return TwoStagePlanner(projection="fix-toes")
 
     outcome = replan(None, course, horizon=1, planner=policy)
     assert [window.frames for window in seen] == [2]
@@ -92,7 +92,7 @@ def test_with_shares_it_keeps_a_reserve_of_friction_where_there_is_one(course):
     assert check_plan(outcome.solution).accepted
     window = slippery(course_window(course, 0, 1), 0.9)
     np.testing.assert_array_equal(
-        outcome.solution.com_m, TwoStageCoursePlanner().solve(window).solution.com_m
+        outcome.solution.com_m, TwoStagePlanner().solve(window).solution.com_m
     )
 
 

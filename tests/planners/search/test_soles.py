@@ -28,10 +28,10 @@ from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.decoupled import DecoupledPlanner
-from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import (
     check_certificate,
@@ -362,7 +362,7 @@ def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_co
     programs, ragged, bounded, soled
 ):
     """Over several candidates, whose trees and nogoods carry all multipliers."""
-    courses = TwoStageCoursePlanner(programs=programs, max_nodes=60, time_limit_s=4.0)
+    courses = TwoStagePlanner(programs=programs, max_nodes=60, time_limit_s=4.0)
     plans, proofs = [], []
     for seed in range(10):
         rough = replace(ragged(seed, frames=2, ice=0.1), tilt_limit_rad=0.05)
@@ -398,7 +398,7 @@ def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Problem:
     )
 
 
-@pytest.mark.parametrize("make", [TwoStageCoursePlanner, ExactCoursePlanner])
+@pytest.mark.parametrize("make", [TwoStagePlanner, ExactPlanner])
 def test_the_yaw_that_carries_is_chosen_and_where_none_does_there_is_a_proof(make):
     for com_y, chosen in ((0.03, None), (0.08, 1)):
         outcome = make().solve(beam_course(com_y))
@@ -422,7 +422,7 @@ def climbed(tmp_path_factory):
     path = tmp_path_factory.mktemp("soles") / "stairs.yaml"
     path.write_text(STAIRS)
     course = read_course(path)
-    return course, TwoStageCoursePlanner().solve(course)
+    return course, TwoStagePlanner().solve(course)
 
 
 def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbed, tmp_path):

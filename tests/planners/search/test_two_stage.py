@@ -21,7 +21,7 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search import nogoods
 from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.clock import Clock
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner, decide
+from stancekit.planners.search.two_stage import TwoStagePlanner, decide
 from stancekit.planners.verify import check_certificate, check_plan
 
 TORN = {"regions": 2, "ice": 0.5}
@@ -29,7 +29,7 @@ TORN = {"regions": 2, "ice": 0.5}
 
 @pytest.fixture(scope="module")
 def planner(programs):
-    return TwoStageCoursePlanner(programs=programs)
+    return TwoStagePlanner(programs=programs)
 
 
 @pytest.mark.parametrize("name", ["walls", "stairs"])
@@ -46,7 +46,7 @@ def test_a_status_is_always_one_that_the_verifier_confirms_whatever_the_projecti
     climb, rough, programs, planner, projection
 ):
     ours, seen = (
-        TwoStageCoursePlanner(projection=projection, programs=programs, time_limit_s=20.0),
+        TwoStagePlanner(projection=projection, programs=programs, time_limit_s=20.0),
         set(),
     )
     for course in [
@@ -73,10 +73,10 @@ def test_without_cuts_what_p1_admits_and_p2_does_not_find_stays_open_and_with_th
 ):
     monkeypatch.setattr(nogoods, "NODES", 1)  # or its stance alone would tell
     course = as_course(drawn("wall-3", 225))
-    blunt = TwoStageCoursePlanner(programs=programs, cuts=False).solve(course)
+    blunt = TwoStagePlanner(programs=programs, cuts=False).solve(course)
     message = "P1 admits the course, but P2 found no plan from its points"
     assert (blunt.status, blunt.message, blunt.certificate) == (Status.UNDECIDED, message, None)
-    sharp = TwoStageCoursePlanner(programs=programs).solve(course)
+    sharp = TwoStagePlanner(programs=programs).solve(course)
     assert sharp.status is Status.INFEASIBLE
     assert sharp.details["cuts"] > 1.0
 
@@ -101,8 +101,7 @@ def test_decided_by_cuts_alone_courses_have_the_verdict_of_the_planner(
 
 def test_the_first_plan_may_be_far_from_the_best_and_a_gap_closes_that(climb, programs):
     first, best = (
-        TwoStageCoursePlanner(programs=programs, gap=gap).solve(climb(7, **TORN))
-        for gap in (None, 1e-4)
+        TwoStagePlanner(programs=programs, gap=gap).solve(climb(7, **TORN)) for gap in (None, 1e-4)
     )
     assert first.details["guessed"]
     assert best.objective < 0.5 * first.objective
@@ -110,7 +109,7 @@ def test_the_first_plan_may_be_far_from_the_best_and_a_gap_closes_that(climb, pr
 
 
 def test_the_same_course_gets_the_same_plan_whatever_was_solved_before(climb, programs):
-    planner = TwoStageCoursePlanner(programs=programs)
+    planner = TwoStagePlanner(programs=programs)
     first = planner.solve(climb(1, **TORN))
     planner.solve(climb(3, **TORN))
     again = planner.solve(climb(1, **TORN))
@@ -122,9 +121,7 @@ def test_neither_new_programs_nor_few_of_them_change_an_answer(climb, rough):
     courses = [climb(1), climb(5, **TORN), rough(1, regions=2), climb(2, frames=1), rough(2)]
     shared, few = Programs(), Programs(most=2)
     for course in [*courses, *courses[::-1]]:
-        said = [
-            TwoStageCoursePlanner(programs=some).solve(course) for some in (Programs(), shared, few)
-        ]
+        said = [TwoStagePlanner(programs=some).solve(course) for some in (Programs(), shared, few)]
         for other in said[1:]:
             assert (other.status, other.effort.solves) == (said[0].status, said[0].effort.solves)
             if other.solution is None:
@@ -139,8 +136,8 @@ def test_neither_new_programs_nor_few_of_them_change_an_answer(climb, rough):
 
 def test_units_do_not_matter(climb, programs):
     course = climb(2)
-    other = TwoStageCoursePlanner(programs=programs).solve(replace(course, length_scale_m=0.5))
-    same = TwoStageCoursePlanner(programs=programs).solve(course)
+    other = TwoStagePlanner(programs=programs).solve(replace(course, length_scale_m=0.5))
+    same = TwoStagePlanner(programs=programs).solve(course)
     assert other.bound == pytest.approx(same.bound, rel=1e-4)
 
 
@@ -148,9 +145,9 @@ def test_bad_settings_are_refused():
     with pytest.raises(
         InvalidInput, match=r"projection: expected one of fix-p, .*, or FILE.py:NAME, got 'magic'"
     ):
-        TwoStageCoursePlanner(projection="magic")
+        TwoStagePlanner(projection="magic")
     with pytest.raises(InvalidInput, match="gap: expected a number above 0"):
-        TwoStageCoursePlanner(gap=0.0)
+        TwoStagePlanner(gap=0.0)
 
 
 # --------------------------------------------------------------------------------------------------------

@@ -81,7 +81,7 @@ def test_a_witness_does_not_depend_on_who_else_is_asked(name):
 
 @NAMES
 def test_the_same_witness_is_found_in_fewer_steps_where_it_is_found(name):
-    batch = batch_of(name, 400)
+    batch = batch_of(name, 200)
     early, late = contents(canonical(batch, SHORT)), contents(canonical(batch, LONG))
     assert 0 < len(early) < len(late)
     assert early.items() <= late.items()
@@ -105,7 +105,7 @@ def test_no_solver_takes_part_in_a_witness(name, programs):
 
 @NAMES
 def test_nothing_infeasible_is_ever_claimed(name, programs):
-    batch = batch_of(name, 120)
+    batch = batch_of(name, 60)
     planner = ExactPlanner(programs=programs, time_limit_s=np.inf)
     infeasible = {
         k
@@ -161,7 +161,7 @@ def test_a_body_that_may_not_move_has_no_middle_and_is_left_to_the_search(read_o
 @NAMES
 def test_a_batch_is_decided_as_its_problems_are_one_by_one(name, programs):
     planner = ExactPlanner(programs=programs, acceptance=Acceptance(), time_limit_s=np.inf)
-    batch = batch_of(name, 100, seed=8)
+    batch = batch_of(name, 40, seed=8)
     answers, found = solve_all(planner, batch), contents(canonical(batch))
     for k, (together, problem) in enumerate(zip(answers, batch.problems, strict=True)):
         alone = planner.solve(problem)

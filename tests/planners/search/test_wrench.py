@@ -21,10 +21,10 @@ from stancekit.planners.projection.force_distribution import (
 )
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.batch import decide_all
-from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.screen import unsupported
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 
 
@@ -123,8 +123,8 @@ def test_courses_carry_a_wrench_that_changes_or_it_is_proved_that_none_can(
         course = replace(
             plain, wrench=np.array([0.4 * random_wrench(plain, rng) for _ in range(plain.frames)])
         )
-        best = ExactCoursePlanner(programs=programs, time_limit_s=20.0).solve(course)
-        found = TwoStageCoursePlanner(programs=programs).solve(course)
+        best = ExactPlanner(programs=programs, time_limit_s=20.0).solve(course)
+        found = TwoStagePlanner(programs=programs).solve(course)
         for answer in (best, found):
             if answer.solution is not None:
                 assert check_plan(answer.solution).accepted
@@ -139,7 +139,7 @@ def test_courses_carry_a_wrench_that_changes_or_it_is_proved_that_none_can(
 
 
 def test_a_wrench_of_zeros_is_none(ragged: Callable[..., Problem], programs: Programs) -> None:
-    planner, compared = TwoStageCoursePlanner(programs=programs), 0
+    planner, compared = TwoStagePlanner(programs=programs), 0
     for seed in range(10):
         course = ragged(seed, frames=2)
         plain, zeros = (

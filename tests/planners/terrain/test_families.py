@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.families import (
     SCENE,
     SCENES,
@@ -42,7 +42,7 @@ def lines(spacing):
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStageCoursePlanner(programs=Programs(), time_limit_s=10.0)
+    return TwoStagePlanner(programs=Programs(), time_limit_s=10.0)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -65,7 +65,7 @@ def test_the_level_leaves_what_is_drawn_alone(family):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_level_0_always_has_a_plan(family, planner):
-    for seed in range(3):
+    for seed in range(2):
         outcome = planner.solve(read_course(f"{family}:0:{seed}"))
         assert outcome.status is Status.FEASIBLE
         assert check_plan(outcome.solution).accepted
@@ -227,10 +227,10 @@ def below_an_edge(places, patches):
 
 @pytest.mark.parametrize("family", [name for name in SCENES if name != "walls"])
 def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
-    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 7 draws, levels from 1/7 to 1."""
+    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; four draws, levels from 1/4 to 1."""
     rng, looked = np.random.default_rng(0), 0
-    for seed in range(7):
-        level = (seed + 1) / 7
+    for seed in range(4):
+        level = (seed + 1) / 4
         scene, whole = (
             family_terrain(family, level, seed),
             family_terrain(family, level, seed, WIDE),
@@ -249,10 +249,10 @@ def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
 
 @pytest.mark.parametrize("family", SMOOTH)
 def test_patches_of_smooth_ground_keep_to_its_heights(family):
-    """Footholds are planes within three times the roughness of a foothold, 18 mm; 20 draws."""
+    """Footholds are planes within three times the roughness of a foothold, 18 mm; six draws."""
     rng, looked = np.random.default_rng(0), 0
-    for seed in range(20):
-        scene = family_terrain(family, (seed + 1) / 20, seed)
+    for seed in range(6):
+        scene = family_terrain(family, (seed + 1) / 6, seed)
         if not scene.footholds:
             continue
         places, _ = under(scene.footholds, rng)
@@ -278,9 +278,7 @@ def test_the_ground_about_a_start_is_part_of_all_the_ground(family):
         np.testing.assert_allclose(whole.grid(x[1:-1], y[1:-1]), inside, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "name", ["stairs:0.3:7", "stones:0.2:7", "rubble:0.2:1", "rough:0.4:7", "ramps:0.5:3"]
-)
+@pytest.mark.parametrize("name", ["stairs:0.3:7", "stones:0.2:7", "rough:0.4:7", "ramps:0.5:3"])
 def test_a_name_is_one_ground_for_key_frames_walks_and_footholds(name):
     family, level, seed = read_draw(name, "course")
     scene, walked = family_terrain(family, level, seed), named_terrain(name)

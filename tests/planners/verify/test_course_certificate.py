@@ -15,7 +15,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
 from stancekit.planners.verify.multipliers import multiplier_count, multiplier_shapes
 from stancekit.planners.verify.stances import Schedule
@@ -42,7 +42,7 @@ def slippery():
             for put in base.footholds
         )
         course = replace(base, footholds=footholds)
-        return course, TwoStageCoursePlanner(programs=PROGRAMS).solve(course)
+        return course, TwoStagePlanner(programs=PROGRAMS).solve(course)
 
     return made
 
@@ -139,7 +139,7 @@ def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasib
             ),
         )
         course = replace(base, footholds=footholds, robot=robot)
-        outcome = TwoStageCoursePlanner(programs=PROGRAMS).solve(course)
+        outcome = TwoStagePlanner(programs=PROGRAMS).solve(course)
         if outcome.status is Status.FEASIBLE:
             feasible.append(course)
         else:

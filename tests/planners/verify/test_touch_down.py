@@ -10,7 +10,9 @@ import pytest
 import stancekit
 from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.terrain.certainty import Certainty
+from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.geometry import patch_distances
 from stancekit.planners.verify.touch_down import ground_group
 
 
@@ -23,11 +25,52 @@ def answer():
 
 
 def with_certainty(plan, certainty):
+    """The plan on patches with another certainty, on a terrain that says nothing of its own."""
     footholds = tuple(
         replace(put, candidates=tuple(patch.with_certainty(certainty) for patch in put.candidates))
         for put in plan.problem.footholds
     )
-    return replace(plan, problem=replace(plan.problem, footholds=footholds))
+    terrain = tuple(patch.with_certainty(None) for patch in plan.problem.terrain)
+    return replace(plan, problem=replace(plan.problem, footholds=footholds, terrain=terrain))
+
+
+def of_another_hand(plan, toe_m, certainty=None, half_m=0.03):
+    """The plan with its last toe at another place, on a square of its own there."""
+    toes, last, put = plan.toes_m.copy(), len(plan.toes_m) - 1, plan.problem.footholds[-1]
+    old = plan.problem.patch(last, plan.choice)
+    toes[last] = toe_m
+    corners = half_m * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ old.frame[:, 1:].T + toe_m
+    square = Patch(
+        vertices_m=corners,
+        normal=old.normal,
+        shear_reference=old.shear_reference,
+        friction=old.friction,
+        certainty=certainty,
+    )
+    footholds = (*plan.problem.footholds[:-1], replace(put, candidates=(square,)))
+    choice = np.array(plan.choice)
+    choice[last] = 0
+    problem = replace(plan.problem, footholds=footholds)
+    return replace(plan, problem=problem, toes_m=toes, choice=choice)
+
+
+def beside_the_border(plan, out_m):
+    """A place in the plane of the last toe's surface, so far outside of where its edge most likely is."""
+    toe, terrain = plan.toes_m[-1], plan.problem.terrain
+    i = min(
+        range(len(terrain)),
+        key=lambda i: float(patch_distances([terrain[i].vertices_m], toe[None])[0]),
+    )
+    patch = terrain[i]
+    place = toe.copy()
+    slope = -patch.normal[:2] / patch.normal[2]
+    low, high = 0.0, 3.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        place = toe + middle * np.array([0.0, 1.0, slope[1]])
+        inside = float(patch_distances([patch.vertices_m], place[None])[0]) < 1e-9
+        low, high = (middle, high) if inside else (low, middle)
+    return place - (patch.certainty.wider_m - out_m) * np.array([0.0, 1.0, slope[1]])
 
 
 def test_a_plan_over_a_noisy_map_has_the_group_and_its_file_keeps_it(answer, tmp_path):
@@ -50,3 +93,44 @@ def test_a_ground_that_is_not_known_to_the_touch_down_is_refused(answer, sd_m, h
 
 def test_exact_terrain_has_no_such_group(answer):
     assert ground_group(with_certainty(answer.solution, None)) is None
+
+
+def test_the_border_that_bodies_keep_out_of_carries_no_toe_of_another_plan(answer):
+    plan = answer.solution
+    for out_m in (0.004, 0.012):
+        report = check_plan(of_another_hand(plan, beside_the_border(plan, out_m)))
+        assert report.group("terrain").value == pytest.approx(out_m, abs=1e-3)
+        assert report.group("terrain").verdict == "violated"
+    inside = check_plan(of_another_hand(plan, beside_the_border(plan, -0.05)))
+    assert inside.group("terrain").verdict == "holds"
+
+
+def test_a_plan_that_hides_how_unsure_its_ground_is_is_judged_by_the_terrain(answer):
+    plan = answer.solution
+    bare = tuple(
+        replace(put, candidates=tuple(patch.with_certainty(None) for patch in put.candidates))
+        for put in plan.problem.footholds
+    )
+    hidden = replace(plan, problem=replace(plan.problem, footholds=bare))
+    assert check_plan(hidden).group("ground").verdict == "violated"
+    last = plan.problem.patch(len(plan.toes_m) - 1, plan.choice)
+    sure = replace(last.certainty, inset_m=9.0)  # far from its edges, it says
+    place = beside_the_border(plan, 0.0)
+    group = ground_group(of_another_hand(plan, place, sure))
+    assert group.verdict == "violated"
+    assert 0.3 < group.value < 0.7  # on the edge
+
+
+@pytest.mark.parametrize("spacing_m", [0.02, 0.05])
+def test_exact_maps_carry_toes_up_to_their_samples_and_bodies_keep_out_of_half_a_sample_more(
+    spacing_m,
+):
+    heights = np.zeros((round(2.0 / spacing_m) + 1, round(1.2 / spacing_m) + 1))
+    half_m = 0.5 * spacing_m * (heights.shape[1] - 1)
+    found = stancekit.terrain(stancekit.HeightField.from_array(heights, spacing_m=spacing_m))
+    plan = stancekit.plan(found, start_xy_m=[-0.2, 0.0], goal_xy_m=[0.1, 0.0]).solution
+    last = plan.toes_m[-1]
+    for out_m, verdict in ((-0.002, "holds"), (0.003, "violated")):
+        place = np.array([last[0], half_m + out_m, last[2]])
+        moved = of_another_hand(plan, place, half_m=0.001)
+        assert check_plan(moved).group("terrain").verdict == verdict

@@ -17,7 +17,7 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.conformal import flatten
 from stancekit.planners.warp.contact_plans import WarpedPose, pushed_plan
@@ -55,7 +55,7 @@ def plan():
             "terrain": {"kind": "flat", "friction": 0.6},
         }
     )
-    found = TwoStageCoursePlanner().solve(build_course(spec)).solution
+    found = TwoStagePlanner().solve(build_course(spec)).solution
     assert found is not None
     return found
 

@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.views.playground.answer import quick_answer
 from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.pictures import Pictures
@@ -83,7 +83,7 @@ def test_it_is_opened_dragged_and_read(shown, folder):
     tab.wait_for(
         f"{VERDICT}.dataset.patient === '1' && {VERDICT}.dataset.change >= {change_of(tab)}"
     )
-    found = TwoStageCoursePlanner().solve(scenario.course())
+    found = TwoStagePlanner().solve(scenario.course())
     assert found.solution is not None
     assert f"after {found.solution.problem.frames} key frames" in tab.text()
 

@@ -24,6 +24,8 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
 
+pytestmark = pytest.mark.usefixtures("each_gait_is_written_once")
+
 BUMPS = HeightField.from_function(
     lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps"
 )

@@ -17,6 +17,8 @@ from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 
+pytestmark = pytest.mark.usefixtures("each_gait_is_written_once")
+
 SETTINGS = GaitSettings()
 
 

@@ -17,7 +17,6 @@ Build = Callable[..., GaitProgram]
 CASES = [
     ("ambient", "centred", "fixed"),
     ("shear", "printed", "fixed"),
-    ("decoupled", "centred", "fixed"),
     ("decoupled", "newton-euler", "fixed"),
     ("decoupled", "centred", "optimised"),
     ("warped", "centred", "fixed"),

@@ -1,0 +1,123 @@
+"""The harness of benchmarks: rows as text, JSON and Markdown, intervals, lines that survive a kill,
+and that scripts keep to it.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from scipy.stats import binomtest
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPTS = {
+    path.name: path.read_text(encoding="utf-8")
+    for path in (ROOT / "benchmarks").rglob("*.py")
+    if not path.name.startswith("_") and "referee" not in path.parts
+}
+ALONE = {
+    "same_answers.py": "is run by other checkouts, which have another harness",
+    "anymal_reach.py": "prints what a robot's file says",
+    "anymal_urdf.py": "writes a robot's file",
+    "build_ros1.py": "builds what is run",
+    "ros_nodes.py": "is a node, which another script starts",
+    "stands.py": "has a command a table; each is of the harness",
+}
+"""Scripts that are not launched by the harness, and why."""
+PAGES = [
+    *ROOT.glob("*.md"),
+    *(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts),
+    *(ROOT / "tests").rglob("*.py"),
+]
+
+
+@pytest.fixture(scope="module")
+def harness() -> Iterator[ModuleType]:
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    import _bench
+
+    yield _bench
+    sys.path.remove(str(ROOT / "benchmarks"))
+
+
+def test_scripts_are_launched_by_the_harness() -> None:
+    assert len(SCRIPTS) > 60
+    others = {name for name, text in SCRIPTS.items() if "launch(" not in text}
+    assert others == set(ALONE)
+    parsed = {name for name, text in SCRIPTS.items() if "argparse" in text}
+    assert parsed <= {"ros_nodes.py"}
+
+
+def test_every_script_is_named_by_a_page_or_a_test() -> None:
+    """But for the page that lists all of them, and the changelog."""
+    texts = [
+        page.read_text(encoding="utf-8")
+        for page in PAGES
+        if page.name not in ("CHANGELOG.md", Path(__file__).name)
+    ]
+    whole = "\n".join(texts)
+    unnamed = {name for name in SCRIPTS if not re.search(rf"(?<![\w]){re.escape(name)}", whole)} - {
+        "ros_nodes.py"
+    }
+    assert unnamed == set()
+
+
+def test_rows_are_text_json_or_markdown(
+    harness: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [{"a": 1.23456, "b": "x|y"}, {"a": 2.0, "b": None}, {"c": [1, 2.5]}]
+
+    def printed(**how: bool) -> str:
+        options = harness.Options(**how)
+        for row in rows:
+            options.say(row)
+        return capsys.readouterr().out
+
+    assert printed() == "a 1.23456  b x|y\na 2.0  b None\nc [1, 2.5]\n"
+    assert [json.loads(line) for line in printed(json=True).splitlines()] == rows
+    assert printed(markdown=True) == (
+        "| a | b |\n|---|---|\n| 1.235 | x\\|y |\n| 2 | None |\n\n| c |\n|---|\n| 1, 2.5 |\n"
+    )
+    options = harness.Options(markdown=True)
+    options.list({"seconds": 0.5}, problem="wall-3")
+    assert capsys.readouterr().out.endswith("| wall-3 | seconds | 0.5 |\n")
+
+
+@pytest.mark.parametrize(("count", "of"), [(0, 7), (3, 10), (97, 100), (12, 12)])
+def test_intervals_are_those_of_scipy(harness: ModuleType, count: int, of: int) -> None:
+    found = re.findall(r"-?\d+\.\d", harness.share(count, of))
+    theirs = binomtest(count, of).proportion_ci(method="wilson")
+    for text, value in zip(found, (count / of, theirs.low, theirs.high), strict=True):
+        assert float(text) == pytest.approx(100.0 * value, abs=0.06)
+    exact = binomtest(count, of).proportion_ci(method="exact").high
+    assert harness.upper_end(count, of) == pytest.approx(exact, abs=1e-9)
+    assert harness.share(0, 0) == "0 of 0"
+
+
+def test_lines_are_taken_up_where_a_kill_left_them(harness: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    lines = harness.Lines(path, "seed")
+    lines.add(3, {"found": True})
+    lines.add(4, {"found": False})
+    path.write_text(path.read_text() + '{"seed": 5, "fou')
+    again = harness.Lines(path, "seed")
+    assert again.rows == {3: {"seed": 3, "found": True}, 4: {"seed": 4, "found": False}}
+    again.add(5, {"found": True})
+    assert [json.loads(line)["seed"] for line in path.read_text().splitlines()] == [3, 4, 5]
+
+
+def test_the_code_of_a_table_is_that_of_the_process(
+    harness: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["table", "--seed", "3", "--markdown"])
+    seen = []
+    harness.launch(seen.append, harness.Options, "A table.")
+    assert (seen[0].seed, seen[0].markdown, seen[0].json) == (3, True, False)
+    with pytest.raises(SystemExit) as end:
+        harness.launch(lambda asked: 1, harness.Options, "A table.")
+    assert end.value.code == 1
