@@ -23,7 +23,7 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..motion.leap_body import LeapBody
+from ..motion.leap_body import GATHER, LeapBody
 from ..motion.walk_joints import MovingBody
 from ..robot.leg_limits import no_motors
 from ..verify.leap_whole_body import LeapBodyLimits, LeapBodyMeasurements
@@ -52,6 +52,7 @@ SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
 """What is as bad as one share of a joint, of groups that are beyond their limits; 0.1 of others."""
 STRETCHED = (
     (1.0, 1.0, 1.0),
+    (1.0, 1.15, 1.0),
     (1.3, 1.0, 1.3),
     (1.3, 0.85, 1.3),
     (1.6, 1.0, 1.6),
@@ -59,6 +60,17 @@ STRETCHED = (
     (1.0, 0.8, 1.0),
 )
 """Timings that are tried: stances before, flights, stances after, in units of the leap's own."""
+FINER, NEARLY = (0.02, 0.01, 0.005), 1.03
+"""Changes of how legs are drawn up where joints in the air have less than this of what they may."""
+BEND_M = 1e-4
+"""Legs are bent by this to see what it changes [m]."""
+NEXT = 2
+"""So many samples in the air beside a stance count as part of it."""
+AROUND = ((0.03, 0.0), (-0.03, 0.0), (0.0, 0.05), (0.0, -0.05))
+"""Ways near the best of them."""
+EASY, HARD, WAYS = 0.9, 1.1, 3
+"""Other ways are looked at where joints in the air have more than the first of what they may, and on
+the ground less than the second; so many of the easiest are judged whole."""
 GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
 """Ways of drawing legs up in flight that are tried."""
 MORE_M, MOST_M = 0.003, 0.1
@@ -67,7 +79,7 @@ MOST_AIR_M = 0.03
 """What it misses in the air, just off a surface or just before one, counts for no more in a round
 [m]."""
 SAID = 2
-"""A plan says so often anew what legs turn its body by, where nothing else is violated."""
+"""A plan says so often anew what legs turn its body by."""
 NEAR_M = 0.06
 """Toes move no farther than this in a round."""
 
@@ -160,20 +172,25 @@ class LeapBender:
             if unlimited := no_motors(model):
                 raise InvalidInput(f"robot {plan.problem.robot.name}: {unlimited}")
             self._body = MovingBody(model)
-        measured = self._measured(plan)
-        if self._hard(measured) > 1.0 > self._hard(measured, air=False) - 0.5:
-            others = (self._measured(replace(plan, gather=np.array(each))) for each in GATHERS)
-            measured = min(others, key=self._hard)
+        measured = self._said(self._measured(plan))
+        ways = [measured]
+        air, ground = self._hard(measured), self._hard(measured, air=False)
+        if air > EASY and ground < HARD:
+            ways = [self._said(way) for way in self._gathered(measured)[:WAYS]]
+            measured = ways[0]
         groups = tuple(measured.groups(self._limits, bodies=False))
-        for _ in range(SAID):
-            if [group.name for group in groups if group.verdict == "violated"] != ["legs_turn"]:
-                break  # else the plan may say what legs make of its turning, as it was measured
-            measured = self._measured(as_turned(measured))
-            groups = tuple(measured.groups(self._limits, bodies=False))
-        plan = measured.leap_body.plan
-        if not any(group.verdict == "violated" for group in groups):
-            measured = LeapBodyMeasurements(LeapBody(plan, body=self._body))
+        for way in ways:
+            wrong = {
+                g.name for g in way.groups(self._limits, bodies=False) if g.verdict == "violated"
+            }
+            if wrong - {"joint_speed", "torque"} or self._hard(way) > NEARLY:
+                continue
+            measured = LeapBodyMeasurements(LeapBody(way.leap_body.plan, body=self._body))
+            measured = self._finer(measured)
             groups = tuple(measured.groups(self._limits))
+            if not any(group.verdict == "violated" for group in groups):
+                break
+        plan = measured.leap_body.plan
         none = np.zeros(len(plan.problem.robot.limbs))
         return JudgedLeap(
             plan=plan,
@@ -183,6 +200,58 @@ class LeapBender:
             shortened_m=none if shortened_m is None else shortened_m,
             share=share,
         )
+
+    def _said(self, measured: LeapBodyMeasurements) -> LeapBodyMeasurements:
+        """The plan that says what legs make of its turning, where nothing but speeds and torques is
+        violated beside it.
+        """
+        for _ in range(SAID):
+            groups = measured.groups(self._limits, bodies=False)
+            wrong = {group.name for group in groups if group.verdict == "violated"}
+            if "legs_turn" not in wrong or wrong - {"legs_turn", "joint_speed", "torque"}:
+                break
+            measured = self._measured(as_turned(measured))
+        return measured
+
+    def _finer(self, measured: LeapBodyMeasurements) -> LeapBodyMeasurements:
+        """A plan at all samples, with its way of drawing up legs a little changed where joints in
+        the air have a little too much.
+        """
+        for step in FINER:
+            if not 1.0 < self._hard(measured) < NEARLY or self._hard(measured, air=False) > 1.0:
+                break
+            plan = measured.leap_body.plan
+            edge, fold = GATHER if plan.gather is None else plan.gather
+            others = [
+                LeapBodyMeasurements(
+                    LeapBody(replace(plan, gather=np.array(each)), body=self._body)
+                )
+                for each in (
+                    (edge + step, fold),
+                    (edge - step, fold),
+                    (edge, fold + step),
+                    (edge, fold - step),
+                )
+            ]
+            measured = min((measured, *others), key=self._hard)
+        return measured
+
+    def _gathered(self, measured: LeapBodyMeasurements) -> list[LeapBodyMeasurements]:
+        """Ways of drawing up legs, the easiest on joints first: some, and those near the best."""
+        known = dict[tuple[float, float], LeapBodyMeasurements]()
+        plan = measured.leap_body.plan
+
+        def hard(gather: tuple[float, float]) -> float:
+            if gather not in known:
+                known[gather] = self._measured(replace(plan, gather=np.array(gather)))
+            return self._hard(known[gather])
+
+        best = min(GATHERS, key=hard)
+        near = [(best[0] + a, best[1] + b) for a, b in AROUND]
+        for each in near:
+            if 0.15 <= each[0] <= 0.45 and each[1] <= 1.0:
+                hard(each)
+        return [known[gather] for gather in sorted(known, key=hard)]
 
     def _measured(self, plan: LeapPlan) -> LeapBodyMeasurements:
         """A plan on the robot's own body, at half as many samples as it is judged at."""
@@ -274,7 +343,7 @@ class LeapBender:
         scaled = reserved(numbers, plan.choice, self._share)
         scaled = replace(scaled, reach=scaled.reach - judged.short_m)
         program = self._programs.get(
-            LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs)
+            LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs), 1.0
         )
         point = point_of(numbers, plan)
         data = LeapGiven(scaled, its=numbers, at=point, reserve_m=2.0 * HEIGHT_RESERVE_M)
@@ -349,42 +418,89 @@ def point_of(numbers: LeapNumbers, plan: LeapPlan) -> LeapPoint:
     )
 
 
+def _halves(times_s: Array, ends_s: Array) -> list[list[tuple[int, int]]]:
+    """First and last samples of the first and of the second half of every interval."""
+    middle = 0.5 * (ends_s[1:] + ends_s[:-1])
+    spans = [(ends_s[:-1], middle), (middle, ends_s[1:])]
+    return [
+        [
+            (
+                int(np.searchsorted(times_s, a - 1e-9)),
+                int(np.searchsorted(times_s, b + 1e-9)) - 1,
+            )
+            for a, b in zip(*span, strict=True)
+        ]
+        for span in spans
+    ]
+
+
 def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = SHARE) -> JointRows:
-    """Rows of the joints of legs that stand, about a leap that was measured."""
+    """Rows of the joints of legs that stand, about a leap that was measured, each at the sample at
+    which its joint has least left; samples in the air next to a stance count as part of it.
+    """
     numbers, body, solver = given.numbers, measured.leap_body, measured.kinematics
     plan, layout = body.plan, given.scaled.layout
     limbs, at = layout.contacts[1], numbers.contact_intervals
     count, most = len(at), _most(solver.legs)
-    begins = np.searchsorted(body.times_s, plan.times_s[:-1] + 1e-9)
-    ends = np.searchsorted(body.times_s, plan.times_s[1:] - 1e-9) - 1
-    inner = len(body.times_s) - 2
-    rows = np.clip(np.concatenate([begins[at], ends[at]]), 1, inner)
+    halves = _halves(body.times_s, plan.times_s)
+    ends = np.concatenate([at, at + 1])
     fast, strong = measured.shares
+    worst = np.maximum(np.abs(fast) / LeapBodyLimits().joint_speed, measured.line)
+    inner = len(body.times_s) - 2
     weight = plan.problem.weight_n
     shape = (2 * count, most)
-    faster, spinning, stronger = (np.zeros((*shape, 3)) for _ in range(3))
+    faster, spinning, stronger, speed_placed, torque_placed = (
+        np.zeros((*shape, 3)) for _ in range(5)
+    )
+    footholds = np.tile(layout.contacts[2], 2)
     speed_rest, torque_rest = np.zeros(shape), np.zeros(shape)
     frames = np.concatenate([given.scaled.contact_frames] * 2)
-    for b, (k, i) in enumerate(zip(rows.tolist(), np.tile(limbs, 2).tolist(), strict=True)):
+    for b, (m, i) in enumerate(
+        zip(np.tile(at, 2).tolist(), np.tile(limbs, 2).tolist(), strict=True)
+    ):
+        first, last = halves[b // count][m]
+        stands = body.contact[:, i]
+        if b < count and first > 1 and not stands[first - 1]:
+            first -= NEXT  # a leg that swings down to where it lands
+        if b >= count and last < inner and not stands[last + 1]:
+            last += NEXT
+        first, last = min(max(first, 1), inner), min(max(last, 1), inner)
         joints = np.flatnonzero(solver.legs == i)
-        n = len(joints)
-        levers = solver.loads(body.postures.angles[k], body.rotation[k])[1][joints]
-        turn = np.linalg.pinv(levers.T)  # q̇ = −(∂p/∂q)⁻¹ (v + ω × (p − c)), in world axes
-        arm = body.toes_m[k, i] - body.com_m[k]
-        x, y, z = arm
-        arms = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        limit = solver.velocity_rad_s[joints, None]
-        faster[b, :n] = -turn / limit
-        spinning[b, :n] = turn @ arms @ numbers.spin / limit
-        stronger[b, :n] = -weight * levers @ frames[b] / solver.torque_nm[joints, None]
-        now = faster[b, :n] @ body.velocity_m_s[k] + spinning[b, :n] @ body.momentum_m2_s[k]
-        speed_rest[b, :n] = fast[k - 1, joints] - now
-        force = frames[b].T @ body.forces_n[k, i] / weight
-        torque_rest[b, :n] = strong[k - 1, joints] - stronger[b, :n] @ force
+        hardest = first + worst[first - 1 : last, joints].argmax(axis=0)
+        node = ends[b]
+        for n, (joint, k) in enumerate(zip(joints.tolist(), hardest.tolist(), strict=True)):
+            angles, rotation = body.postures.angles[k], body.rotation[k]
+            levers = solver.loads(angles, rotation)[1][joints]
+            turns = np.linalg.pinv(levers.T)  # q̇ = −(∂p/∂q)⁻¹ (v + ω × (p − c)), in world axes
+            turn = turns[n]
+            x, y, z = body.toes_m[k, i] - body.com_m[k]
+            arms = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            limit, most_nm = solver.velocity_rad_s[joint], solver.torque_nm[joint]
+            faster[b, n] = -turn / limit
+            spinning[b, n] = turn @ arms @ numbers.spin / limit
+            force = frames[b].T @ plan.forces_n[m, i] / weight if stands[k] else np.zeros(3)
+            if stands[k]:
+                stronger[b, n] = -weight * levers[n] @ frames[b] / most_nm
+            moves = body.velocity_m_s[k] - arms @ numbers.spin @ body.momentum_m2_s[k]
+            for d in range(3):  # as the leg bends
+                bent = angles.copy()
+                bent[joints] += BEND_M * turns[:, d]
+                other = solver.loads(bent, rotation)[1][joints]
+                slower = np.linalg.pinv(other.T)[n] - turn
+                speed_placed[b, n, d] = -slower @ moves / limit / BEND_M
+                push = frames[b] @ force * weight
+                torque_placed[b, n, d] = -(other[n] - levers[n]) @ push / most_nm / BEND_M
+            away = plan.toes_m[footholds[b]] - plan.com_m[node]
+            now = faster[b, n] @ plan.velocity_m_s[node] + spinning[b, n] @ plan.momentum_m2_s[node]
+            speed_rest[b, n] = fast[k - 1, joint] - now - speed_placed[b, n] @ away
+            still = stronger[b, n] @ force + torque_placed[b, n] @ away
+            torque_rest[b, n] = strong[k - 1, joint] - still
     return JointRows(
         faster=faster,
         spinning=spinning,
         stronger=stronger,
+        speed_placed=speed_placed,
+        torque_placed=torque_placed,
         speed_rest=speed_rest,
         torque_rest=torque_rest,
         share=share,

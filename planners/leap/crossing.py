@@ -37,6 +37,7 @@ from ..robot.model import Robot
 from ..search.answer import Planner
 from ..search.plan_course import plan_course
 from ..search.plan_window import Standing, course_window
+from ..terrain.patch import Patch
 from ..terrain.polygon import Surface, half_planes
 from ..terrain.terrain import Terrain
 from ..verify.crossings import check_crossing
@@ -52,14 +53,16 @@ LEAST_M = 0.04
 FLAT = 0.3
 """Surfaces whose normals are steeper than this are nothing to land on."""
 INTERVALS = (4, 1, 4)
-STANCES_S = (0.65, 0.5)
+STANCES_S = (0.5, 0.65)
 """Durations of the stances before and after a flight that are tried [s]."""
-FLIGHTS_M_S = (1.25, 1.6)
+FLIGHTS_M_S = (1.1, 1.3)
 """Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
 FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
 CANDIDATES, WINDOW_M = 4, 0.16
 """Candidates per toe where a leap lands, and how wide each is [m]."""
+LANDS_M = 0.06
+"""Width of the pieces on which it lands, about where toes like to be: a climb goes on from there [m]."""
 GOAL_M = 0.06
 """A leap ends so near to where the body likes to be over its toes: a climb goes on from there
 [m]."""
@@ -376,10 +379,14 @@ class _Crossing:
         ]
         for limb, xy, z in zip(robot.limbs, wanted, ground, strict=True):
             toe = np.array([*xy, z])
-            pieces = surfaces.candidates(limb, goal + limb.shoulder_m, toe, CANDIDATES, WINDOW_M)
-            if not pieces:
+            candidates = self._near(toe, LANDS_M)
+            if not candidates:
+                pieces = surfaces.candidates(
+                    limb, goal + limb.shoulder_m, toe, CANDIDATES, WINDOW_M
+                )
+                candidates = tuple(piece for _, piece in pieces)
+            if not candidates:
                 return f"no foothold for {limb.name} where it lands"
-            candidates = tuple(piece for _, piece in pieces)
             footholds.append(Foothold(limb=limb.name, frame=2, candidates=candidates))
         names = robot.limb_names
         stances = [Phase(limbs=names, intervals=n) for n in (INTERVALS[0], INTERVALS[2])]
@@ -413,21 +420,25 @@ class _Crossing:
         for j, foothold in enumerate(course.footholds):
             last[foothold.limb] = j
         footholds = list(course.footholds)
-        surfaces = [Surface(patch, 0.0) for _, patch in self.terrain.standing]
         for limb, xy, z in zip(names, wanted, heights, strict=True):
             j, place = last[limb], np.array([*xy, z])
             if footholds[j].frame == 0 and footholds[j].toe_m is not None:
                 continue
-            pieces = (surface.window(place, SQUARE_M) for surface in surfaces)
-            near = tuple(
-                piece
-                for piece in pieces
-                if piece is not None
-                and np.linalg.norm(piece.vertices_m.mean(axis=0) - place) < SQUARE_M
-            )
+            near = self._near(place, SQUARE_M)
             if near:
                 footholds[j] = replace(footholds[j], candidates=near[:CANDIDATES])
         return replace(course, footholds=tuple(footholds))
+
+    def _near(self, place_m: Array, width_m: float) -> tuple[Patch, ...]:
+        """Pieces of surfaces about a place, so wide."""
+        surfaces = (Surface(patch, 0.0) for _, patch in self.terrain.standing)
+        pieces = (surface.window(place_m, width_m) for surface in surfaces)
+        return tuple(
+            piece
+            for piece in pieces
+            if piece is not None
+            and np.linalg.norm(piece.vertices_m.mean(axis=0) - place_m) < width_m
+        )[:CANDIDATES]
 
     @property
     def terrain_name(self) -> str:

@@ -241,14 +241,17 @@ class LeapNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointRows:
-    """Joints of the legs that stand, linear about a motion that was judged, at both ends of the
-    interval of every stance contact, first ends first; 2B of them, n joints per leg.
+    """Joints of the legs that stand, linear about a motion that was judged, for both halves of the
+    interval of every stance contact, first halves first, each where the joint has least left in it;
+    2B of them, n joints per leg.
 
     Of speeds and torques as shares of their limits.
 
     Arguments:
         faster, spinning: derivatives of a speed's in v and in L, stronger: of a torque's in the
             force, in its contact frame and units of the weight, shape (2B, n, 3) each.
+        speed_placed, torque_placed: derivatives of both in p − c, as a leg bends, shape (2B, n, 3)
+            each.
         speed_rest, torque_rest: what is left of both without these, shape (2B, n).
         share: allowed.
     """
@@ -256,6 +259,8 @@ class JointRows:
     faster: Array
     spinning: Array
     stronger: Array
+    speed_placed: Array
+    torque_placed: Array
     speed_rest: Array
     torque_rest: Array
     share: float
@@ -270,8 +275,12 @@ class JointRows:
         forces = np.matmul(frames.transpose(0, 2, 1), np.concatenate([point.forces] * 2)[..., None])
         speed = np.matmul(self.faster, point.velocity[node][..., None])
         speed += np.matmul(self.spinning, point.momentum[node][..., None])
+        foothold = np.concatenate([given.scaled.layout.contacts[2]] * 2)
+        away = (point.toes[foothold] - point.com[2 * node])[..., None]
+        speed += np.matmul(self.speed_placed, away)
         fast = speed[..., 0] + self.speed_rest
-        strong = np.matmul(self.stronger, forces)[..., 0] + self.torque_rest
+        strong = np.matmul(self.stronger, forces) + np.matmul(self.torque_placed, away)
+        strong = strong[..., 0] + self.torque_rest
         ahead = np.maximum(strong, np.maximum(fast, fast + strong)) - self.share
         back = np.maximum(-strong, np.maximum(-fast, -fast - strong)) - self.share
         return ahead, back

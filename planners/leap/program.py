@@ -17,6 +17,8 @@ from .terms import SLACKS, Dynamics, Legs, Turning, still_moments, trust
 
 LITTLE = 1e-5
 """Price of Σ f², which picks one of many equal answers."""
+EVEN = 1e-3
+"""That price for robots whose legs are known, which then push alike on both sides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +33,8 @@ class Step:
 
 
 UPRIGHT, QUIET = 2e-2, 10.0
-"""Price of squares of Θ [1/rad²] and of L [s²/m⁴] at every frame, where legs are judged: with nothing
-to hold them a body rolls as far as it may, and legs that swing make more of it."""
+"""Price of squares of Θ [1/rad²] and of L [s²/m⁴] at every frame, for robots whose legs are known:
+with nothing to hold them a body rolls as far as it may, and legs that swing make more of it."""
 
 
 class LeapProgram:
@@ -42,9 +44,12 @@ class LeapProgram:
     Arguments:
         still: whether the first and the last interval are in equilibrium.
         joints: how many per leg have rows; 0 where legs were not judged.
+        quiet: share of the prices of turning and of pushing unevenly; 0 for none.
     """
 
-    def __init__(self, layout: Layout, still: tuple[bool, bool], joints: int = 0) -> None:
+    def __init__(
+        self, layout: Layout, still: tuple[bool, bool], joints: int = 0, quiet: float = 0.0
+    ) -> None:
         self.layout, self.rows = layout, Rows[LeapGiven](keep=False)
         rows = self.rows
         body = BodyVariables(rows, layout)
@@ -63,8 +68,9 @@ class LeapProgram:
         legs.power(forces, turning.momentum)
         if joints:
             legs.joints(forces, turning.momentum, joints)
-            rows.square(body.rotation, None, UPRIGHT)
-            rows.square(turning.momentum, None, QUIET)
+        if quiet:
+            rows.square(body.rotation, None, quiet * UPRIGHT)
+            rows.square(turning.momentum, None, quiet * QUIET)
         if layout.reach_rows:
             legs.inside()
         forces.in_cones()
@@ -72,7 +78,7 @@ class LeapProgram:
         body.reach(toes)
         body.limits()
         trust(rows, layout, toes)
-        rows.square(forces.columns, None, LITTLE)
+        rows.square(forces.columns, None, max(quiet * EVEN, LITTLE))
 
     def solve(self, given: LeapGiven) -> Step:
         """One step from the point of ``given``."""

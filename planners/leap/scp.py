@@ -34,6 +34,8 @@ EDGE_M = 0.02
 """Kept from the borders of patches by robots whose legs are known: feet land a little off."""
 LEAST_FRICTION = 1e-4
 """Friction below this is raised to it in programs, so that a cone says that forces push."""
+GENTLE = 0.1
+"""Share of the prices of turning while contacts are looked for: with all of them slack is cheaper."""
 FRICTION_SHARE = 0.8
 """Share of the friction that plans use."""
 
@@ -91,7 +93,8 @@ def attempt(
         steps: convex problems at most.
     """
     scaled = reserved(numbers, choice, share)
-    program = programs.get(LeapProgram, scaled.layout, numbers.leap.still)
+    quiet = GENTLE if numbers.leap.robot.source.own else 0.0
+    program = programs.get(LeapProgram, scaled.layout, numbers.leap.still, 0, quiet)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
     problem = LeapGiven(
         scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=HEIGHT_RESERVE_M

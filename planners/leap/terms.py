@@ -31,8 +31,8 @@ SPEED_RESERVE = 0.97
 """Share of speeds and powers that plans use: rows ask at the ends of intervals."""
 PRICES = {"moment": 1.0, "turn": 0.1, "speed": 0.05, "power": 0.05, "fold": 0.3, "inside": 1.0}
 """Price of a unit of slack, by group: m²/s, rad, m/s, units of the weight times m/s, and m."""
-PRICES["joints"] = 0.02
-"""Price of a share of a joint's speed or torque."""
+PRICES["joints"] = 0.2
+"""Price of the largest share of a joint's speed or torque beyond what is asked for."""
 SLACKS = tuple(PRICES)
 
 
@@ -283,15 +283,19 @@ class Legs:
         rows.right(row, lambda d: d.scaled.half_spaces.bounds[half] - d.reserve_m + d.planes[2])
 
     def joints(self, forces: Forces, momentum: Index, count: int) -> None:
-        """|q̇|/q̇_max, |τ|/τ_max and, where they drive, the sum of both within their share, at both
-        ends of every interval, for ``count`` joints per leg; linear about what a judge measured.
+        """|q̇|/q̇_max, |τ|/τ_max and, where they drive, the sum of both within their share, in both
+        halves of every interval, for ``count`` joints per leg; linear about what a judge measured,
+        with one slack, so that what costs is the worst of all joints.
         """
-        rows, (stance, _, _) = self._rows, self._layout.contacts
+        rows, (stance, _, foothold) = self._rows, self._layout.contacts
         at = self._layout.stance_frames[stance] // 2
         node = np.concatenate([at, at + 1])
         columns = np.concatenate([forces.columns, forces.columns])
+        assert self._toes.points is not None
+        toes = self._toes.points[np.concatenate([foothold, foothold])]
+        com = self._body.com[2 * node]
         velocity, spin = self._dynamics.velocity[node], momentum[node]
-        slack = _one_slack(rows, "joints", len(node) * count).reshape(len(node), count)
+        slack = np.broadcast_to(_one_slack(rows, "joints", 1), (len(node), count))
         for way, sign in (("ahead", 1.0), ("back", -1.0)):
             for kind, (fast, strong) in KINDS.items():
                 row = rows.at_most(f"{kind}_{way}", len(node), count)
@@ -300,6 +304,8 @@ class Legs:
                     rows.put(row[:, :, None], spin[:, None], _joint(sign, "spinning"))
                 if strong:
                     rows.put(row[:, :, None], columns[:, None], _joint(sign, "stronger"))
+                rows.put(row[:, :, None], toes[:, None], _joint_placed(sign, fast, strong))
+                rows.put(row[:, :, None], com[:, None], _joint_placed(-sign, fast, strong))
                 rows.put(row, slack, -1.0)
                 rows.right(row, _joint_left(sign, fast, strong))
 
@@ -310,6 +316,11 @@ KINDS = {"fast": (True, False), "strong": (False, True), "driven": (True, True)}
 
 def _joint(sign: float, name: str) -> Callable[[LeapGiven], Array]:
     return lambda d: sign * getattr(d.joint_rows, name)
+
+
+def _joint_placed(sign: float, fast: bool, strong: bool) -> Callable[[LeapGiven], Array]:
+    """Derivatives in p − c."""
+    return lambda d: sign * (fast * d.joint_rows.speed_placed + strong * d.joint_rows.torque_placed)
 
 
 def _joint_left(sign: float, fast: bool, strong: bool) -> Callable[[LeapGiven], Array]:
