@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from stancekit.planners.terrain.patch import Patch
 
 FRICTION = 0.75
-"""Of heights under a motion from elsewhere, as of walks that are asked for without one."""
+"""Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
 TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
 EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
-"""What an answer of each status has to hold."""
+"""Evidence that an answer of each status has to hold."""
 CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
 
 
@@ -88,8 +88,9 @@ def check_file(
         proof_file,
         trajectory_file,
     )  # splines are slow to import
+    from stancekit.planners.problem.leap_names import is_leap_file
 
-    if leap_file.is_leap_file(path):
+    if is_leap_file(path):
         _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a leap, which has its own")
         return leap_file.check_file(path, why=why)
     from stancekit.planners.formats import crossing_file

@@ -21,13 +21,13 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
-from stancekit.planners.formats.leap_file import is_leap_file, read_leap
 from stancekit.planners.formats.partial_plan import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_file import is_scene, read_course
 from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.leap_names import is_leap_file
 from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.problem.wrench import wrench_of
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
@@ -163,8 +163,10 @@ def plan(
     if isinstance(course, Leap):
         places = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m}
         usual = vars(PlanSettings())
-        said = {k: v for k, v in old.items() if k not in usual or not np.array_equal(v, usual[k])}
-        others = {**places, "frames": frames, "robot": robot, **said}
+        changed = {
+            k: v for k, v in old.items() if k not in usual or not np.array_equal(v, usual[k])
+        }
+        others = {**places, "frames": frames, "robot": robot, **changed}
         return _leap(course, method, settings, others, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(
@@ -255,6 +257,8 @@ def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:
     """
     if isinstance(robot, Robot):
         raise InvalidInput("robot: expected a name or a file with a leap, got a Robot")
+    from stancekit.planners.formats.leap_file import read_leap  # of leaps alone
+
     return read_leap(file, robot).leap
 
 

@@ -19,7 +19,7 @@ from stancekit.learners.data.labelling import Progress
 from stancekit.planners.arguments import check_argument, checked
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.validation import shown
-from stancekit.planners.problem.leap_classes import is_leap_class as is_leap_class
+from stancekit.planners.problem.leap_names import is_leap_class as is_leap_class
 from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot.model import Robot
 
@@ -38,7 +38,7 @@ FURTHER: Mapping[str, Any] = {
     "scenes": int | None,
     "tries": Mapping[str, int] | None,
 }
-"""What ``label`` takes by name beside its parameters."""
+"""Arguments that ``label`` takes by name beside its parameters."""
 OLD = {
     "feasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
     "infeasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",

@@ -32,11 +32,12 @@ from .walks import walk
 Progress = Callable[[int, int], None]
 MINARI = "minari"
 FORMAT_NAMES = (*FORMATS, MINARI)
-"""What ``to`` may be."""
+"""Formats that ``to`` may name."""
 LEDGER = "motions.jsonl"
 """In a folder of drawn motions: a line per draw, and what was asked for before them."""
 GOAL_XY_M, DURATION_S, LIMIT_S = (0.8, 0.0), 6.0, 30.0
-"""Of drawn walks: where they end, how long they take, and the processor time of looking for one."""
+"""Numbers of drawn walks: where they end, how long they take, and the processor time of looking for
+one."""
 MOST_DRAWS = 10
 """So many draws per motion that is asked for are tried at most, and a few more."""
 
@@ -165,11 +166,12 @@ def read_accepted(path: Path) -> Subject:
     Raises InvalidInput.
     """
     from stancekit.planners.formats import crossing_file, leap_file, plan_file, trajectory_file
+    from stancekit.planners.problem.leap_names import is_leap_file
 
     subject: Subject | None
     if plan_file.is_plan_file(path):
         subject = plan_file.read_plan(path)[0]
-    elif leap_file.is_leap_file(path):
+    elif is_leap_file(path):
         subject = leap_file.read_leap(path).plan
         if subject is None:
             raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")

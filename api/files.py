@@ -37,6 +37,7 @@ from stancekit.planners.formats.answer_file import (
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course
 from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.leap_names import is_leap
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot.walker import named_walker
@@ -200,7 +201,7 @@ def _read(path: Path) -> Any:
         return load_selector(path)
     if path.suffix in (".yaml", ".yml"):
         data = read_yaml(path)
-        if leap_file.is_leap(data):
+        if is_leap(data):
             return _leap(path)
         return read_course(path) if "terrain" in data else named_walker(path)
     if path.suffix == ".urdf":

@@ -15,10 +15,10 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.crossing_file import is_crossing_file
-from stancekit.planners.formats.leap_file import is_leap_file
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.problem.leap_names import is_leap_file
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.verify.tipping import LEAST_PUSH
 from stancekit.runner.acceptance import Accepted
@@ -286,7 +286,7 @@ def _is_timed(asked: Accepted[Any] | Problem) -> bool:
 
 
 def _called(asked: Accepted[Any] | Problem) -> str:
-    """What a motion is, in words."""
+    """Kind of a motion, in words."""
     kinds = {Crossing: "crossing", LeapPlan: "leap", Trajectory: "gait"}
     return "plan" if isinstance(asked, Problem) else kinds.get(type(asked.plan), "plan")
 

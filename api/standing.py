@@ -150,10 +150,10 @@ def map(
 
 
 def _asked(options: ImportOptions, limits: FootholdLimits | None) -> dict[str, Any]:
-    """What was asked of the file and of footholds, other than the usual, as JSON has it."""
-    asked = {k: v for k, v in vars(options).items() if v != getattr(ImportOptions, k)}
+    """Options of the file and of footholds that are not the usual ones, as JSON has them."""
+    unusual = {k: v for k, v in vars(options).items() if v != getattr(ImportOptions, k)}
     more = {} if limits is None else {"limits": asdict(limits)}
-    result: dict[str, Any] = json.loads(json.dumps(asked | more, default=list))
+    result: dict[str, Any] = json.loads(json.dumps(unusual | more, default=list))
     return result
 
 

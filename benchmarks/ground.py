@@ -70,6 +70,8 @@ LEAST_SD_M = 1e-4
 FAR_M, HOLE_M, STEP_M = 0.02, 0.06, 0.01
 """Footholds farther than this off the truth are counted; side of a hole; and steps lower than this
 are no edges [m]."""
+TIME_S = 600.0
+"""Time limit of a plan, which takes 5 to 15 s alone on a core [s]."""
 TILT_3 = 11.83
 """Square of two slopes in deviations that is larger as often as one value is beyond three."""
 Truth = tuple[Array, NDArray[np.int_]]
@@ -88,7 +90,7 @@ class GroundOptions(Options):
     clouds: str = "1e4"
     """Points of clouds."""
     noises_cm: str = "0,2"
-    """Deviations of the noise [cm]."""
+    """Deviations of the noise [cm]; 2correlated is noise of 2 cm that is correlated over 5 cm."""
     correlated: bool = False
     """Noise correlated over 5 cm beside white noise."""
     draws: int = 1
@@ -145,9 +147,12 @@ def cells(options: GroundOptions) -> list[tuple[str, str, int, str]]:
     """Sample, noise, draw and ground of every cell."""
     samples = [f"grid{each}" for each in options.grids.split(",") if each]
     samples += [f"cloud{each}" for each in options.clouds.split(",") if each]
-    noises = [f"{each}cm" for each in options.noises_cm.split(",")]
+    noises = [
+        f"{each.removesuffix('correlated')}cm{'correlated' * each.endswith('correlated')}"
+        for each in options.noises_cm.split(",")
+    ]
     if options.correlated:
-        noises += [f"{each}correlated" for each in noises if float(each[:-2]) > 0.0]
+        noises += [f"{each}correlated" for each in noises if each.endswith("cm") and each != "0cm"]
     return list(product(samples, noises, range(options.draws), options.grounds.split(",")))
 
 
@@ -334,7 +339,9 @@ def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: b
     from stancekit.planners.motion.touch_down import touch_downs_m
 
     try:
-        answer = stancekit.plan(found, start_xy_m=[-0.3, 0.0], goal_xy_m=[0.3, 0.0])
+        answer = stancekit.plan(
+            found, start_xy_m=[-0.3, 0.0], goal_xy_m=[0.3, 0.0], time_limit_s=TIME_S
+        )
     except (InvalidInput, PlanningFailed) as error:
         return {"plan": "none", "why": str(error)}
     plan = answer.solution

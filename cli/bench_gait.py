@@ -26,7 +26,7 @@ OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "
 """Settings by the options that give them."""
 
 WIDTH = 200
-"""Of tables where standard output is no terminal."""
+"""Width of tables where standard output is no terminal."""
 
 
 @dataclass

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WIDTH = 150
-"""Of the table, in letters, also where a terminal is narrower: it folds lines, and a file keeps
-them."""
+"""Width of the table, in letters, also where a terminal is narrower: it folds lines, and a file
+keeps them."""
 
 
 @dataclass
@@ -36,7 +36,7 @@ class BenchPlanner:
     quick: bool = False
     """Few key frames and a short time limit."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
-    """Of the mixed-integer programs."""
+    """Solver of the mixed-integer programs."""
     cap: OptionalFloat = None
     """Time limit of a mixed-integer program [s]; 120, or 20 with --quick, where there is none."""
     out: OptionalPath = None

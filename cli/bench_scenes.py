@@ -41,7 +41,7 @@ class BenchScenes:
     reach: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Reach polytopes in place of the scene's own."""
     time_limit_s: float = 60.0
-    """Of each planner on each scene [s]."""
+    """Time limit of each planner on each scene [s]."""
     out: Path = Path("out/bench-scenes")
     """Folder for cells, plans, table.json, table.md and pictures."""
     pictures: bool = False

@@ -38,8 +38,8 @@ class Between:
     """Friction coefficient of a terrain's file; 0.8 unless given. A course has its own, in its
     file."""
     map: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.npz")] = None
-    """Of `stancekit map`, with a terrain's file or name: the way keeps off places where it is proved
-    that the robot cannot stand, facing along x, and costs more where that is likely."""
+    """File of `stancekit map`, with a terrain's file or name: the way keeps off places where it is
+    proved that the robot cannot stand, facing along x, and costs more where that is likely."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(

@@ -20,14 +20,6 @@ from rich.console import (
     RenderHook,
     RenderResult,
 )
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.segment import Segment
 
 from stancekit.planners.errors import InvalidInput
@@ -190,24 +182,11 @@ def progress(title: str) -> Iterator[Show]:
     Where standard error is no terminal, lines: now and then, whether it was called meanwhile or
     not.
     """
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task, lines, ended = bar.add_task(title, total=None), Lines(title), threading.Event()
-        where = [""]
+    with _bar(title) as bar:
+        lines, ended, where = Lines(title), threading.Event(), [""]
 
         def show(done: int, total: int, stage: str = "", /) -> None:
-            bar.update(
-                task,
-                completed=done,
-                total=total,
-                description=f"{title}: {stage}" if stage else title,
-            )
+            bar(done, total, stage)
             where[0] = stage or f"{done} of {total}"
             lines.say(where[0])
 
@@ -224,6 +203,38 @@ def progress(title: str) -> Iterator[Show]:
             ended.set()
             if watcher.ident is not None:
                 watcher.join()
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Show]:
+    """A progress bar on standard error; nothing where that is no terminal."""
+    if not err.is_terminal:
+        yield lambda *_: None
+        return
+    from rich.progress import (  # of terminals alone
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(title, total=None)
+
+        def show(done: int, total: int, stage: str = "", /) -> None:
+            described = f"{title}: {stage}" if stage else title
+            bar.update(task, completed=done, total=total, description=described)
+
+        yield show
 
 
 def counted(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:

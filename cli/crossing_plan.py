@@ -1,4 +1,4 @@
-"""What ``stancekit plan`` writes and says of a crossing: climbs and leaps one after the other."""
+"""Files and words of ``stancekit plan`` for a crossing: climbs and leaps one after the other."""
 
 from __future__ import annotations
 

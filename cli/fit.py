@@ -56,8 +56,8 @@ class Fit:
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
     part: Literal["all", "train", "test"] = "all"
-    """Of the rows: all, or a part of the split by hash; what is fitted to "train" can be evaluated
-    on "test"."""
+    """Part of the rows: all, or a part of the split by hash; what is fitted to "train" can be
+    evaluated on "test"."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot that the data set must be of; one of another is refused."""
     terrain: Annotated[OptionalPath, TERRAIN] = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import re
@@ -17,6 +18,8 @@ from importlib import import_module
 from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Protocol
+
+from .dataclass_methods import compile_when_called
 
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
@@ -45,6 +48,9 @@ INTERNAL = 70
 """Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a
 refusal."""
 TRACE = "STANCEKIT_TRACE"
+RARELY = (50_000, 20, 20)
+"""Objects made between two searches for those that only hold each other, and how many searches make
+one of older objects."""
 
 COMMANDS = {
     "sample": "Sample",
@@ -106,6 +112,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if arguments in ([], ["--help"], ["-h"]):
             print(overview(), flush=True)
             return
+        compile_when_called()
+        gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
         command = parse(arguments)
     except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
@@ -199,7 +207,7 @@ class _Page(io.StringIO):
         self._output = sys.stdout
 
     def isatty(self) -> bool:
-        """Whether standard output is a terminal."""
+        """Tell whether standard output is a terminal."""
         return self._output is not None and self._output.isatty()
 
     @property
@@ -284,12 +292,10 @@ def _command(name: str) -> type[Command]:
 
 def _others() -> dict[str, Any]:
     """The entry points of commands of other packages, by name; none takes over one of ours."""
-    from importlib.metadata import entry_points
+    from stancekit.planners.plugins import entry_points_of
 
     return {
-        point.name: point
-        for point in entry_points(group=ENTRY_POINTS)
-        if point.name not in COMMANDS
+        point.name: point for point in entry_points_of(ENTRY_POINTS) if point.name not in COMMANDS
     }
 
 

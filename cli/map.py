@@ -54,8 +54,8 @@ class MapTerrain:
     fit: bool = False
     """Learn what is likely of poses that are not reached (extra rl)."""
     surrogate: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Of `stancekit fit --method surrogate`, for all limbs of the robot on ground, in the place of
-    --fit; it is calibrated on this map, too."""
+    """File of `stancekit fit --method surrogate`, for all limbs of the robot on ground, in the
+    place of --fit; it is calibrated on this map, too."""
     file: Annotated[FileMeaning, *OF_FILE] = field(default_factory=FileMeaning)
     """What the numbers of a terrain's file mean."""
     grid_m: float = 0.05

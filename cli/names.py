@@ -54,11 +54,11 @@ def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
     """Annotation of an option that takes a name of this registry, a key of ``NAMES``."""
 
     def hint(default: str) -> str:
-        from importlib.metadata import entry_points
+        from stancekit.planners.plugins import entry_points_of
 
         group, ours = NAMES[registry]
         groups = (group, *OLD_GROUPS.get(registry, ()))
-        others = [point.name for each in groups for point in entry_points(group=each)]
+        others = [point.name for each in groups for point in entry_points_of(each)]
         names = list(dict.fromkeys([*ours, *others]))
         known = [f"default: {default}"] if default not in ("", "None") else []
         known += [f"one of {', '.join([*names, 'FILE.py:NAME'])}"] if names else []

@@ -124,8 +124,8 @@ class PlanCourse:
     """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file
     of modes."""
     policy: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Of a leap: learned scores of candidates, as `stancekit fit` writes them, in place of the hand
-    rule's."""
+    """Policy of a leap: learned scores of candidates, as `stancekit fit` writes them, in place of
+    the hand rule's."""
     projection: Annotated[str, PROJECTION] = "scp"
     """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp:
     frees all, in steps."""
@@ -186,8 +186,8 @@ class PlanCourse:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.courses import plan
         from stancekit.planners.answer.answer import Status
-        from stancekit.planners.formats.leap_file import is_leap_file
         from stancekit.planners.formats.proof_file import write_proof
+        from stancekit.planners.problem.leap_names import is_leap_file
 
         if is_leap_file(self.course):
             return self._leap()
@@ -288,7 +288,7 @@ class PlanCourse:
                 )
 
     def _settings(self) -> PlanSettings:
-        """What the options say that a plan has to keep and to bear.
+        """Settings that a plan has to keep and to bear, from the options.
 
         Raises InvalidInput.
         """

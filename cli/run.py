@@ -127,7 +127,7 @@ class RunMotion:
     rate_hz: OptionalFloat = None
     """Commands a second, where not the world's own: 200 in simulations, 50 on robots."""
     speed_rad_s: float = 0.4
-    """Of the soft start, and of the way home."""
+    """Speed of the soft start, and of the way home."""
     log: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mcap")] = None
     """Log of everything, for `stancekit replay`; readable up to the last message whatever ends the
     run."""

@@ -116,8 +116,8 @@ class Simulate:
         """
         from stancekit.motions import accepted_of
         from stancekit.planners.formats.crossing_file import is_crossing_file
-        from stancekit.planners.formats.leap_file import is_leap_file
         from stancekit.planners.formats.plan_file import read_plan
+        from stancekit.planners.problem.leap_names import is_leap_file
         from stancekit.runner.acceptance import Accepted
 
         if is_leap_file(self.plan) or is_crossing_file(self.plan):

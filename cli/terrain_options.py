@@ -128,8 +128,8 @@ class FootholdOptions:
     headroom_m: float = 0.1
     """What is free above a foothold, along its normal [m]."""
     margin_m: OptionalFloat = None
-    """Of footholds from the borders of their surface [m]; unless given, the radius of the robot's
-    foot, else 0.02."""
+    """Margin of footholds from the borders of their surface [m]; unless given, the radius of the
+    robot's foot, else 0.02."""
     width_m: OptionalFloat = None
     """Least width of a foothold inside the margin [m]; unless given, as the margin."""
     roughness_m: float = 0.006

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .memoryless import MemorylessPolicy, Observation
 
 LEAST = 1e-9
-"""Of gaps and widths, so that they have logarithms."""
+"""Least value of gaps and widths, so that they have logarithms."""
 
 
 def largest_gap(observation: Observation) -> NDArray[np.int64]:

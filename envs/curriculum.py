@@ -25,7 +25,7 @@ from .traverse import TraverseEnv
 POLYGONAL = tuple(name for name in TERRAIN_FAMILIES.names() if name not in SMOOTH)
 """All families but the smooth ones of the package."""
 CORNERS = 8
-"""Of a rectangle that is clipped to a square."""
+"""Most corners of a rectangle that is clipped to a square."""
 
 
 class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):

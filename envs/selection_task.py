@@ -38,7 +38,7 @@ from .scenes import LabelledScene
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
 Backend = Literal["clarabel", "moreau", "moreau-cpu"]
-"""Who solves P1: Clarabel one after the other, or Moreau a batch at a time, on a CUDA device or on
+"""Solver of P1: Clarabel one after the other, or Moreau a batch at a time, on a CUDA device or on
 the processor."""
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""

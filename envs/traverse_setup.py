@@ -37,13 +37,13 @@ from .distributions.courses import perturbed
 from .learned_selectors import LearnedSelector, class_envelopes
 
 DRAWS = 50
-"""Of a source that has nothing for some toe, before it is given up."""
+"""Number of draws of a source that has nothing for some toe, before it is given up."""
 CourseSource = Callable[[np.random.Generator], Problem]
 Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | CourseSource
-"""What courses are drawn from: names, files and descriptions, also as mappings with a file's keys;
-or a function."""
+"""Sources of courses: names, files and descriptions, also as mappings with a file's keys; or a
+function."""
 Boxes = EnvelopeSet | Sequence[EnvelopeSet | str | Path] | Modes | LearnedSelector | str | Path
-"""What a planner has: envelopes, several sets of them for different legs, modes, a selector, or a
+"""Boxes of a planner: envelopes, several sets of them for different legs, modes, a selector, or a
 file of these."""
 READERS: Mapping[str, str] = MappingProxyType(
     {
@@ -57,7 +57,7 @@ because networks are read on a higher floor."""
 
 
 Executor = Callable[[Plan], Any]
-"""What has a plan done: its report says by ``succeeded`` whether the robot arrived, upright and
+"""Executor of a plan: its report says by ``succeeded`` whether the robot arrived, upright and
 without slipping."""
 
 

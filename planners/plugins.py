@@ -23,18 +23,21 @@ import pickle
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.machinery import PathFinder
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from threading import RLock
 from types import FunctionType, ModuleType
-from typing import Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from .errors import InvalidInput, StancekitError
 from .files.documents import read_text
 from .files.validation import shown
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 FILE = "stancekit_file_"
@@ -163,8 +166,45 @@ class Registry(Generic[T]):
 
 @cache
 def _installed(path: tuple[str, ...], groups: tuple[str, ...]) -> tuple[EntryPoint, ...]:
-    """Entry points of these groups in packages on a path, which are read once: that takes 20 ms."""
-    return tuple(point for group in groups for point in entry_points(group=group))
+    """Entry points of these groups in packages on a path, which are read once."""
+    return tuple(point for group in groups for point in entry_points_of(group))
+
+
+def entry_points_of(group: str) -> Sequence[EntryPoint]:
+    """The entry points of a group.
+
+    Where no installed package's file of entry points says the group's name, which is the usual
+    case, nothing more is read: to read the metadata of every package takes longer.
+    """
+    if not _may_have(group):
+        return ()
+    from importlib.metadata import entry_points  # loads the parser of mails
+
+    return tuple(entry_points(group=group))
+
+
+def _may_have(group: str) -> bool:
+    """Tell whether an installed package may have entry points of this group."""
+    finders = (finder for finder in sys.meta_path if hasattr(finder, "find_distributions"))
+    if any(finder is not PathFinder for finder in finders):
+        return True  # packages that are elsewhere than in folders
+    wanted = group.encode()
+    for place in sys.path:
+        try:
+            names = os.listdir(place or ".")
+        except NotADirectoryError:
+            return True
+        except OSError:
+            continue
+        for name in names:
+            if name.endswith((".dist-info", ".egg-info")):
+                with (
+                    suppress(OSError),
+                    open(f"{place or '.'}/{name}/entry_points.txt", "rb") as file,
+                ):
+                    if wanted in file.read():
+                        return True
+    return False
 
 
 def split_name(name: str) -> tuple[str, list[str]]:

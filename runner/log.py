@@ -38,7 +38,7 @@ FORMAT = "stancekit/run/1"
 LOADED = "loaded"
 """The decision to begin with joints that press already."""
 LARGEST_TIME = 1e9
-"""Of times [s] and rates [Hz] in a log."""
+"""Largest value of times [s] and rates [Hz] in a log."""
 TOPICS: dict[str, dict[str, str]] = {
     "plan": {
         "format": "string",
@@ -60,7 +60,7 @@ TOPICS: dict[str, dict[str, str]] = {
 }
 """The topics, and what every message of each has at least, by JSON type."""
 ARRAYS_OF = {"joints": str}
-"""What the arrays of messages hold; numbers, or rows of them, where it is not said. What was not
+"""Content of the arrays of messages; numbers, or rows of them, where it is not said. What was not
 finite is null."""
 KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
 

@@ -155,7 +155,7 @@ def test_a_command_of_another_package_is_run_named_and_takes_over_none_of_ours(
         EntryPoint("plan", "mine:Count", command.ENTRY_POINTS),
     ]
     monkeypatch.setattr(
-        "importlib.metadata.entry_points",
+        "stancekit.planners.plugins.entry_points_of",
         lambda group: points if group == command.ENTRY_POINTS else [],
     )
     with pytest.raises(SystemExit) as done:

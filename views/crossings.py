@@ -231,7 +231,7 @@ class CrossingView:
         )
 
     def _word(self, time_s: float, now: Samples) -> str:
-        """What goes on at a time."""
+        """Word for what goes on at a time."""
         if self.pace_at(time_s) == CLIMBS:
             return "key frames"
         return "leap, stance" if now.stands.any() else "leap, flight"

@@ -32,7 +32,7 @@ REAL = "#c2410c"
 SPEED = 2.0
 """Films run this much faster than the world."""
 FPS, WALK_FPS = 20.0, 30.0
-"""Of films of plans, and of walks, which are as fast as the world."""
+"""Pictures per second of films of plans, and of walks, which are as fast as the world."""
 
 
 @dataclass(frozen=True, eq=False)

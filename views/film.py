@@ -32,7 +32,7 @@ from .video import Frame, check_video
 FINER = 2
 """Rows and columns drawn to a pixel; their mean is what is seen."""
 SHADOW_PX = 1024
-"""Of the map that says what the light reaches."""
+"""Pixels of the map that says what the light reaches."""
 POINT_M = 0.0006
 """Half the width of a line of one point, as a share of the distance."""
 EMPTY = """<mujoco><visual><headlight active="0"/></visual>

@@ -39,9 +39,9 @@ LEAST = 1e-9
 TICKS = (1, 3, 10, 30, 100, 300, 1000)
 SECONDS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 COMPASS = "0° = +y, clockwise"
-"""How walking directions are counted."""
+"""Count of walking directions."""
 COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
-"""Of methods in their order; they repeat after the sixth."""
+"""Colours of methods in their order; they repeat after the sixth."""
 MANY = 8
 """More runs of a method than this are drawn thin, with their median."""
 ROOM = 38

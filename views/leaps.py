@@ -45,12 +45,12 @@ from .terrain import SCALE, patches
 from .video import Frame
 
 FPS, PACE, HOLD_S = 25.0, 0.25, 0.4
-"""Of films: pictures per second, the pace at which a leap is shown, and for how long its ends are
-held [s]."""
+"""Numbers of films: pictures per second, the pace at which a leap is shown, and for how long its
+ends are held [s]."""
 UNJUDGED = "joints and bodies are not judged"
-"""What every picture says of a leap whose robot has limbs alone."""
+"""Words of every picture for a leap whose robot has limbs alone."""
 JUDGED = "the motion that joints and bodies are judged by"
-"""What it says of a leap of a robot whose legs are known."""
+"""Words of it for a leap of a robot whose legs are known."""
 
 
 @dataclass(frozen=True, eq=False)

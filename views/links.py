@@ -25,10 +25,10 @@ from .sheet import leg_colour
 
 SHELL, STEEL, RIM = "#aab5c0", "#7b8a99", "#2b3642"
 TINT = 0.3
-"""How much of its leg's colour a link has."""
+"""Share of its leg's colour that a link has."""
 TRIANGLES = 3000
-"""Of the mesh of one file at most: a quadruped is drawn with 20,000 to 50,000, and its page opens
-at once."""
+"""Most triangles of the mesh of one file: a quadruped is drawn with 20,000 to 50,000, and
+its page opens at once."""
 SMALLEST = 0.012
 """Radius of the ball that marks a foot, in stand heights, where the foot is a point."""
 

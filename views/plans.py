@@ -55,8 +55,8 @@ MARGIN_M = 0.08
 """Terrain is shown so far beyond everywhere that the robot goes."""
 FILM_PX = (960, 720)
 FPS, STEP_S, HOLD_S = 20.0, 1.2, 0.5
-"""Of films: pictures a second, seconds per step, and those that the beginning and the end take in
-addition."""
+"""Numbers of films: pictures a second, seconds per step, and those that the beginning and the end
+take in addition."""
 GHOSTS = 3
 """Key frames beside the one in full, at most."""
 

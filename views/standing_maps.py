@@ -1,5 +1,5 @@
-"""Picture of where a robot can stand: the best of the headings of each place, the share of headings,
-the margin, and the limit that is most often in the way.
+"""Picture of where a robot can stand: the best of the headings of each place, the share of
+headings, the margin, and the limit that is most often in the way.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from stancekit.planners.problem.standing_map import (
 from .sheet import DEFAULT_STYLE, INK
 
 COLOURS = ("#e4e7eb", "#2c8173", "#b8407a", "#a9d6c9", "#e6bcd3")
-"""Of unknown, feasible, infeasible, likely feasible, likely infeasible."""
+"""Colours of unknown, feasible, infeasible, likely feasible, likely infeasible."""
 WAYS = ("#8a5a44", "#d1495b", "#edae49", "#00798c", "#30638e", "#6f5aa8", "#444b54")
-"""Of limits, in their order."""
+"""Colours of limits, in their order."""
 BEST = (FEASIBLE, LIKELY, UNKNOWN, UNLIKELY, INFEASIBLE)
 """From the best verdict to the worst."""
 SIZE_IN = (9.0, 8.4)

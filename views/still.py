@@ -29,7 +29,7 @@ CIRCLE = np.column_stack(
     [np.cos(turn := np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)), np.sin(turn)]
 )
 WEIGHT = {Layer.TERRAIN: 5.0, Layer.SPACE: 1.0, Layer.GLASS: 0.3, Layer.TOP: 4.0}
-"""How much a label should keep off what is drawn."""
+"""Weight of a label's distance from what is drawn."""
 
 
 def is_glass(facet: Facet, camera: Camera) -> bool:

@@ -25,7 +25,7 @@ CELL_M = 0.1
 """The grid on surfaces; each cell is painted on its own, so that surfaces may stand one behind
 another."""
 SCALE = f"grid {CELL_M:g} m"
-"""What a picture says of it."""
+"""Words of a picture for it."""
 STRAIGHT_M = 0.0005
 """A line on the ground is straight where it is this near to a piece."""
 LOW, HIGH, EARTH = np.array(rgb("#9fb4b0")), np.array(rgb("#ecdcc0")), np.array(rgb("#cfc8ba"))

@@ -33,13 +33,13 @@ Index = NDArray[np.intp]
 Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
 Part = Literal["all", "train", "test"]
-"""Of a data set's rows: see ``Dataset.only``."""
+"""Part of a data set's rows: see ``Dataset.only``."""
 TEST_SHARE = 5
 """One row in so many is of the part "test"."""
 LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
-"""What ``Dataset[k]`` says of a row."""
+"""Labels that ``Dataset[k]`` gives to a row."""
 OPEN_SHARDS = 4
-"""How many shards a data set keeps decompressed."""
+"""Number of shards that a data set keeps decompressed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

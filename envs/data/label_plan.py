@@ -16,7 +16,7 @@ from stancekit.planners.robot.robot_file import BUILT_IN
 MOST_ROWS, MOST_SHARDS = 10**9, 10**5
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 ORDERS = ("random", "rule", "farkas", "finder", "noise")
-"""How choices of a leap's contacts are made, see ``planners.leap.tries``."""
+"""Orders in which a leap's contacts are chosen, see ``planners.leap.tries``."""
 USUAL_TRIES: Mapping[str, int] = MappingProxyType({"random": 8, "finder": 4, "noise": 4})
 """Tries of a scene where nothing is said: half of them spread over all choices, the others near
 those that succeed."""

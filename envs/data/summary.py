@@ -13,7 +13,7 @@ import numpy as np
 from .ledger import Counts, Ledger
 
 ALWAYS = ("rows", "drawn", "cpu_s_per_1000", "solve_ms_median", "solve_ms_p99")
-"""What the summary of every data set has."""
+"""Figures that the summary of every data set has."""
 
 
 @dataclass(frozen=True, kw_only=True)

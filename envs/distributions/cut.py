@@ -40,12 +40,12 @@ from .patches import FORWARD, plain_problem, triangle
 from .stance import NominalStance
 
 SPACING = 0.5
-"""Of the lattice, in radii of the smallest patch."""
+"""Spacing of the lattice, in radii of the smallest patch."""
 SMALLER = 0.4
 """The smallest patch of a terrain, in circumradii of the smallest that is drawn."""
 MOST_PLACES = 200_000
 FLAT_M = 0.003
-"""How far a grid may be from the tangent plane within a patch [m]."""
+"""Distance of a grid from the tangent plane within a patch [m]."""
 AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4.0), np.sin(np.arange(8) * np.pi / 4.0)], axis=1)
 TRIES = 20_000
 """Bodies until one has a place for every leg."""

@@ -35,14 +35,14 @@ PAPER_REACH_M = 0.35
 PAPER_LENGTH_M = 0.6
 """Length scale of Lin et al.'s robot."""
 GROUND_ROOM_M, WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
-"""How far a patch may be from its nominal place, along x, y and z, to either side."""
+"""Distance that a patch may have from its nominal place, along x, y and z, to either side."""
 CIRCUMRADIUS_M = (0.03, 0.08)
 COM_RADIUS_M = 0.08
 BEYOND = 1.1
 """The length scale of a robot from a file, in units of how far a toe may be from its centre of
 mass."""
 POINTS = 4000
-"""Of a leg's set, by which the walls are placed."""
+"""Number of points of a leg's set, by which the walls are placed."""
 SIDEWAYS = 0.8
 """Share of a leg's set that is nearer than the wall is."""
 

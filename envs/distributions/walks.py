@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 
 import numpy as np
 
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.plugins import entry_points_of
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.single_body import anymal
@@ -81,7 +81,7 @@ class SampledTasks:
         if self.terrain == "mixed":
             return (
                 *MIXED,
-                *(point.name for point in entry_points(group="stancekit.height_families")),
+                *(point.name for point in entry_points_of("stancekit.height_families")),
             )
         if self.terrain == "any":
             return tuple(name for name in TERRAIN_FAMILIES.names() if terrain_family(name).walked)

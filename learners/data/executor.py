@@ -32,7 +32,7 @@ DEATHS = 5
 """How many times in a row, without any answer between, workers may die before a run gives up; or a
 task's worker."""
 POLL_S = 1.0
-"""How often a worker looks whether the process that started it is still there."""
+"""Period at which a worker looks whether the process that started it is still there."""
 ONE_THREAD = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA", "NUMEXPR")
 }

@@ -32,7 +32,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 
 ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
 INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
-"""What an episode keeps of the step's info, each of shape (1,)."""
+"""Entries of the step's info that an episode keeps, each of shape (1,)."""
 
 
 @dataclass(frozen=True, kw_only=True)

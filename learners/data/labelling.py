@@ -43,14 +43,13 @@ if TYPE_CHECKING:  # torch
     from ..surrogates.surrogate import Surrogate
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
-"""How postures and points are chosen now (``search.canonical``); another choice gets another
-name."""
+"""Choice of postures and points now (``search.canonical``); another choice gets another name."""
 
 INNER = (
     "feasible: of the robot, whose feet reach the inner sets of its legs; infeasible: of these inner sets and a level "
     "body, which proves nothing of the robot"
 )
-"""What is said of a data set whose legs are half-spaces, see ``planners.robot.contact_robot``."""
+"""Note on a data set whose legs are half-spaces, see ``planners.robot.contact_robot``."""
 
 log = logging.getLogger(__name__)
 

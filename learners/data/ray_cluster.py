@@ -28,7 +28,7 @@ from .executor import Answer, Executor, Task, due
 SILENCE_S = 8.0
 """A driver that says nothing for so long is no use any more; it says something every second."""
 DRIVER = ("-m", "stancekit.learners.data.ray_driver")
-"""How Python starts a driver."""
+"""Command that starts a driver."""
 START_S, JOIN_S = 60.0, 60.0
 """Time that a driver may take to start, and to join a cluster that has let it in, or to start one
 of its own."""

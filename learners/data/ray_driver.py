@@ -21,9 +21,9 @@ from typing import Any
 from .executor import DEATHS
 
 POLL_S = 1.0
-"""How often the cluster is asked whether it is still there."""
+"""Period at which the cluster is asked whether it is still there."""
 PATIENCE_S = 5.0
-"""How long a cluster may be out of reach, or without a processor, before it counts as gone."""
+"""Time that a cluster may be out of reach, or without a processor, before it counts as gone."""
 
 
 class Refused(Exception):

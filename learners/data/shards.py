@@ -81,7 +81,7 @@ def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
 KINDS = ("feasible", "infeasible", "trivial", "undecided")
 """Labels of samples, those of ``Counts``."""
 CALLED = ("feasible", "infeasible")
-"""What a surrogate calls a draw that it is sure of."""
+"""Names by which a surrogate calls a draw that it is sure of."""
 Place = tuple[int, Mapping[str, Any]]
 """A number of samples, and the state of a shard's random stream after so many."""
 

@@ -14,8 +14,8 @@ from .gait_bench import METHODS, PAPER
 
 Row = Mapping[str, Any]
 BASELINE = "ambient"
-"""What iterations and times are compared with: the exact Hessian in the world's coordinates, in the
-same run."""
+"""Baseline of iterations and times: the exact Hessian in the world's coordinates, in the same
+run."""
 QUARTILES = (25.0, 50.0, 75.0)
 
 

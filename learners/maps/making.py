@@ -265,7 +265,7 @@ def make_map(
 
 
 def _learned(maker: Maker, settings: MapSettings, rng: np.random.Generator) -> Surrogate | None:
-    """What is learned from proved poses; None where all of them have one answer."""
+    """Surrogate learned from proved poses; None where all of them have one answer."""
     from ..surrogates.rows import FARTHEST, LabelledBatch
     from ..surrogates.training import SurrogateSettings, fit_rows
 

@@ -11,7 +11,7 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from stancekit.planners.files.arrays import Array
 
 CLEARANCE = 1e-4
-"""How far outside the box an excluded point must be (non-dimensional)."""
+"""Distance outside the box that an excluded point must have (non-dimensional)."""
 
 
 def largest_box(

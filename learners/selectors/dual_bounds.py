@@ -19,7 +19,8 @@ BAND = 1e-6
 """A witness must have this margin to spare, a certificate must exclude this margin: ten times what
 P1 forgives."""
 ROUNDS = 8
-"""How often the moments of a witness are tried again with the largest held at their bounds."""
+"""Number of times that the moments of a witness are tried again with the largest held at their
+bounds."""
 Bools = NDArray[np.bool_]
 Index = NDArray[np.intp]
 

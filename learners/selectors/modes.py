@@ -23,7 +23,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from .quantile import quantile_box
 
 MODES = {"ground": "ground", "wall": "wall", "terrain": "ground"}
-"""What a mode is called over the scenes of each law."""
+"""Name of a mode over the scenes of each law."""
 
 
 def learn_modes(

@@ -9,7 +9,7 @@ from stancekit.envs.memoryless import Observation
 from stancekit.planners.problem.posture import MAX_TILT_RAD
 
 LEAST = float(np.cos(MAX_TILT_RAD))
-"""Of a normal along an axis, for it to be ground, or a wall."""
+"""Least part of a normal along an axis, for it to be ground, or a wall."""
 
 
 def terrain_rule(observation: Observation) -> NDArray[np.int64]:

@@ -104,7 +104,7 @@ class LabelledBatch:
         )
 
     def without(self, other: LabelledBatch) -> LabelledBatch:
-        """Those that are not in another one."""
+        """Rows that are not in another batch."""
         seen = {corners.tobytes() for corners in other.batch.vertices_m}
         fresh = [k for k, each in enumerate(self.batch.vertices_m) if each.tobytes() not in seen]
         return self.select(np.array(fresh, dtype=np.intp))

@@ -38,7 +38,7 @@ FORMAT = "stancekit/surrogate/2"
 CHUNK = 1024
 """Problems whose scores are worked out at once."""
 BEYOND = 0.01
-"""How far beyond the numbers that were calibrated on a problem's may lie, in shares of their
+"""Distance beyond the numbers that were calibrated on a problem's may lie, in shares of their
 range."""
 NEAR = 1e-3
 """Scores this close to a limit are worked out again in double precision, so that an answer does not

@@ -34,7 +34,7 @@ KNOBS: Mapping[str, tuple[str, ...]] = {
     "joint": ("neural",),
     "rl": ("rl",),
 }
-"""Which settings concern which method."""
+"""Settings by the method that they concern."""
 Progress = Callable[[int, int], None]
 
 

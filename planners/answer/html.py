@@ -16,12 +16,12 @@ from ..files.arrays import Array
 
 WIDTH_PX, HEIGHT_PX, MARGIN_PX = 480, 300, 16
 MOST_ROWS = 60
-"""Of a table."""
+"""Most rows of a table."""
 COLOURS = {"holds": "#2a7f62", "violated": "#b3261e"}
 AZIMUTH_RAD, ELEVATION_RAD = -1.1, 0.45
 """From where a stance is seen."""
 LONGEST = 0.25
-"""Of the arrow of the largest force, as a share of the picture."""
+"""Length of the arrow of the largest force, as a share of the picture."""
 
 
 def groups_html(message: str, groups: Iterable[tuple[str, str, str, str, str]]) -> str:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..terrain.heightfield import HeightField
 
 OFF_M = 0.015
-"""How far from its place a foot may come down, and should hold all the same [m]."""
+"""Distance from its place at which a foot may come down, and should hold all the same [m]."""
 STEP_S = 0.005
 """Spacing of the samples that charts give: ten times finer than the optimiser's default grid."""
 SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")

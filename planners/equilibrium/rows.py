@@ -44,7 +44,7 @@ STATUS = {
     clarabel.SolverStatus.PrimalInfeasible: ConicStatus.INFEASIBLE,
     clarabel.SolverStatus.AlmostPrimalInfeasible: ConicStatus.INFEASIBLE,
 }
-"""Of Clarabel; what is not here failed."""
+"""Statuses of Clarabel; what is not here failed."""
 EXACT = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.PrimalInfeasible)
 
 

@@ -213,7 +213,7 @@ keys that are not there have their defaults."""
 ALL_KEYS = _Keys(whole=True)
 """The same where all keys have to be there."""
 NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
-"""What the reference of keys says of arrays, of whatever shape."""
+"""Words of the reference of keys for arrays, of whatever shape."""
 
 
 def numbers(value: Any, deepest: int = 8) -> Any:

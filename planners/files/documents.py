@@ -26,15 +26,16 @@ import yaml
 from ..errors import InvalidInput
 from .validation import shown
 
+YAML = (".yaml", ".yml")
+"""How the names of YAML files end."""
 MOST_BYTES = 128_000_000
-"""Of any file."""
+"""Largest size of any file."""
 MOST_JSON_BYTES, MOST_YAML_BYTES = 32_000_000, 1_000_000
-"""Of one document. YAML is for what people write by hand, and slow to read."""
+"""Largest size of one document. YAML is for what people write by hand, and slow to read."""
 MOST_VALUES, MOST_YAML_VALUES = 2_000_000, 200_000
-"""How many keys, lists and values a document may hold, what aliases stand for counted wherever they
-stand."""
+"""Most keys, lists and values of a document, what aliases stand for counted wherever they stand."""
 DEEPEST = 60
-"""How deep a document may be nested."""
+"""Deepest nesting of a document."""
 TOO_DEEP = f"expected {DEEPEST} levels of nesting or fewer, got more"
 MOST_ELEMENTS = 1_000_000
 """Elements and attributes of an XML document."""

@@ -18,10 +18,10 @@ TEMPORARY = re.compile(r"\.(?P<name>.+)\.\d+(-[0-9a-f]{8})?\.tmp", re.DOTALL)
 """Names of what is being written: those of its target and of the process, and a number of its
 own."""
 LONGEST_NAME = 255 - len("..4194304-01234567.tmp")
-"""Of a target, in bytes, on Linux."""
+"""Longest name of a target, in bytes, on Linux."""
 TRIES = 100
-"""Of names for what is being written: another one is needed where somebody took it away before it
-was locked."""
+"""Number of tries of names for what is being written: another one is needed where somebody took it
+away before it was locked."""
 
 
 def write_text(path: str | Path, text: str) -> None:

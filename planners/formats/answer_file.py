@@ -20,7 +20,7 @@ from ..robot import Robot
 
 Read = TypeVar("Read")
 MOST_RECORDS = 500_000
-"""Of a file of JSON lines."""
+"""Most records of a file of JSON lines."""
 
 
 def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:

@@ -17,13 +17,13 @@ from ..answer.leap_plan import LATER, NUMBERS, LeapPlan
 from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
-from ..files.documents import read_json, read_yaml
+from ..files.documents import YAML, read_json, read_yaml
 from ..files.validation import shown
 from ..files.writing import write_text
 from ..problem.leap import Leap
-from ..problem.leap_classes import leap_class, leap_classes
-from ..problem.leap_json import FORMAT, leap_from_keys, leap_to_json
-from ..robot.robot_file import YAML
+from ..problem.leap_classes import leap_class
+from ..problem.leap_json import leap_from_keys, leap_to_json
+from ..problem.leap_names import is_drawn, is_leap
 from ..verify import check_certificate, explain
 from ..verify.leaps import check_leap
 from .file_check import FileCheck
@@ -48,9 +48,9 @@ def read_leap(path: str | Path, robot: str | Path | None = None) -> LeapFile:
     Arguments:
         robot: a name or file whose legs are known, in place of the class's robot.
     """
-    if robot is not None and not _is_drawn(path):
+    if robot is not None and not is_drawn(path):
         raise InvalidInput(f"robot: expected CLASS:SEED with another robot, got the file {path}")
-    if _is_drawn(path):
+    if is_drawn(path):
         name, _, seed = str(path).partition(":")
         if not (seed or "0").isdecimal():
             raise InvalidInput(f"{path}: expected CLASS:SEED as {name}:7, with a seed of 0 or more")
@@ -103,37 +103,9 @@ def write_leap(
 
 
 def leap_content(leap: Leap, plan: LeapPlan | None = None) -> dict[str, Any]:
-    """What a leap's file holds of the leap and its plan."""
+    """Content of a leap's file: the leap and its plan."""
     content = leap_to_json(leap)
     return content if plan is None else {**content, "plan": plan_to_json(plan)}
-
-
-def is_leap(data: Any) -> bool:
-    """Tell whether parsed contents say that they are a leap."""
-    if not isinstance(data, Mapping):
-        return False
-    is_draw = "distribution" in data and set(data) <= {"distribution", "seed"}
-    return data.get("format") == FORMAT or "phases" in data or is_draw
-
-
-def is_leap_file(path: str | Path) -> bool:
-    """Tell whether a JSON or YAML file that is there holds a leap, or a name is that of a drawn
-    one.
-    """
-    if _is_drawn(path):
-        return True
-    path = Path(path)
-    if path.suffix not in (*YAML, ".json") or not path.is_file():
-        return False
-    try:
-        return is_leap(read_yaml(path) if path.suffix in YAML else read_json(path))
-    except InvalidInput:
-        return False
-
-
-def _is_drawn(path: str | Path) -> bool:
-    """Tell whether a name, and no file, is CLASS or CLASS:SEED of a class of leaps."""
-    return str(path).partition(":")[0] in leap_classes() and not Path(path).exists()
 
 
 def check_file(path: str | Path, *, why: bool = False) -> FileCheck:

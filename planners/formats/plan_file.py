@@ -56,7 +56,7 @@ PARTS: dict[str, dict[str, type]] = {
     "verdict": {"accepted": bool, "tolerance": float, "digest": str},
     "provenance": {},
 }
-"""What the objects in the header hold at least."""
+"""Least content of the objects in the header."""
 OF_JOINTS = ("joints", "torque")
 """Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
 ARRAYS: dict[str, dict[str, type]] = {
@@ -100,7 +100,7 @@ def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
 
 
 def plan_content(plan: Plan, report: Report[Plan], where: str | Path) -> dict[str, Any]:
-    """What a plan's file holds, with its seal.
+    """Content of a plan's file, with its seal.
 
     Raises InvalidInput for a provenance that is no JSON.
     """

@@ -38,7 +38,7 @@ def write_proof(path: str | Path, certificate: Certificate) -> None:
 
 
 def proof_content(certificate: Certificate, where: str | Path) -> dict[str, Any]:
-    """What the file of a proof holds.
+    """Content of a proof's file.
 
     Raises InvalidInput for a proof about a leap.
     """

@@ -39,7 +39,7 @@ from ..terrain.import_options import ImportOptions
 from ..terrain.reference import named_terrain
 
 LOADED = 1e-3
-"""Of the weight."""
+"""Share of the weight."""
 MOST_ROWS = 500_000
 BASE = ("base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz")
 OF_FEET = ("x_m", "y_m", "z_m", "fx_n", "fy_n", "fz_n")

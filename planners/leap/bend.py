@@ -1,5 +1,5 @@
-"""Leaps that legs can do: a plan is judged on the robot's own body, and what fails is bent before it
-is refused.
+"""Leaps that legs can do: a plan is judged on the robot's own body, and what fails is bent before
+it is refused.
 
 A round measures joints along the leap, puts their speeds and torques as rows into the leap's convex
 steps, linear about what was measured, with what legs that swing turn the body by, and solves again.
@@ -42,7 +42,8 @@ from .scp import (
 )
 
 SHARE, LEAST_SHARE = 0.88, 0.5
-"""Of joints' speeds and torques, that rows ask for; less in later rounds, but no less than that."""
+"""Shares of joints' speeds and torques, that rows ask for; less in later rounds, but no less than
+that."""
 MORE_THAN = 1.03
 """Rows ask for so much less than would make up for what was too much."""
 ROUNDS, STEPS = 6, 8
@@ -291,8 +292,8 @@ class LeapBender:
 
 
 def as_turned(measured: LeapBodyMeasurements) -> LeapPlan:
-    """The plan of a leap that was measured, which says that legs turn the body as they were measured
-    to: c, v and L are what they were.
+    """The plan of a leap that was measured, which says that legs turn the body as they were
+    measured to: c, v and L are what they were.
     """
     plan, turned = measured.leap_body.plan, measured.turned
     return replace(

@@ -1,5 +1,5 @@
-"""Courses with leaps: where no foothold bridges a gap, key frames lead up to it, a leap over it, and
-key frames on from where it lands.
+"""Courses with leaps: where no foothold bridges a gap, key frames lead up to it, a leap over it,
+and key frames on from where it lands.
 
 The gap is looked for on the straight way: places of the body below which some toe has nothing to
 stand on. Every climb is a course of its own, laid out and judged as any other; every leap begins
@@ -61,13 +61,14 @@ FLIGHT_S = (0.2, 0.5)
 CANDIDATES, WINDOW_M = 4, 0.16
 """Candidates per toe where a leap lands, and how wide each is [m]."""
 GOAL_M = 0.06
-"""A leap ends so near to where the body likes to be over its toes: a climb goes on from there [m]."""
+"""A leap ends so near to where the body likes to be over its toes: a climb goes on from there
+[m]."""
 LOW = 0.5
 """Least height of the body over its toes, in units of that at which it stands."""
 SQUARE_M = 0.04
 """Width of the pieces on which a climb ends that a leap follows [m]."""
 SHARES = (0.25, 0.8)
-"""Of the time that is left, for one climb and for one leap, while more is to come."""
+"""Shares of the time that is left, for one climb and for one leap, while more is to come."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -304,18 +305,18 @@ class _Crossing:
         """
         goal = tuple(self.way.at(end_m).tolist())
         question = replace(self.question, goal_m=goal, frames=None)
-        asked: Problem | LaidBetween = question
+        posed: Problem | LaidBetween = question
         try:
             if standing is not None:
                 start = tuple(standing.com_m[:2].tolist())
                 course = replace(question, start_m=start, straight=True)("inner")
-                asked = course_window(course, 0, course.frames - 1, standing)
+                posed = course_window(course, 0, course.frames - 1, standing)
             if square:
-                straight = question("inner") if standing is None else asked
+                straight = question("inner") if standing is None else posed
                 assert isinstance(straight, Problem)
-                asked = self._squared(straight, end_m)
+                posed = self._squared(straight, end_m)
             answer = plan_course(
-                asked,
+                posed,
                 self.planner,
                 limits=self.limits,
                 start_rad=None if standing is None else standing.angles_rad,
@@ -404,8 +405,8 @@ class _Crossing:
         return wanted, _heights(self.terrain, wanted)
 
     def _squared(self, course: Problem, end_m: float) -> Problem:
-        """The course whose last foothold of every limb is a small piece about where its toe likes to
-        be for a leap: bodies roll that push off with feet anywhere.
+        """The course whose last foothold of every limb is a small piece about where its toe likes
+        to be for a leap: bodies roll that push off with feet anywhere.
         """
         wanted, heights = self._wanted(end_m)
         names, last = course.robot.limb_names, dict[str, int]()

@@ -30,9 +30,9 @@ from .numbers import LeapGiven
 SPEED_RESERVE = 0.97
 """Share of speeds and powers that plans use: rows ask at the ends of intervals."""
 PRICES = {"moment": 1.0, "turn": 0.1, "speed": 0.05, "power": 0.05, "fold": 0.3, "inside": 1.0}
-"""Of a unit of slack, by group: m²/s, rad, m/s, units of the weight times m/s, and m."""
+"""Price of a unit of slack, by group: m²/s, rad, m/s, units of the weight times m/s, and m."""
 PRICES["joints"] = 0.02
-"""Of a share of a joint's speed or torque."""
+"""Price of a share of a joint's speed or torque."""
 SLACKS = tuple(PRICES)
 
 

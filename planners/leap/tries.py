@@ -26,7 +26,7 @@ ORDERS: tuple[Order, ...] = ("random", "rule", "farkas", "finder", "noise")
 """In which a leap's tries are made: random ones before there are cuts, noise about the best that
 the others found."""
 LABELS = {Status.FEASIBLE: "solved", Status.INFEASIBLE: "refuted", Status.UNDECIDED: "unsolved"}
-"""What is said of a try: has its choice of contacts a leap?"""
+"""Labels of a try: has its choice of contacts a leap?"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

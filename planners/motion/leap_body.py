@@ -25,7 +25,8 @@ STEP_S = 0.005
 LEAST = 4
 """Samples of the shortest leap: torques are measured at those within."""
 TURNS = 6
-"""Rounds in which legs and the body that they turn agree; each leaves a third or less of what is off."""
+"""Rounds in which legs and the body that they turn agree; each leaves a third or less of what is
+off."""
 SINGULAR = 0.03
 """Directions in which a stretched leg moves its foot by less than this share of others are left
 out."""
@@ -34,7 +35,7 @@ QUICK = 15
 
 
 GATHER = (0.3, 0.8)
-"""Of a plan that does not say how legs are drawn up: see ``LeapPlan``."""
+"""Times of a plan that does not say how legs are drawn up: see ``LeapPlan``."""
 
 
 class LeapBody:

@@ -23,7 +23,7 @@ from .swing import KEPT_M, clear_swing
 from .touch_down import touch_downs_m
 
 CLEARANCE_M = 0.05
-"""How far feet are lifted, at least."""
+"""Least height to which feet are lifted."""
 APART_M = 0.01
 """Between two moments that are judged no foot and no body's origin goes farther."""
 MOST = 50_000

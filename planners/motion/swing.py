@@ -21,8 +21,8 @@ RAISES_M = np.array(
         key=lambda pair: (sum(pair), max(pair)),
     )
 )
-"""How much higher than usual a foot may be lifted, and how much higher it may come from, the lowest
-first (36, 2)."""
+"""Heights beyond the usual to which a foot may be lifted, and by which higher it may come from, the
+lowest first (36, 2)."""
 SHARES = np.linspace(0.0, 1.0, 21)
 
 

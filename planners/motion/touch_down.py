@@ -8,7 +8,7 @@ three make one, and no more than 2 cm.
 
 from __future__ import annotations
 
-from statistics import NormalDist
+import math
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ..files.arrays import Array
 
 TOUCH_DOWN_M = 0.02
 """No foot comes down farther beyond its place [m]."""
-ONE_IN = 2.0 * NormalDist().cdf(-3.0)
+ONE_IN = 1.0 + math.erf(-3.0 / math.sqrt(2.0))
 """How often a single toe is farther off than three deviations."""
 
 
@@ -25,6 +25,8 @@ def deviations(toes: int) -> float:
     """Number of standard deviations that a foot comes down, for as many toes; 3 for one, 3.9 for
     thirty.
     """
+    from statistics import NormalDist  # loads decimals and fractions, and few grounds ask for it
+
     return -NormalDist().inv_cdf(0.5 * ONE_IN / max(toes, 1))
 
 
@@ -35,6 +37,8 @@ def touch_downs_m(plan: Plan) -> Array:
     course = plan.problem
     patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
     spread = np.zeros(len(patches))
+    if all(patch.certainty is None for patch in patches):
+        return spread
     for p, patch in enumerate(patches):
         if patch.certainty is not None:
             spread[p] = patch.normal[2] * float(patch.certainty.height_sd_m(plan.toes_m[p, :2]))

@@ -20,6 +20,8 @@ from ..files.arrays import Array, checked_int, read_only
 from ..files.validation import validated
 from ..robot.model import Robot
 from ..terrain.footholds import Footholds
+from ..terrain.polygon import STEEP, Surface
+from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
 from .course_keys import CourseSpec
 from .course_layout import build_course
@@ -96,8 +98,7 @@ def course_between(
             "cannot be stood on there may be here"
         )
     if straight:
-        heights = [float(terrain_along.grid(end[:1], end[1:])[0, 0]) for end in ends]
-        way = np.column_stack([ends, heights])
+        way = np.column_stack([ends, [_body_height(terrain_along, toes, end) for end in ends]])
     else:
         way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m, standing).points_m
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
@@ -133,6 +134,30 @@ def course_between(
     if alternative.level:
         update["body"] = described().level()
     return described(stance=spec.stance, **update)
+
+
+def _body_height(terrain: Terrain, toes_m: Array, place_m: Array) -> float:
+    """Height of a body over a place, shape (2,), its toes in the mean on what ground is below them
+    [m].
+
+    Arguments:
+        toes_m: vectors from the body to its toes, shape (N, 3) [m].
+
+    Raises:
+        InvalidInput: where there is no ground below any.
+    """
+    grounds = [Surface(patch, 0.0) for _, patch in terrain.standing if patch.normal[2] >= STEEP]
+    heights = []
+    for toe in toes_m:
+        under = [ground.under(place_m + toe[:2]) for ground in grounds]
+        known = [height for height in under if height is not None]
+        if known:
+            heights.append(max(known) - toe[2])
+    if not heights:
+        raise InvalidInput(
+            f"goal: expected ground under some toe, got ({place_m[0]:.3g}, {place_m[1]:.3g}) with none"
+        )
+    return float(np.mean(heights))
 
 
 def laid_between(

@@ -41,8 +41,8 @@ UPRIGHT = 0.1
 """Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of
 steps."""
 BODY_ROOM = 0.2
-"""How far the body of a robot of a file may be from its nominal path, in units of its height, where
-that is more."""
+"""Distance that the body of a robot of a file may have from its nominal path, in units of its
+height, where that is more."""
 LEVEL_RAD = 0.1
 """Tilt limit of plans over inner sets: at 15° these lose as much to the tilt as a quadruped's legs
 have to spare."""

@@ -30,7 +30,7 @@ from .terrain_spec import Positive as Positive
 from .terrain_spec import TerrainSpec as TerrainSpec
 
 BEYOND_M = 0.6
-"""How far a generated terrain goes on beyond the ends of the path [m]."""
+"""Length by which a generated terrain goes on beyond the ends of the path [m]."""
 
 INSIDE_M = 1.0
 """Footholds of bars are those inside of any margin of candidates [m]."""

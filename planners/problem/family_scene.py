@@ -19,7 +19,7 @@ from ..terrain.terrain import Terrain
 from .terrain_spec import ROOM_M, TerrainSpec
 
 FRAMES, STRIDE_M, HEIGHT_M = 4, 0.08, 0.20
-"""Of the courses, see ``family_keys``."""
+"""Numbers of the courses, see ``family_keys``."""
 
 
 class FamilyScene(TerrainSpec):

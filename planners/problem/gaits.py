@@ -58,7 +58,7 @@ class Gait:
 
 
 HEIGHT_M = 0.42
-"""How high the centre of mass of ``anymal`` stands, whose cycles these are [m]."""
+"""Height of ``anymal``'s centre of mass, whose cycles these are [m]."""
 SHORTEST = 4.0
 """Steps of the grid in the shortest cycle: in two of them a foot swings."""
 

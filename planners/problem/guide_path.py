@@ -38,10 +38,10 @@ LATTICE_M = 0.04
 """Between nodes [m]; more on terrains that have too many."""
 MOST_NODES = 150_000
 ASIDE = 0.35
-"""How far a toe's foothold may be from where it likes to be, in reaches."""
+"""Distance that a toe's foothold may have from where it likes to be, in reaches."""
 APART = (0.3, 0.5)
-"""How far a foothold may be above or below the mean of all, in reaches: the second where the first
-leaves no way."""
+"""Height by which a foothold may be above or below the mean of all, in reaches: the second where
+the first leaves no way."""
 STRAIGHT_M = 0.03
 """Points of the way this close to a straight line are left out [m]."""
 RARE = 3.0

@@ -13,11 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_choice
-from ..files.documents import read_yaml
+from ..files.documents import YAML, read_yaml
 from ..files.validation import validated
 from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import LegLimits, Limb, Robot
-from ..robot.robot_file import YAML
 from ..terrain.families import family_terrain
 from ..terrain.family import SCENE
 from ..terrain.patch import Patch
@@ -59,7 +58,7 @@ class LeapClass(BaseModel):
         intervals, timings_s: numbers of intervals and durations of stance, flight, stance.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     robot: str = "nameless"
     height_m: float = 0.24
     jump_m: Range = (1.0, 1.3)
@@ -229,12 +228,6 @@ def leap_class(name: str) -> LeapClass:
         return validated(LeapClass, read_yaml(name) or {}, name)
     classes = _classes()
     return classes[checked_choice(name, "distribution", classes)]
-
-
-def is_leap_class(name: str) -> bool:
-    """Tell whether a name, or a file's, speaks of a class of leaps, be there one or not."""
-    last = Path(name).name
-    return last == "leap" or last.startswith("leap-")
 
 
 def leap_classes() -> tuple[str, ...]:

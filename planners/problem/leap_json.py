@@ -20,8 +20,7 @@ from ..terrain.patch import Patch
 from .foothold import Foothold
 from .leap import BodyState, Leap, LeapLimits, Phase
 from .leap_classes import leap_class, nameless
-
-FORMAT = "stancekit/leap/1"
+from .leap_names import FORMAT
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from .problem import Problem
 
 Value = TypeVar("Value")
 OF_PATCHES = ("regions", "offsets_m")
-"""What a problem has worked out of its patches."""
+"""Numbers that a problem has worked out of its patches."""
 
 
 class Sampler(Protocol):

@@ -669,7 +669,7 @@ class Problem:
 
     @property
     def _least_counts(self) -> tuple[int, int]:
-        """How many steps of toes, and of the rotation, have a least length."""
+        """Numbers of toes' steps, and of the rotation's, that have a least length."""
         toes = len(self.moves) if self.steps.least_toe_m > 0.0 else 0
         return toes, self.frames - 1 if self.steps.least_rotation_rad > 0.0 else 0
 

@@ -25,10 +25,10 @@ DAMAGED += (OverflowError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.e
 """What comes of a file that is no map, or that was damaged."""
 MOST_POSES = 20_000_000
 VERDICTS = ("unknown", "feasible", "infeasible", "likely feasible", "likely infeasible")
-"""What is known of a pose: the second and third are proved."""
+"""Verdicts on a pose: the second and third are proved."""
 UNKNOWN, FEASIBLE, INFEASIBLE, LIKELY, UNLIKELY = range(5)
 LIMITS = ("", "foothold", "friction", "force", "reach", "body", "tilt", "several")
-"""What is in the way of a pose, or nearest to it; empty where that is not known."""
+"""Limits in the way of a pose, or nearest to it; empty where that is not known."""
 ARRAYS = {
     "verdict": (np.uint8, 3),
     "limit": (np.uint8, 3),

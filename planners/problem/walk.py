@@ -20,8 +20,8 @@ from .gaits import FootPhases, gait_named, schedule
 
 Timings = Literal["fixed", "optimised"]
 SUCTION = 2.0
-"""What an adhesive foot may pull with where a task does not say, in units of m·g; walks out of
-steep pits take 1.5."""
+"""Pull of an adhesive foot where a task does not say, in units of m·g; walks out of steep pits take
+1.5."""
 STEEPEST = 1.0
 """Gradient of the terrain beyond which a foot without suction cannot hold: no start and no goal
 there."""

@@ -27,7 +27,7 @@ DECREMENT = 1e-12
 STEPS, HALVINGS = 60, 30
 """Most Newton steps, and most halvings of one."""
 LESS = 0.1
-"""Of the decrease that the slope promises, so much must come."""
+"""Share of the decrease that the slope promises, so much must come."""
 
 
 def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) -> PointBatch:

@@ -50,7 +50,7 @@ APART_M = 0.03
 NEAR_M = 0.02
 """Beyond what they should keep, bodies farther apart than this are not looked at."""
 CLEAR_PRICE = 20.0
-"""Of what is missing to a distance at one moment, in the length scale, in units of the
+"""Price of what is missing to a distance at one moment, in the length scale, in units of the
 objective."""
 
 

@@ -18,7 +18,7 @@ from .held import FixToes, Linearised
 from .project import SURFACE
 
 SHARES = (1.0, 0.3, 0.1)
-"""Of a linearised step, tried in this order until one is better."""
+"""Shares of a linearised step, tried in this order until one is better."""
 
 
 def improved(

@@ -31,7 +31,7 @@ RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
 STANDING = (0.5, 0.6, *RESERVES)
 """The same while all limbs stand: who has not moved yet does not know what friction there is."""
 TIES = 1e-4
-"""Of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
+"""Weight of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
 EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
 WEIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])

@@ -19,8 +19,8 @@ from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes
 from ..files.arrays import Array, cross
 
 MOMENT_PRICE = 30.0
-"""Of the moments that a linearised step leaves, in units of the objective: large against its own
-slopes."""
+"""Price of the moments that a linearised step leaves, in units of the objective: large against its
+own slopes."""
 
 
 class FixToes:

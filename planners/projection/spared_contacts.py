@@ -34,9 +34,9 @@ from .held import held_moments, toes_of
 from .whole_body_step import EVEN, TORQUE_PRICE, TorqueRows, WholeBodyGiven
 
 NEAR = 1e-2
-"""Of the squared distance of body and toes from where the plan has them."""
+"""Weight of the squared distance of body and toes from where the plan has them."""
 DAMPED = 1e-4
-"""Of the inverse that gives the joints a place of the foot, in length scales squared."""
+"""Damping of the inverse that gives the joints a place of the foot, in length scales squared."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -52,7 +52,7 @@ AIM, SPARE = 0.97, 0.02
 weight above what feet are to press with, times the radius: what a step is wrong by falls with its
 square."""
 WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
-"""Of the trust region's radius: after a step that was one, after one that was none, and its
+"""Factors of the trust region's radius: after a step that was one, after one that was none, and its
 bounds."""
 SPARED = 2
 """So often contacts are found anew with torques as rows, each time about the plan found before,
@@ -60,7 +60,7 @@ before steps of the whole plan."""
 GAIN = 3e-4
 """A step lowers the price of what is too much by so much, or is none."""
 ENOUGH = 0.5
-"""Of the distance that bodies should keep: steps end where all have as much."""
+"""Share of the distance that bodies should keep: steps end where all have as much."""
 PATIENCE, HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are
 tried."""
@@ -170,11 +170,10 @@ def whole_body(
         [answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)]
     )
     plan = replace(plan, joints_rad=angles)
-    borne = push_share(plan)
-    if borne and plan.problem.robot.source.own:  # whose plans have to bear one
+    if plan.problem.robot.source.own and push_share(plan):  # its plans have to bear one
         return _bent(plan, limits, solver, deadline, braced=True)
     bent = _bent(plan, limits, solver, deadline)
-    if bent.steps and push_share(bent.plan) < borne:
+    if bent.steps and push_share(bent.plan) < push_share(plan):
         other = _bent(plan, limits, solver, deadline, braced=True)
         if other.after.excess <= bent.after.excess and push_share(other.plan) > push_share(
             bent.plan

@@ -39,14 +39,14 @@ from .held import held_moments, linearised_moments, toes_of
 from .joint_ranges import joint_ranges, keep_turns, standing, turn_room
 
 TORQUE_PRICE = 3.0
-"""Of the largest torque's share above what is wanted, in units of the objective."""
+"""Price of the largest torque's share above what is wanted, in units of the objective."""
 MOMENT_PRICE = 500.0
-"""Of the moments that a step leaves, likewise: at 3e3 plans of the hexapod between walls keep too
-much torque, at 100 steps buy distances with moments, and a Solo12 had no plan on stairs."""
+"""Price of the moments that a step leaves, likewise: at 3e3 plans of the hexapod between walls keep
+too much torque, at 100 steps buy distances with moments, and a Solo12 had no plan on stairs."""
 STILL, EVEN = 2e-3, 1e-5
-"""Of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
+"""Weights of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
 TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
-"""How far a step may go, at radius 1: com and toes [m], rotation and joints [rad], each axis for
+"""Bounds of a step, at radius 1: com and toes [m], rotation and joints [rad], each axis for
 itself."""
 
 

@@ -31,7 +31,7 @@ from .relaxed import RelaxationAnswer
 BELOW, ABOVE = 0, 1
 """Numbers of the cones with p_j − l_j and with h_j − p_j."""
 SIGNS = np.array([1.0, -1.0])[:, None, None, None]
-"""Of m in those cones, shape (2, 1, 1, 1)."""
+"""Signs of m in those cones, shape (2, 1, 1, 1)."""
 
 
 class Coned(McCormick):

@@ -19,14 +19,14 @@ from ..problem import Problem
 from .learned import check_learned, check_robot
 
 TILT_ROOM_RAD = np.deg2rad(10.0)
-"""How much further than in training a patch may lean before an envelope is refused as learned for
-something else."""
+"""Angle beyond that of training by which a patch may lean before an envelope is refused as learned
+for something else."""
 LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
 """The corners of a box in p_j and f_k, in the order of the four envelope rows of m_jk = p_j f_k."""
 P_ENDS, F_ENDS = np.array([0, 1, 0, 1]), np.array([0, 1, 1, 0])
-"""Which bounds, of low and high, they are at."""
+"""Bounds, of low and high, that they are at."""
 SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
-"""Of those rows: the first two bound m_jk from below, the others from above."""
+"""Signs of those rows: the first two bound m_jk from below, the others from above."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

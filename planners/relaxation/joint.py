@@ -36,8 +36,8 @@ from .margin_gradient import margin_gradient
 from .relaxed import RelaxationAnswer, Relaxed, doubtful
 
 MARGIN_PRICE = 10.0
-"""Of the margin, in units of the squared gap: the answer leaves the envelope only where it has
-to."""
+"""Price of the margin, in units of the squared gap: the answer leaves the envelope only where it
+has to."""
 
 
 def near_nominal(scaled: Scaled, at: Array) -> Point:

@@ -40,7 +40,8 @@ SOLVERS: dict[
 }
 GUROBI_LIMITS = "gurobi ended without an answer: its free licence takes 2000 variables and 2000 rows, and 200 variables with cones"
 ABSOLUTE_GAP = 1e-4
-"""Of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off the goal."""
+"""Absolute gap of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off
+the goal."""
 Claim = Literal["feasible", "infeasible", "unknown"]
 Cut = Literal["both", "position"]
 Domain = Literal["course", "unit"]

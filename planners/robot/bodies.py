@@ -675,7 +675,7 @@ def _faces(solids: Sequence[Solid]) -> list[_Faces]:
             normals=np.array([solids[k].normals for k in parts.tolist()]),
             offsets_m=np.array([solids[k].offsets_m for k in parts.tolist()]),
         )
-        for parts in (np.flatnonzero(counts == count) for count in np.unique(counts))
+        for parts in (np.flatnonzero(counts == count) for count in sorted(set(counts.tolist())))
     ]
 
 

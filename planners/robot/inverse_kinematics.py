@@ -30,7 +30,7 @@ TRIES = 4
 DAMPING = 1e-3
 """λ as a share of the error [m]."""
 LONGEST_STEP = 0.5
-"""Of a joint in one step [rad, or m]."""
+"""Longest move of a joint in one step [rad, or m]."""
 
 
 def descend(

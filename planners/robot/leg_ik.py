@@ -41,7 +41,7 @@ WEIGHTS = {
 """Weights of a posture's discomfort."""
 STEEP = 0.9
 NEAR = 1.3
-"""Of a limb's reach: what is farther from its shoulder than this share takes no part."""
+"""Share of a limb's reach: what is farther from its shoulder than this share takes no part."""
 
 
 def limb_posture(

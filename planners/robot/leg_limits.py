@@ -14,12 +14,12 @@ from pydantic import BaseModel, ConfigDict
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.documents import read_yaml
+from ..files.documents import YAML, read_yaml
 from ..files.validation import validated
 from .leg import Leg
 from .legged import robot_of
 from .model import LegLimits, Robot
-from .robot_file import YAML, LegKeys, named_robot, read_keys, robot_path
+from .robot_file import LegKeys, named_robot, read_keys, robot_path
 from .robot_model import RobotModel
 from .single_body import legged_anymal, read_walker
 from .urdf_reader import matching
@@ -29,7 +29,7 @@ ANGLES = 9
 
 
 class _File(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
     legs: dict[str, LegKeys] = {}
 
 

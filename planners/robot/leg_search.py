@@ -27,7 +27,7 @@ from .shapes import Shape
 from .urdf_reader import base_joint, matching, pinocchio
 
 LOW = 0.6
-"""Of the lowest chain's depth below the base: what goes lower is a leg."""
+"""Share of the lowest chain's depth below the base: what goes lower is a leg."""
 SAMPLES = 3000
 """Postures by which a chain's depth is measured."""
 FOOT = re.compile("foot|toe|sole|ankle", re.IGNORECASE)
@@ -46,7 +46,7 @@ APART = 0.2
 """Two ends of one chain that are farther apart than this share of its length are two feet."""
 SHORTEST_M = 0.02
 MOST_JOINTS = 24
-"""Of a leg."""
+"""Most joints of a leg."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

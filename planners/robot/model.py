@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from .robot_model import RobotModel
 
 HEXAPOD = "hexapod"
+USUAL_SERVO = Servo()
+"""The drives of legs that are drawn up where nothing else is said."""
 SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by
 so much [m]."""
@@ -44,7 +46,7 @@ SAME_AS_MODEL = 1e-6
 NEAR = 0.05
 """Share of a robot's height by which its feet may be elsewhere, on the mean."""
 DEEPEST = 0.5
-"""How deep a robot may crouch, as a share of its height."""
+"""Deepest crouch of a robot, as a share of its height."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,7 +195,7 @@ class Robot:
             self._check(self.model)
             object.__setattr__(self, "identity", self.model.identity)
         elif self.drawn is None and self._is_hexapod():
-            object.__setattr__(self, "drawn", Servo())
+            object.__setattr__(self, "drawn", USUAL_SERVO)
         if self.feet:
             _check_feet(self)
 
@@ -249,7 +251,7 @@ class Robot:
         if self.model is not None:
             return OwnLegs(self.model)
         if self.drawn is not None:
-            differs = self.drawn != Servo() or not self._is_hexapod()
+            differs = self.drawn != USUAL_SERVO or not self._is_hexapod()
             return DrawnLegs(
                 self.name, self.mass_kg, self.limbs, self.drawn, self.identity, said=differs
             )
@@ -292,7 +294,7 @@ class Robot:
     @property
     def servo(self) -> Servo:
         """The drives of legs that are drawn up."""
-        return self.drawn or Servo()
+        return self.drawn or USUAL_SERVO
 
     @property
     def inertia(self) -> Array | None:

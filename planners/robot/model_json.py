@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .robot_model import RobotModel
 
 MOST_LETTERS = 2_000_000
-"""Of a URDF inside another file."""
+"""Most letters of a URDF inside another file."""
 MOST_LEGS, MOST_JOINTS, MOST_PAIRS, MOST_FOLDERS = 64, 64, 20_000, 64
 Word = Annotated[str, Field(min_length=1, max_length=1000)]
 

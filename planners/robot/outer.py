@@ -27,12 +27,12 @@ from ..files.arrays import Array
 from .leg import Leg
 
 STEPS = 48
-"""Of a joint's whole range."""
+"""Steps of a joint's whole range."""
 DIRECTIONS = 128
 MOST_POINTS = 1500
-"""Of a hull that is turned; more are thinned."""
+"""Most points of a hull that is turned; more are thinned."""
 COARSEST = 0.005
-"""Of the leg's length: how far thinning moves a point at most."""
+"""Share of the leg's length: how far thinning moves a point at most."""
 ROUNDING_M = 1e-9
 """Added for the arithmetic."""
 

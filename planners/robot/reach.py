@@ -26,7 +26,7 @@ from ..files.arrays import Array, read_only
 
 MOST_ROWS = 256
 CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
-"""Of the box |Θ_i| ≤ 1, one of each opposite pair."""
+"""Corners of the box |Θ_i| ≤ 1, one of each opposite pair."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

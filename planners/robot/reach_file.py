@@ -26,7 +26,7 @@ from .polytope import Polytope
 from .reach import MOST_ROWS, ReachRows, RelativeReach
 
 NAME = re.compile(r"^(?P<what>.+)_constraints_in_(?P<foot>[A-Za-z0-9]+).*\.obj$")
-"""Of a file: what the set is of, and the foot that it begins from."""
+"""Name of a file: what the set is of, and the foot that it begins from."""
 COM = "COM"
 PREFERRED = "reduced"
 """Of several files for the same set, the one whose name has this."""

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
 from ..files.codec import KEYS
-from ..files.documents import read_text, read_yaml
+from ..files.documents import YAML, read_text, read_yaml
 from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
 from .leg import FootContact
@@ -23,13 +23,12 @@ from .robot_model import RobotModel, model_of
 from .urdf_reader import JointCorrection, Number, Positive, built
 
 BUILT_IN = ("hexapod",)
-YAML = (".yaml", ".yml")
 
 
 class LegKeys(BaseModel):
     """Limits of a leg in a robot's file; what is not there is computed, or is no limit."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     speed_m_s: Annotated[float, Field(gt=0.0, le=LARGEST)] | None = None
     power_w: Annotated[float, Field(gt=0.0, le=LARGEST)] | None = None
     fold_m: Annotated[float, Field(ge=0.0, le=LARGEST)] | None = None
@@ -66,7 +65,7 @@ class RobotKeys(BaseModel):
             root whose own z does not [rad].
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     provider: Literal["", "example-robot-data", "pybullet"] = ""
     urdf: str
     srdf: str = ""

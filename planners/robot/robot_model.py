@@ -50,13 +50,13 @@ ROTOR_S2 = 2e-4
 """A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in
 units of what holds the robot's weight at a leg's length [Nm]."""
 STIFFNESS, DAMPING_S = 1.0, 0.04
-"""Of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the robot's
-weight at a leg's length [Nm], and Kd / Kp [s]."""
+"""Gains of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the
+robot's weight at a leg's length [Nm], and Kd / Kp [s]."""
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
 IDENTITY_DIGITS = 12
-"""Of a digest in a name."""
+"""Number of digits of a digest in a name."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ FOOT_RADIUS_M = 0.012
 
 Positive = Annotated[float, Within(above=0.0)]
 TURN = Within(least=-10.0, most=10.0)
-"""Of a joint's limits [rad]."""
+"""Range of a joint's limits [rad]."""
 Angle = Annotated[float, TURN]
 
 

@@ -12,9 +12,9 @@ from ..files.arrays import Array
 from .shapes import Shape
 
 CORNERS = 24
-"""Of the polygon that stands for a circle."""
+"""Corners of the polygon that stands for a circle."""
 RINGS = 10
-"""Of a sphere, from pole to pole."""
+"""Rings of a sphere, from pole to pole."""
 
 
 def solid_shapes(shapes: Sequence[Shape]) -> list[Shape]:

@@ -15,8 +15,7 @@ DROP = 0.75
 SAMPLES = 4000
 NEAREST = 200
 BACKWARD = 0.2
-"""How much a knee to the rear is preferred, where both ways are as good: all legs then bend
-alike."""
+"""Preference of a knee to the rear, where both ways are as good: all legs then bend alike."""
 
 
 def standing(leg: Leg) -> Array:

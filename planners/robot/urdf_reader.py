@@ -22,7 +22,8 @@ from ..files.validation import shown
 
 DEEPEST_XML = 30
 MOST_JOINTS, MOST_MOVING = 500, 150
-"""Of a URDF, and of those that are not fixed: what pinocchio asks for grows with their cube."""
+"""Most joints of a URDF, and of those that are not fixed: what pinocchio asks for grows with their
+cube."""
 UPRIGHT = "upright"
 """The root that is put above one that lies on its side."""
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -34,7 +35,7 @@ class JointCorrection(BaseModel):
     torque, velocity.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     limits_rad: tuple[Number, Number] | None = None
     torque_nm: Positive | None = None
     velocity_rad_s: Positive | None = None

@@ -17,13 +17,13 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.documents import read_yaml
+from ..files.documents import YAML, read_yaml
 from .contact_robot import contact_robot
 from .foot import Foot, half_sides
 from .model import DEEPEST, Robot
 from .polytope import Polytope
 from .reach_sets import standing_toes
-from .robot_file import YAML, model_of_keys, named_robot, read_keys, robot_path, unknown
+from .robot_file import model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel
 from .single_body import anymal, hexapod_walker, legged_anymal, read_walker
 from .solids import shape_points, solid_shapes
@@ -34,9 +34,9 @@ BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_
 LEGS = (4, 6)
 """Numbers of legs that there are gaits for (``problem.gaits.GAITS``)."""
 ROOM = 0.05
-"""Of the leg's length: a foot stands so far inside what it reaches, or farther."""
+"""Share of the leg's length: a foot stands so far inside what it reaches, or farther."""
 CROUCHES = 101
-"""How many heights are tried."""
+"""Number of heights that are tried."""
 UP = np.array([0.0, 0.0, 1.0])
 UP.setflags(write=False)
 

@@ -26,7 +26,7 @@ SAMPLES = 60_000
 VOXELS = 36
 """Along the leg's length."""
 MOST_FACES, ROUNDS = 200, 4
-"""Of a polytope while it grows; ellipsoids that are tried."""
+"""Most faces of a polytope while it grows; ellipsoids that are tried."""
 MOST_INSIDE = 12_000
 """Voxels by which an ellipsoid is fitted."""
 SEEDS, TRIES = 8_000, 2
@@ -39,7 +39,8 @@ DEAR = 25.0
 """Points within reach that may be lost with one that is not."""
 MOST_TANGENTS = 20
 USEFUL = 0.15
-"""Of the leg's length: feet that are so far below the hip are of use, and count in ``cover``."""
+"""Share of the leg's length: feet that are so far below the hip are of use, and count in
+``cover``."""
 CUBE = np.ones((3, 3, 3), dtype=np.bool_)
 CUBE.setflags(write=False)
 

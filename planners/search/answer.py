@@ -25,7 +25,7 @@ Kind = Literal["postures", "courses"]
 POSTURE_LIMIT_S, COURSE_LIMIT_S = 30.0, 60.0
 """Time limits of one posture problem and of one course where none is given [s]."""
 GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
-"""Of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
+"""Reason of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
 legs."""
 
 

@@ -35,8 +35,8 @@ WHOLE = 1e-4
 LEAST = 3e-6
 """A gap is relative to the objective, or to this where the objective is smaller."""
 DIVES, SWEEPS, CUT_PRICE, GUMBEL = 12, 4, 200.0, 0.3
-"""Of the dive: tries, sweeps of a descent over the choices, price of a violated cut, noise on the
-preference."""
+"""Numbers of the dive: tries, sweeps of a descent over the choices, price of a violated cut, noise
+on the preference."""
 Project = Callable[[Scaled, Point, bool], Point]
 """A point of the lift on one choice of patches, on to the bilinear surface; in one try, or else
 patiently."""

@@ -51,8 +51,8 @@ PROVABLE = None
 """As a gap: a node counts as refuted where the verifier can be expected to accept what its
 multipliers prove."""
 WIDENED = 5e-6
-"""What a proof loses, a unit of its multipliers, since the verifier widens every constraint before
-it counts."""
+"""Loss of a proof, a unit of its multipliers, since the verifier widens every constraint before it
+counts."""
 STEPS = 4
 """Most linearised steps of SCP at a node."""
 BENEATH = 0.9

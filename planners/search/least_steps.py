@@ -187,7 +187,7 @@ def _breadth(side: Array | None) -> float:
 
 
 def _most(course: Problem) -> Array:
-    """How long each least step could be by its patches, or by the tilt limit, alone, shape (E,)."""
+    """Greatest length of each least step by its patches, or by the tilt limit, alone, shape (E,)."""
     toes = [
         max(
             float(np.linalg.norm(one[:, None] - other, axis=2).max())

@@ -460,7 +460,7 @@ one release."""
 CALLED: Mapping[Kind | None, str] = MappingProxyType(
     {"postures": "method", "courses": "planner", None: "method"}
 )
-"""What messages call a planner."""
+"""Name of a planner in messages."""
 
 
 def known(of: Kind | None = None) -> tuple[str, ...]:

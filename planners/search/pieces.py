@@ -38,10 +38,10 @@ PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
 PlanPiece = Callable[[Problem, "Array | None", float], Answer[Plan]]
-"""What plans a piece: its course, the joints of the robot that stands where it begins, and when to
+"""Planner of a piece: its course, the joints of the robot that stands where it begins, and when to
 be done."""
 Detour = Callable[[Standing, "list[Array]"], Problem]
-"""What lays out the course on from where a robot stands, another way than by these places."""
+"""Layout of the course on from where a robot stands, another way than by these places."""
 
 
 class Kept(Protocol):
@@ -63,7 +63,7 @@ class Kept(Protocol):
 
 
 Progress = Callable[[int, int], object]
-"""What is told after every piece: key frames that are planned, and all."""
+"""Progress after every piece: key frames that are planned, and all."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

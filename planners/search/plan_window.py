@@ -18,8 +18,8 @@ from ..problem.problem import Foothold
 from ..terrain.patch import Patch
 
 STANDING_M = 1e-4
-"""How far the COM of a robot that stands may be taken from where it is [m]: there a plan may lie on
-the very border of what holds."""
+"""Distance that the COM of a robot that stands may be taken from where it is [m]: there a plan may
+lie on the very border of what holds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

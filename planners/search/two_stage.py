@@ -48,8 +48,8 @@ QUICK = 2
 NODES = 2000
 """Of each search over the lift, where nobody says."""
 CHOICE_SHARE = 0.75
-"""Of the time limit that the search over choices may use where cuts in space, which get the rest,
-are of use."""
+"""Share of the time limit that the search over choices may use where cuts in space, which get the
+rest, are of use."""
 
 
 class TwoStagePlanner(TimeLimited):

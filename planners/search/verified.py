@@ -44,7 +44,7 @@ NUMBERS = {
         "modes",
     ),
 }
-"""What is taken over of each kind of evidence."""
+"""Numbers that are taken over of each kind of evidence."""
 
 
 class VerifiedPlanner:

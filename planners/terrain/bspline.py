@@ -19,7 +19,7 @@ from ..cached import cached_property
 from ..files.arrays import Array
 
 REACH_M = 100.0
-"""How far beyond its data a spline is the same function for numpy and for CasADi [m]."""
+"""Distance beyond its data at which a spline is the same function for numpy and for CasADi [m]."""
 
 
 class CubicBasis:

@@ -13,7 +13,7 @@ from ..files.codec import LATER
 BENT_M = 0.08
 """Distance over which the ground turns that is off its plane from place to place [m]."""
 NEGATIVE = 1e-9
-"""What rounding makes of a covariance, as a share of its largest entry."""
+"""Error of a covariance by rounding, as a share of its largest entry."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -209,8 +209,8 @@ OLD = {
     "stairs-spline": (f"{__package__}.smooth_families:STAIRS_SPLINE", "stairs"),
     "stones-spline": (f"{__package__}.smooth_families:STONES_SPLINE", "stones"),
 }
-"""What walks had under these names before a name was one ground, for one more release: where it is,
-and what the name means now."""
+"""Grounds that walks had under these names before a name was one ground, for one more release:
+where it is, and what the name means now."""
 MIXED = ("rough", "stairs-spline", "stones-spline", "waves", "ramps")
 """The families among which walks are drawn as ``mixed``: the grounds that walks had, in this
 order."""

@@ -22,11 +22,11 @@ SUFFIXES_OF: dict[Kind, tuple[str, ...]] = {
     "mesh": (".stl", ".obj", ".ply", ".dae", ".off", ".glb"),
     "cloud": (".pcd", ".xyz"),
 }
-"""Of files that say by their name what they hold, but for a .ply."""
+"""Endings of files that say by their name what they hold, but for a .ply."""
 SUFFIXES = tuple(suffix for suffixes in SUFFIXES_OF.values() for suffix in suffixes)
 HOLES: tuple[Holes, ...] = ("no-go", "fill")
 MOST_TRIANGLES = 200_000
-"""Of a mesh, unless it is said otherwise."""
+"""Most triangles of a mesh, unless it is said otherwise."""
 WIDEST_M = 200.0
 """No terrain of a legged robot spans more [m]; one that does is a file in millimetres."""
 

@@ -31,6 +31,7 @@ from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import certainties, excess_squares, with_local
+from .map_rungs import MapRung, map_rungs
 from .map_solids import ROOM, Overhead, box_patches, on_surfaces, standing_boxes
 from .mesh_footholds import standing_pieces
 from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
@@ -67,18 +68,18 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     """
     over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
     if over is None:
-        footholds = _planes_of(terrain, limits, friction)
-        return _with_boxes(footholds, _standing(terrain, footholds))
+        footholds, rungs = _planes_of(terrain, limits, friction)
+        return _with_boxes(footholds, _standing(terrain, footholds, rungs))
     ground, beside = (
         ElevationMap.of_points(points, terrain.spacing_m, terrain.name)
         for points in (over.ground_m, over.beside_m)
     )
-    footholds = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
+    footholds, rungs = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
     if over.share <= ROOM:
         limits_here = (
             limits if footholds.noise_length_m else replace(limits, noise_m=footholds.noise_m)
         )
-        below = _planes_of(beside, limits_here, friction)
+        below, _ = _planes_of(beside, limits_here, friction)
         most = max((piece.surface for piece in footholds.pieces), default=-1) + 1
         more = [replace(piece, surface=piece.surface + most) for piece in below.pieces]
         footholds = replace(
@@ -86,13 +87,25 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
             pieces=(*footholds.pieces, *more),
             surfaces=(*footholds.surfaces, *below.surfaces),
         )
-    return _with_boxes(footholds, np.concatenate([_standing(ground, footholds), over.boxes_m]))
+    boxes_m = np.concatenate([_standing(ground, footholds, rungs), over.boxes_m])
+    return _with_boxes(footholds, boxes_m)
 
 
-def _standing(terrain: ElevationMap, found: Footholds) -> Array:
-    """Boxes of what stands on a map's surfaces, shape (B, 6) [m]."""
+def _standing(terrain: ElevationMap, found: Footholds, rungs: list[MapRung]) -> Array:
+    """Boxes of what stands on a map's surfaces and is no rung, shape (B, 6) [m]."""
     noise_m = found.noise_m or 0.0
-    return standing_boxes(on_surfaces(terrain, found.surfaces, noise_m), noise_m)
+    level = on_surfaces(terrain, found.surfaces, noise_m)
+    if rungs:
+        shapely, heights = shapely_module(), np.array(level.heights_m)
+        bars = shapely.union_all(
+            shapely.polygons([rung.footprint_m(level.spacing_m) for rung in rungs])
+        )
+        places = np.meshgrid(level.x_m, level.y_m, indexing="ij")
+        heights[
+            shapely.contains_xy(bars, *(each.ravel() for each in places)).reshape(heights.shape)
+        ] = np.nan
+        level = replace(level, heights_m=heights)
+    return standing_boxes(level, noise_m)
 
 
 def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
@@ -103,9 +116,11 @@ def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
     return replace(found, surfaces=(*found.surfaces, *box_patches(boxes_m, friction)))
 
 
-def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
+def _planes_of(
+    terrain: ElevationMap, limits: FootholdLimits, friction: float
+) -> tuple[Footholds, list[MapRung]]:
     """The footholds of the upper side of a map or a cloud, whose surfaces are those of the
-    footholds.
+    footholds; and its rungs.
     """
     cells, noise = _cells_of(terrain, limits)
     noise_m = noise.deviation_m
@@ -126,6 +141,11 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             cells.only(known & (labels < 0)), limits, QUIET * limits.roughness_m
         )
         labels = np.where(strips >= 0, strips + labels.max() + 1, labels)
+    rungs = map_rungs(labels, cells, noise_m if noisy else 0.0, limits.slope_rad)
+    barred = np.any([rung.cells for rung in rungs], axis=0) if rungs else np.zeros_like(known)
+    if rungs:
+        known = known & ~barred
+        labels = renumbered(np.where(barred, -1, labels))
     most_rms = float(np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0))
     planes, rms, count = fitted(labels, cells)
     area = np.bincount(labels[labels >= 0], minlength=len(planes))
@@ -142,7 +162,7 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
     refused["rough"] = float(
         spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum()
     )
-    refused["hole"] = float(spacing**2 * (~known & (labels < 0)).sum())
+    refused["hole"] = float(spacing**2 * (~known & ~barred & (labels < 0)).sum())
     shape_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
     sure = (
         certainties(labels, cells, noise_m, limits.margin_m, shape_m)
@@ -179,10 +199,10 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
             None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing
         )  # kept by the outline
         narrow_too = bool(rms[number] <= flattest[number])
-        found = standing_pieces(
+        standing = standing_pieces(
             facet, outline, number, limits, friction, refused, margin_m, narrow_too
         )
-        pieces += with_local(found, labels == number, cells, excess_m2) if noisy else found
+        pieces += with_local(standing, labels == number, cells, excess_m2) if noisy else standing
         # bodies keep out of all that it may be: of exact heights an edge is anywhere between two
         whole = Certainty(about_m=corner_m, covariance=np.zeros((3, 3)), wider_m=spacing)
         wider = 0.5
@@ -193,7 +213,13 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         outline_of = replace(facet, polygon=outer).patches(SMALLEST_M, friction)
         surfaces += [patch.with_certainty(whole) for patch in outline_of]
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
-    return Footholds(
+    for number, rung in enumerate(rungs, len(planes)):
+        line = rung.piece(number, limits, friction)
+        pieces += [] if line is None else [line]
+        surfaces += rung.sides(friction)
+        covered_m2 = 0.0 if line is None else line.area_m2
+        refused["round"] += max(float(spacing**2 * rung.cells.sum()) - covered_m2, 0.0)
+    found = Footholds(
         name=terrain.name,
         pieces=tuple(pieces),
         area_m2=sum(piece.area_m2 for piece in pieces),
@@ -203,6 +229,7 @@ def _planes_of(terrain: ElevationMap, limits: FootholdLimits, friction: float) -
         noise_m=noise_m,
         noise_length_m=noise.length_m,
     )
+    return found, rungs
 
 
 def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
@@ -242,9 +269,9 @@ def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCell
         cells = GroundCells.of_map(terrain)
         noise_m = cells.noise_m() if limits.noise_m is None else limits.noise_m
     else:
-        spacing, told = terrain.spacing_m, limits.noise_m
-        noise_m = told or 0.0
-        if told is None:  # the upper side is cut by the noise, so that it is estimated twice
+        spacing, stated_m = terrain.spacing_m, limits.noise_m
+        noise_m = stated_m or 0.0
+        if stated_m is None:  # the upper side is cut by the noise, so that it is estimated twice
             noise_m = GroundCells.of_points(terrain.points_m, spacing, 0.0).noise_m()
             noise_m = GroundCells.of_points(terrain.points_m, spacing, noise_m).noise_m()
         cells = GroundCells.of_points(terrain.points_m, spacing, noise_m)

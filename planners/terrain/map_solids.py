@@ -20,6 +20,7 @@ from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 from ..files.arrays import Array
 from .elevation import ElevationMap
 from .patch import Patch
+from .polygon import half_planes
 
 FREE_M = 0.25
 """Points of a column with so much free height below them hang over the ground [m]."""
@@ -35,9 +36,8 @@ WALL_M = 0.3
 """Cells so far above one beside them have sides that bodies run into [m]."""
 NARROW_M, HIGH_M, NOISES = 0.25, 0.1, 6.0
 """What is narrower and so far above the ground to both sides is solid [m]; more, by so many
-deviations, where there is noise."""
-ON = 4.0
-"""Heights within so many deviations of a surface are on it."""
+deviations, where there is noise. Heights within as many of a surface are on it: of a hundred thousand one is
+four off."""
 ALIKE_M = (0.05, 0.2, np.inf)
 """Cells whose tops and bottoms differ by no more are covered by one box [m]: the first with which
 there are no more than ``MOST_BOXES``."""
@@ -50,7 +50,7 @@ ROOM = 0.5
 """In a cloud in which more than this share of the ground has something over it, the ground is
 below."""
 REACH_M = 0.5
-"""Of the ground beside what hangs over it, which is looked at together [m]."""
+"""Width of the ground beside what hangs over it, which is looked at together [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,35 +175,34 @@ def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np
 
 
 def on_surfaces(terrain: ElevationMap, surfaces: Sequence[Patch], noise_m: float) -> ElevationMap:
-    """A map whose cells on its surfaces are as high as these are: a single height is off its
-    surface by the noise, and a box as high as the highest of its cells would hide the surface.
+    """A map whose cells on its surfaces are as high as these are, and those beside them no higher: a single height is
+    off its surface by the noise, and a box as high as the highest of its cells would hide the surface.
 
     Arguments:
         noise_m: deviation of the heights [m].
     """
-    heights, near = terrain.heights_m, np.full(terrain.heights_m.shape, ON * noise_m)
+    heights, near = terrain.heights_m, np.full(terrain.heights_m.shape, NOISES * noise_m)
     level = np.array(heights)
     for patch in surfaces:
         corners, normal = patch.vertices_m, patch.normal
         low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+        beside = terrain.spacing_m + 1e-9
         i, j = (
-            slice(*np.searchsorted(line, [a - 1e-9, b + 1e-9]))
+            slice(*np.searchsorted(line, [a - beside, b + beside]))
             for line, a, b in zip((terrain.x_m, terrain.y_m), low, high, strict=True)
         )
         x, y = terrain.x_m[i, None], terrain.y_m[None, j]
-        ahead = np.roll(corners, -1, axis=0) - corners
-        cross = [
-            u * (y - b) - v * (x - a)
-            for (a, b), (u, v) in zip(corners[:, :2], ahead[:, :2], strict=True)
-        ]
-        inside = (np.array(cross) >= -1e-12).all(axis=0) | (np.array(cross) <= 1e-12).all(axis=0)
+        normals, offsets = half_planes(corners[:, :2])
+        out = [u * x + v * y - offset for (u, v), offset in zip(normals, offsets, strict=True)]
+        beyond = np.max(out, axis=0)
         plane = (
             corners[0, 2]
             - ((x - corners[0, 0]) * normal[0] + (y - corners[0, 1]) * normal[1]) / (normal[2])
         )
         off = np.abs(plane - heights[i, j])
         with np.errstate(invalid="ignore"):
-            closer = inside & (off <= near[i, j])
+            over = (beyond <= beside) & (heights[i, j] > plane)
+            closer = (over | (beyond <= 1e-9)) & (off <= near[i, j])
         level[i, j] = np.where(closer, plane, level[i, j])
         near[i, j] = np.where(closer, off, near[i, j])
     return replace(terrain, heights_m=level)

@@ -20,6 +20,7 @@ from scipy.spatial import KDTree
 from ..files.arrays import Array
 from .facets import COPLANAR_RAD, FLAT_M, FlatPiece, facets_of, parts_of, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
+from .mesh_depths import with_depths
 from .mesh_rungs import MeshRung, rungs_of
 from .patch import Patch
 from .polygon import SMALLEST_M
@@ -72,7 +73,9 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         pieces=tuple(pieces),
         area_m2=sum(piece.area_m2 for piece in pieces),
         refused_m2=refused,
-        surfaces=tuple(patch for facet in facets for patch in facet.patches(SMALLEST_M, friction)),
+        surfaces=with_depths(
+            [patch for facet in facets for patch in facet.patches(SMALLEST_M, friction)], mesh
+        ),
         limits=limits,
     )
 

@@ -14,12 +14,14 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, collect_errors, cross, read_only
 from ..files.codec import LATER
 from .certainty import Certainty
-from .prism import Solid
+from .prism import THICKNESS_M, Solid
 
 FLATNESS = 2e-3
 """Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not
 for a bent patch."""
 
+THINNEST_M = 1e-3
+"""Nothing behind a patch is thinner [m]."""
 MOST_VERTICES = 512
 """More make no difference to a foot, and checks of a polygon take the square of their number."""
 
@@ -35,6 +37,7 @@ class Patch:
             (3,); not along n.
         friction: μ ≥ 0.
         certainty: how sure its plane and its edges are, where it was measured with noise.
+        thickness_m: of what lies behind it and bodies may run into [m].
 
     Raises:
         InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along
@@ -56,6 +59,7 @@ class Patch:
     shear_reference: Array
     friction: float
     certainty: Certainty | None = field(default=None, metadata=LATER)
+    thickness_m: float = field(default=THICKNESS_M, metadata=LATER)
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -70,6 +74,7 @@ class Patch:
                 _unit(self.shear_reference, "shear_reference", any_length=True),
             ),
             lambda: set_field(self, "friction", checked(self.friction, "friction", least=0.0)),
+            lambda: checked(self.thickness_m, "thickness_m", least=THINNEST_M),
         )
         if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
             raise InvalidInput(
@@ -87,7 +92,7 @@ class Patch:
     @cached_property
     def solid(self) -> Solid:
         """The body behind it: what a limb may run into."""
-        return Solid.behind(self.vertices_m, self.normal)
+        return Solid.behind(self.vertices_m, self.normal, self.thickness_m)
 
     def with_friction(self, friction: float) -> Patch:
         """Patch of the same surface with another friction; its geometry is not looked at again.
@@ -99,6 +104,12 @@ class Patch:
     def with_certainty(self, certainty: Certainty | None) -> Patch:
         """Patch of the same surface with another certainty; its geometry is not looked at again."""
         return self._with("certainty", certainty)
+
+    def with_thickness(self, thickness_m: float) -> Patch:
+        """Patch of the same surface with so much behind it; its geometry is not looked at again."""
+        new = self._with("thickness_m", thickness_m)
+        vars(new).pop("solid", None)
+        return new
 
     def with_vertices(self, vertices_m: Array) -> Patch:
         """Another polygon in the same plane; nothing else is looked at again.
@@ -134,7 +145,9 @@ def solids_of(patches: Sequence[Patch]) -> tuple[Solid, ...]:
     new = [patch for patch in patches if "solid" not in vars(patch)]
     if len(new) > 1:
         made = Solid.behind_all(
-            [patch.vertices_m for patch in new], [patch.normal for patch in new]
+            [patch.vertices_m for patch in new],
+            [patch.normal for patch in new],
+            [patch.thickness_m for patch in new],
         )
         for patch, solid in zip(new, made, strict=True):
             vars(patch).setdefault("solid", solid)
@@ -182,6 +195,7 @@ def flat_patches(
             shear_reference=shears[k],
             friction=checked(friction, "friction", least=0.0),
             certainty=None,
+            thickness_m=THICKNESS_M,
             frame=frames[k],
         )
         patches.append(patch)

@@ -39,14 +39,14 @@ class Solid:
             normal: its unit normal, shape (3,).
             thickness_m: of the solid.
         """
-        return cls.behind_all([border_m], [normal], thickness_m)[0]
+        return cls.behind_all([border_m], [normal], [thickness_m])[0]
 
     @classmethod
     def behind_all(
-        cls, borders_m: Sequence[Array], normals: Sequence[Array], thickness_m: float = THICKNESS_M
+        cls, borders_m: Sequence[Array], normals: Sequence[Array], thicknesses_m: Sequence[float]
     ) -> list[Solid]:
         """The solids ``behind`` many surfaces; those of as many corners are made at once."""
-        prisms = [_prism(b, n, thickness_m) for b, n in zip(borders_m, normals, strict=True)]
+        prisms = [_prism(*each) for each in zip(borders_m, normals, thicknesses_m, strict=True)]
         solids: list[Solid | None] = [None] * len(prisms)
         for size in {len(corners) for corners in prisms}:
             chosen = [k for k, corners in enumerate(prisms) if len(corners) == size]

@@ -63,10 +63,10 @@ def pit(gradient: float) -> Shape:
 
 
 FRICTION = 0.75
-"""Of grounds that say none, as walks have it."""
+"""Friction of grounds that say none, as walks have it."""
 REFERENCE_TOLERANCE_M = 0.025
-"""What the splines of the references may miss of their formulas: the wall of 87° by 15 mm, the
-others by under 1 mm."""
+"""Distance by which splines of the references may miss their formulas: the wall of 87° by 15 mm,
+the others by under 1 mm."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -20,10 +20,10 @@ from .polygon import EDGE_M, UPRIGHT, VOID_M, nearest
 ROUND_M, SLOPE = 0.03, 3.0
 """Radius of an edge, about that of a foot [m], and gradient of what falls beyond it (72°)."""
 SPACING_M = 0.025
-"""Of the grid [m]."""
+"""Spacing of the grid [m]."""
 FIRST_M = 0.15
-"""How far from a patch its fall is looked at first; twice as far as long as it is above all else
-[m]."""
+"""Distance from a patch at which its fall is looked at first; twice as far as long as it is above
+all else [m]."""
 
 
 def rounded(

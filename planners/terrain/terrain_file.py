@@ -25,14 +25,14 @@ MAY_HOLD = SUFFIXES_OF | {
 }
 """A mesh that is read as a grid is seen from above."""
 AS_MAP = "simplify it, or have its upper side read as a map with kind=grid and a spacing_m"
-"""What to do about a mesh with more triangles than are wanted."""
+"""Advice about a mesh with more triangles than are wanted."""
 MOST_SEEN = 3_000_000
 """Triangles of such a mesh."""
 ROWS_POINTS = 200_000
 """Points at which a spline is looked at in one go."""
 TOLERANCE_M = 0.025
-"""How far a spline may swing beyond the heights about a cell; beyond, the terrain is too fine for
-it [m]."""
+"""Height by which a spline may swing beyond the heights about a cell; beyond, the terrain is too
+fine for it [m]."""
 
 
 def read_terrain(

@@ -38,7 +38,7 @@ UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _End:
-    """Where a part begins or ends: body, toes, and joints where they are known."""
+    """State at an end of a part: body, toes, and joints where they are known."""
 
     com_m: Array
     rotation_rad: Array
@@ -61,7 +61,7 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
 
 
 def _defect(crossing: Crossing) -> str:
-    """What keeps the parts from being parts of one way; empty where nothing does."""
+    """Reason why the parts are not parts of one way; empty where there is none."""
     first = crossing.first
     terrain = to_json(first.terrain)
     for k, part in enumerate(crossing.parts):
@@ -115,7 +115,7 @@ def _parts(crossing: Crossing) -> Iterator[Group]:
 
 
 def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
-    """What its own verifier says of a part."""
+    """Verdict of a part's own verifier."""
     words = "; ".join(filter(None, (report.message, report.failures)))
     worst = max(report.worst, 0.0) if not report.defect else np.inf
     if not report.accepted:
@@ -146,7 +146,7 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
 
 
 def _seams(crossing: Crossing) -> Iterator[Group]:
-    """What is between each part and the next."""
+    """Gaps between each part and the next."""
     for k, (before, after) in enumerate(pairwise(crossing.parts), 1):
         name = f"{k} to {k + 1}"
         a, b = _end(before, last=True), _end(after, last=False)
@@ -172,7 +172,7 @@ def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -
 
 
 def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
-    """Where a part begins, or where it ends."""
+    """State in which a part begins, or ends."""
     k = -1 if last else 0
     if isinstance(part, Plan):
         frame = part.problem.frames - 1 if last else 0
@@ -223,7 +223,7 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
 
 
 def _another_way(crossing: Crossing, problem: Any) -> str:
-    """What a proof is of in place of the way of a crossing, in words; empty where it is of that way."""
+    """Name of what a proof speaks of in place of the way of a crossing; empty for that way."""
     first, last = crossing.first, crossing.parts[-1].problem
     if not isinstance(problem, Problem) or len(problem.least_steps):
         return "a course with least steps"

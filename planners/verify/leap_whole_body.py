@@ -76,8 +76,8 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         """Torques as of every body that moves; where forces jump, as a limb leaves or lands, the larger
         of those under the mean of both sides and under the forces of the sample, (K − 2, J) [Nm].
         """
-        mean, own = (self._torques(f) for f in (self.path.forces_n, self.leap_body.forces_n))
-        return np.where(np.abs(mean) >= np.abs(own), mean, own)
+        mean, last = (self._torques(f) for f in (self.path.forces_n, self.leap_body.forces_n))
+        return np.where(np.abs(mean) >= np.abs(last), mean, last)
 
     @cached_property
     def shares(self) -> tuple[Array, Array]:

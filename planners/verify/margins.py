@@ -48,9 +48,9 @@ OUTLINE = 24
 
 
 YIELDS = 0.12
-"""How far a body on its legs gives way under a horizontal push as large as its weight, in units of
-a leg's reach: its weight then bears nearer to the side that it tips over. Of pushes that a
-simulation held the median is .14."""
+"""Way that a body on its legs gives under a horizontal push as large as its weight, in units of a
+leg's reach: its weight then bears nearer to the side that it tips over. Of pushes that a simulation
+held the median is .14."""
 
 
 @dataclass(frozen=True, kw_only=True)

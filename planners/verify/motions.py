@@ -45,7 +45,7 @@ swings."""
 WINDOW_S = 0.2
 """Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
 EDGES = 8
-"""Of the pyramid in a friction cone."""
+"""Edges of the pyramid in a friction cone."""
 NARROW_M = 0.01
 """Under feet that are smaller, the nearest point of heights is looked for so far around."""
 OTHERWISE = 0.99
@@ -400,8 +400,8 @@ class _Measured:
 
     @cached_property
     def _beside(self) -> tuple[Array, Array, Array]:
-        """Gap, normal and friction of the nearest surface that leans otherwise and is touched, too; the
-        gap is infinite without one.
+        """Gap, normal and friction of the nearest surface that leans otherwise and is touched, too;
+        the gap is infinite without one.
         """
         centres = self.feet[0]
         gap, normal, friction = (np.array(each) for each in self.surface)

@@ -27,7 +27,7 @@ PARTS = {
     "tilt": ("x", "y", "z"),
     "force_bounds": ("n", "y", "z"),
 }
-"""What the columns of a group are called."""
+"""Names of the columns of a group."""
 
 
 def posture_report(posture: Plan, tolerance: float) -> Report[Plan]:

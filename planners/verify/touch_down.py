@@ -24,7 +24,7 @@ from .ground import certainty_under
 
 DRAWS = 200
 SHARE = 0.95
-"""Of the grounds drawn, those on which every toe has to find its foothold."""
+"""Share of the grounds drawn, those on which every toe has to find its foothold."""
 SEED = 46
 """The same grounds are drawn each time, so that a file is judged as its plan was."""
 

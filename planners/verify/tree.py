@@ -27,7 +27,7 @@ Node = tuple[Index, Array, Array, tuple[Side, ...]]
 Replayed = tuple[list[Node], Array]
 """The leaves in preorder and their multipliers."""
 MOST_CORNERS = 1_000_000
-"""Of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
+"""Most corners of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
 DEEPEST = 200
 """Cuts that a piece may come from: each moves its border by a rounding, and so many stay far below
 the guard."""

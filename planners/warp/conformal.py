@@ -31,7 +31,7 @@ Method = Literal["fast", "local-global", "accelerated", "gauss-newton"]
 CELLS, HEIGHT_M = (24, 24, 6), 2.3
 """The grid of a domain of 8 m, and the band: five times ANYmal's height at rest (Pan et al. §V)."""
 MATCH_TOLERANCE_M = 0.0008
-"""What the ground may miss the terrain by where it is measured; 1 mm anywhere."""
+"""Distance by which the ground may miss the terrain where it is measured; 1 mm anywhere."""
 BARRIER = 0.01
 PUBLISHED_BARRIER = 0.001
 MATCH_WEIGHT = 3.0
@@ -39,17 +39,17 @@ MATCH_WEIGHT = 3.0
 SMOOTHINGS = (0.0, 0.6, 1.0, 1.5, 2.5)
 """Deviations of the Gaussian under which the terrain is matched, in cells."""
 STEEPEST = 1.9
-"""What a matched surface's slope may be: the ground of a map that follows a steeper one in cells of
+"""Steepest slope of a matched surface: the ground of a map that follows a steeper one in cells of
 .3 m overhangs."""
 SHORTEST_FADE_M = 0.4
 """The least height at which the snap has faded out; where it lifts the ground more, it fades more
 slowly."""
 LARGEST_FADE = 0.4
-"""How much of a column's height the snap may squeeze away where it fades the fastest."""
+"""Share of a column's height that the snap may squeeze away where it fades the fastest."""
 MARGIN = 4
 """Grid lines of the snap beyond the terrain: its error at its ends falls to a quarter with each."""
 DET_FLOOR = 0.1
-"""What min det J must be for the fast path to stop trying."""
+"""Least min det J at which the fast path stops trying."""
 MOST_CONTROLS = 200_000
 SEPARABLE, FEWEST_CELLS = ("gauss-newton", "accelerated"), 3
 """Methods that solve axis by axis, and the cells along one: with fewer, two points a cell do not

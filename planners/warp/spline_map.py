@@ -31,9 +31,9 @@ from .quadrature import Axis
 
 FORMAT = "stancekit/warp/1"
 REACH_M = 20.0
-"""How far beyond its band a map goes on along straight lines [m]."""
+"""Distance beyond its band that a map goes on along straight lines [m]."""
 STEEPEST_FADE = 1.875
-"""How fast the snap fades at its fastest, times the height at which it has faded out."""
+"""Fastest fading of the snap, times the height at which it has faded out."""
 TEXTS = ("name", "terrain_digest")
 
 

@@ -32,7 +32,7 @@ TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
 WEIGHTS = read_only(np.repeat([1.0, TURNING], 3), (6,), "weights")
 PLANNED = 0.95
-"""Of μ that forces may use where the plan uses as much."""
+"""Share of μ that forces may use where the plan uses as much."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,8 +47,8 @@ NODES = 20
 """Most choices of candidates that are looked at within boxes before the lift is asked, which is
 quicker."""
 RADIUS = 0.1
-"""Of the triangles that are shown of larger patches, of a course's length scale: about the mean of
-what is learned."""
+"""Radius of the triangles that are shown of larger patches, of a course's length scale: about the
+mean of what is learned."""
 
 
 class Predictor(Protocol):

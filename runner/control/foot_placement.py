@@ -24,7 +24,7 @@ from ..worlds.world import State
 from .body_feedback import BodyPose
 
 SMOOTH_HZ = 60.0
-"""How fast [1/s] a foot's target goes to where the foot was found to have landed."""
+"""Rate [1/s] at which a foot's target goes to where the foot was found to have landed."""
 EARLY = 0.05
 """A foot that comes down and feels this share of the weight has landed."""
 QUIET, LISTEN_S = 4.0, 0.5
@@ -45,9 +45,9 @@ did."""
 STEP = 0.2
 """Feet step aside by no more than this share of the height at which the robot stands."""
 GIVES_M = 0.006
-"""How far legs and body give, beside what is not known of the ground [m]."""
+"""Way that legs and body give, beside what is not known of the ground [m]."""
 FADES = 0.9
-"""What is left after a control period of what a foot that has lifted was lowered, rolled and
+"""Share that is left after a control period of what a foot that has lifted was lowered, rolled and
 pressed."""
 
 

@@ -36,8 +36,8 @@ SLIDES_M_S, HELD_M_S = 0.01, 0.002
 holds."""
 LOADED_N = 3.0
 CARRIED = 0.5
-"""Of what feet together should carry; where they carry less the body falls, and what they feel is
-no friction."""
+"""Share of what feet together should carry; where they carry less the body falls, and what they
+feel is no friction."""
 SHARED_NOISE, SLIDE_NOISE, HELD_NOISE = 0.015, 0.015, 0.03
 """Standard deviations σ_0 of what all feet err by together; σ of one slide, besides the spread
 within it and between slides; σ_h of the largest ratio that held."""

@@ -33,7 +33,7 @@ from .estimation import measured_com_m, nearest_on
 from .tracker import Target, Tracker
 
 Shares = tuple[float, ...]
-"""Of the friction that a plan counts on, that there may be: the most cautious first."""
+"""Shares of the friction that a plan counts on, that there may be: the most cautious first."""
 Estimate = Callable[[Record, float], Shares]
 WINDOW_S = 0.05
 SLID_M = 0.0015

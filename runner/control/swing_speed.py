@@ -16,7 +16,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
 
 SPEED_SHARE = 0.9
-"""Of their greatest velocity that joints in the air are led with."""
+"""Share of their greatest velocity that joints in the air are led with."""
 RAMP_S, PAUSE_S = 0.035, 0.2
 """Times in which such a joint comes to that velocity, and in which a motion that waits for it comes
 to rest."""

@@ -27,7 +27,7 @@ OPERATIONS: dict[str, dict[str, tuple[type, ...]]] = {
     "send_action_goal": {"action": (str,), "action_type": (str,)},
     "cancel_action_goal": {"id": (str,), "action": (str,)},
 }
-"""What a client may send, and the fields that the protocol requires of it."""
+"""Operations that a client may send, and the fields that the protocol requires of it."""
 OPTIONAL: dict[str, tuple[type, ...]] = {
     "id": (str, int),
     "type": (str,),

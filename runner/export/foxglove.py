@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 NANO = 1_000_000_000
 JOINT_STATE = "sensor_msgs/msg/JointState"
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-"""How CDR begins: plain, little-endian."""
+"""Beginning of CDR: plain, little-endian."""
 DEFINITION = """std_msgs/Header header
 string[] name
 float64[] position

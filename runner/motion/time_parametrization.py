@@ -34,9 +34,9 @@ from .redundancy import RedundancyResolution, resolved
 
 ACCELERATION_RAD_S2 = 120.0
 LIMIT_SHARE = 0.9
-"""Of the limits of velocity and torque that may be used."""
+"""Share of the limits of velocity and torque that may be used."""
 RATE_HZ = 100.0
-"""How often the motion is sampled."""
+"""Rate at which the motion is sampled."""
 LEAST_PACE = 0.1
 """Phases last as long as their joints need (``unhurried``): what still wants a tenth of the pace
 jumps."""

@@ -21,16 +21,16 @@ from .world import Ground, State, Terrain
 CONTACT_S, CONTACT_DAMPING = 0.004, 1.0
 """Time constant and damping ratio of a contact (solref)."""
 SHAPE = 0.001, 0.5, 2.0
-"""How the impedance of a contact grows with its depth (the rest of solimp)."""
+"""Growth of a contact's impedance with its depth (the rest of solimp)."""
 STIFF = 100.0
 """Friction rows are this much harder than normal ones (impratio): feet under load creep less."""
 UNDER_M = 0.5
-"""How deep a field of heights is below its lowest place."""
+"""Depth of a field of heights below its lowest place."""
 TERRAIN, ROBOT = 1, 2
 """Bits of what meets what: links meet the terrain and each other."""
 CREEP = 2.5e-6
-"""How fast feet creep under a force along soft ground [m/s per N], as slowly as on the world's
-own."""
+"""Speed at which feet creep under a force along soft ground [m/s per N], as slowly as on the
+world's own."""
 IMPEDANCES = (1e-4, 0.9999)
 """MuJoCo's bounds of d in R = (1 − d) / d · Â."""
 ICE = 1e-6

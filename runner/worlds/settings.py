@@ -16,8 +16,8 @@ from .contact import SoftContact
 from .drives import Imperfections
 
 EstopCheck = Literal["heard", "try", "without"]
-"""How an e-stop is known to work before a robot is armed: it, or its publisher, is there; it is
-pressed and released; or it is not asked for."""
+"""Way in which an e-stop is known to work before a robot is armed: it, or its publisher, is there;
+it is pressed and released; or it is not asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ what never moves."""
 SPECK_M = 0.1
 """Its radius of gyration."""
 LEAST = 1e-6
-"""Of a link's largest principal moment: the smallest that it may have."""
+"""Share of a link's largest principal moment: the smallest that it may have."""
 ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 NEAR = 2
 """Joints between two links of a leg whose shapes, where no SRDF says anything of them, are taken to

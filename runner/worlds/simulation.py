@@ -27,7 +27,7 @@ from .world import LatchedWorld, State, Terrain, WorldKind
 PHYSICS_S = 1e-3
 RATE_HZ = 200.0
 SPACING_M = 0.025
-"""Of the grid that simulators get of heights."""
+"""Spacing of the grid that simulators get of heights."""
 
 
 class SimulatedWorld(LatchedWorld):

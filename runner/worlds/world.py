@@ -48,7 +48,7 @@ class State:
 
 
 Solids = Sequence[Solid | Ground]
-"""What has a ``distance``."""
+"""Solids that have a ``distance``."""
 Terrain = Sequence[Patch] | Ground
 """Flat patches, each a solid body behind its surface; or heights."""
 WorldKind = Literal["simulation", "recording", "hardware"]

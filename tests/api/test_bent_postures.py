@@ -51,6 +51,7 @@ def test_postures_between_walls_are_bent_until_the_torque_is_enough() -> None:
 
 
 def test_a_posture_of_some_legs_of_a_file_is_bent_saved_and_read(tmp_path: Path) -> None:
+    """Of six problems the first that has a posture."""
     looked = 0
     for problem in stancekit.sample("wall-3", robot=str(ANT), count=6, rng=0):
         answer = stancekit.plan(problem, robot=ANT)
@@ -66,6 +67,7 @@ def test_a_posture_of_some_legs_of_a_file_is_bent_saved_and_read(tmp_path: Path)
         np.testing.assert_array_equal(plan.joints_rad, answer.solution.joints_rad)
         assert stancekit.verify(plan).accepted
         looked += 1
+        break
     assert looked
 
 

@@ -17,8 +17,8 @@ import stancekit
 from tests.threads import FILE, PERIOD, Call, calls, digest
 
 ROOT = Path(__file__).resolve().parents[2]
-THREADS, CALLS = 4, 50
-FEWER = {"plan": 3, "verify a plan": 3, "fit gmm": 6, "label": 15, "explain": 15}
+THREADS, CALLS = 4, 15
+FEWER = {"plan": 3, "verify a plan": 3, "fit gmm": 3, "label": 6, "explain": 6}
 """Calls of each thread to functions that take long; ``benchmarks/threads.py`` has all of them."""
 NAMES = (
     "sample",

@@ -121,7 +121,9 @@ def test_numbers_for_programs_have_the_joints(call):
 
 def test_a_robot_that_is_too_weak_has_a_plan_that_nobody_calls_accepted(call):
     Path("dog.urdf").write_text(quadruped(effort=8.0))
-    code, out, err = call("plan", "flat.yaml", "--out", "plan.json")
+    code, out, err = call(
+        "plan", "flat.yaml", "--no-reserve", "--push-n", 0.1, "--out", "plan.json"
+    )
     assert code == 1
     assert " undecided " in out  # nothing is proved of other plans
     assert "feasible" not in out
@@ -231,7 +233,18 @@ def test_a_climb_is_planned_within_the_torque_that_is_asked_for_and_verified_wit
 
 def test_a_climb_that_asks_too_much_of_its_joints_is_undecided_in_both_commands(call):
     code, out, _ = call(
-        "plan", "walls", "--frames", 2, "--torque-nm", 1, "--json", "--out", "plan.json"
+        "plan",
+        "walls",
+        "--frames",
+        2,
+        "--no-reserve",
+        "--push-n",
+        0.1,
+        "--torque-nm",
+        1,
+        "--json",
+        "--out",
+        "plan.json",
     )
     assert code == 1
     record = json.loads(out)

@@ -402,8 +402,8 @@ def cases() -> list[Case]:
     found.append(
         Case(
             name="srdf",
-            arguments=("robot", "robot.urdf", "--srdf", "robot.srdf", "--json"),
-            file="robot.srdf",
+            arguments=("robot", "dog.urdf", "--srdf", "dog.srdf", "--json"),
+            file="dog.srdf",
             kind="xml",
             made=TEXT,
         )

@@ -42,6 +42,7 @@ from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.log import McapLog, read_log
 from stancekit.runner.worlds.dynamixel.calibration import nominal
 from stancekit.runner.worlds.ros.setup import same_names
+from tests.planners.robot.small_urdfs import quadruped
 
 from .cases import command
 
@@ -180,10 +181,15 @@ def _robots(folder: Path) -> None:
     (folder / "robot.yaml").write_text(config_path("robots/anymal.yaml").read_text())
     robot = hexapod()
     (folder / "robot.urdf").write_text(hexapod_urdf(robot))
-    angles = "".join(f'<joint name="{name}" value="0.1"/>' for name in joint_names(robot))
-    pair = '<disable_collisions link1="LF_foot" link2="LM_foot" reason="never"/>'
+    (folder / "dog.urdf").write_text(quadruped())
+    angles = "".join(
+        f'<joint name="{leg}_{joint}" value="{angle}"/>'
+        for leg in ("LF", "RF", "LH", "RH")
+        for joint, angle in (("HAA", 0.1), ("HFE", 0.7), ("KFE", -1.3))
+    )
+    pair = '<disable_collisions link1="LF_FOOT" link2="RF_FOOT" reason="never"/>'
     state = f'<group_state name="home">{angles}</group_state>'
-    (folder / "robot.srdf").write_text(f'<robot name="hexapod">{state}{pair}</robot>')
+    (folder / "dog.srdf").write_text(f'<robot name="quadruped">{state}{pair}</robot>')
     measured = {
         "urdf": "robot.urdf",
         "feet": [f"{name}_foot" for name in ("LF", "RF", "LR", "RR")],
@@ -217,10 +223,10 @@ def _selectors(folder: Path) -> None:
 
 
 def _with_foot(urdf: str, mesh: str) -> str:
-    """The hexapod with a mesh as the shape of a foot."""
+    """A robot with a mesh as the shape of a foot."""
     shape = f'<collision><geometry><mesh filename="{mesh}"/></geometry></collision></link>'
     return re.sub(
-        r'(<link name="LF_foot">)(.*?)</link>',
+        r'(<link name="LF_FOOT">)(.*?)</link>',
         lambda found: (
             found[1] + re.sub(r"<collision>.*?</collision>", "", found[2], flags=re.DOTALL) + shape
         ),
@@ -257,7 +263,7 @@ def _terrains(folder: Path) -> None:
             trimesh.exchange.ply.export_ply(mesh, encoding="ascii")
         )
     for file in FEET:
-        text = _with_foot(hexapod_urdf(hexapod()), f"foot{file}")
+        text = _with_foot(quadruped(), f"foot{file}")
         (folder / f"foot{file.replace('.', '-')}.urdf").write_text(text)
     spec = yaml.safe_load((folder / "course.yaml").read_text())
     walls = trimesh.util.concatenate(

@@ -9,12 +9,14 @@ import sys
 import threading
 import time
 from dataclasses import is_dataclass
+from importlib.metadata import entry_points
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.plugins import Registry
+from stancekit.planners.plugins import Registry, entry_points_of
 
 SHAPES = {
     "fraction": "fractions:Fraction",
@@ -178,3 +180,30 @@ def test_names_that_nobody_has_are_refused_with_those_that_there_are() -> None:
         InvalidInput, match=r"^number gone: cannot be imported: ModuleNotFoundError: "
     ):
         numbers().get("gone")
+
+
+@pytest.mark.parametrize("suffix", ["dist-info", "egg-info"])
+def test_entry_points_are_those_that_python_finds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    assert not entry_points_of("nobody.has_this")
+    assert {point.name for point in entry_points_of("console_scripts")} == {
+        point.name for point in entry_points(group="console_scripts")
+    }
+    info = tmp_path / f"late-1.0.{suffix}"
+    info.mkdir()
+    metadata = "PKG-INFO" if suffix == "egg-info" else "METADATA"
+    (info / metadata).write_text("Metadata-Version: 2.1\nName: late\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[test.late]\nodd = late:Odd\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert [point.value for point in entry_points_of("test.late")] == ["late:Odd"]
+
+
+def test_packages_that_are_elsewhere_than_in_folders_are_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ZipFile(tmp_path / "zipped.zip", "w") as archive:
+        archive.writestr("late-1.0.dist-info/METADATA", "Name: late\nVersion: 1.0\n")
+        archive.writestr("late-1.0.dist-info/entry_points.txt", "[test.zipped]\nodd = late:Odd\n")
+    monkeypatch.syspath_prepend(tmp_path / "zipped.zip")
+    assert [point.name for point in entry_points_of("test.zipped")] == ["odd"]

@@ -20,15 +20,15 @@ def fits():
 
 
 def test_a_map_is_drawn_with_its_figures(fits):
-    figure = draw_map(fits[0].map, FIELD, fits[0].report, size_px=(900, 675))
+    figure = draw_map(fits[0].map, FIELD, fits[0].report, size_px=(600, 450))
     words = " ".join(text.get_text() for text in figure.texts)
     assert "Warp map of egg box" in words
     assert f"min det J {fits[0].report.least_det:.2f}" in words
     pixels = to_rgb(figure)
-    assert pixels.shape == (675, 900, 3)
+    assert pixels.shape == (450, 600, 3)
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500
     np.testing.assert_array_equal(
-        pixels, to_rgb(draw_map(fits[0].map, FIELD, fits[0].report, size_px=(900, 675)))
+        pixels, to_rgb(draw_map(fits[0].map, FIELD, fits[0].report, size_px=(600, 450)))
     )
 
 

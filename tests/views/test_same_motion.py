@@ -38,7 +38,7 @@ terrain: {{kind: stairs, friction: 0.7, first_m: 0.3, run_m: 0.4, rises_m: [0.04
 
 @cache
 def planned(course: str | Path) -> Plan:
-    plan = stancekit.plan(course, frames=3 if course == "walls" else None).solution
+    plan = stancekit.plan(course, frames=2 if course == "walls" else None).solution
     assert isinstance(plan, Plan)
     return plan
 

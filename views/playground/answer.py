@@ -20,7 +20,7 @@ from stancekit.planners.verify import Report, explain
 from .scenario import Scenario
 
 SHARES = (0.8, 1.0)
-"""Of the friction, that a plan is looked for with while the scene is changed."""
+"""Shares of the friction, that a plan is looked for with while the scene is changed."""
 QUICK_S, QUICK_NODES, QUICK_STEPS = 0.15, 20, 6
 """Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
 share."""

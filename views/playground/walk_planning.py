@@ -22,7 +22,7 @@ from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.walk import Walk
 
 ITERATIONS, TOTAL_S = 80, 120.0
-"""Of a solve, and CPU time of all solves of a walk [s]."""
+"""Most iterations of a solve, and CPU time of all solves of a walk [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,8 +25,8 @@ from ..variables.structure import Structure
 SHARE = 0.6
 """The usual share of the slope on which friction holds that ground about feet may have."""
 NEAREST_M, FINE_M = 0.12, 0.01
-"""How far a guess's foot may move to where it has sure footing, and how finely places are looked
-at."""
+"""Distance that a guess's foot may move to where it has sure footing, and how finely places are
+looked at."""
 AROUND = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
 
 

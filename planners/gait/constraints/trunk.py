@@ -27,7 +27,8 @@ SINKING = 0.8
 """Share of the height which the guess gains on slopes, where it stands off along the normal, that
 walks may give up."""
 AROUND_M = 0.2
-"""How far about a point of the guess the ground is looked at: a solution moves about as far."""
+"""Distance about a point of the guess at which the ground is looked at: a solution moves about as
+far."""
 
 
 def trunk(structure: Structure) -> Constraint | None:

@@ -29,7 +29,7 @@ Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
 violation, the cost and the phase, ``feasible``, ``smooth`` or ``densify``, after "piece 2 of 9, "
 where there are some; may return True to stop."""
 Homotopy = Literal["height", "smoothing"]
-"""What makes a terrain gentler: lower heights, or a Gaussian."""
+"""Way to make a terrain gentler: lower heights, or a Gaussian."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 RAMP = 0.15
 """Share of the time in which a walk gets up to speed, and in which it slows down."""
 LOADING_S = 0.1
-"""How long a foot takes to get its full share of the weight after touchdown, and to lose it before
+"""Time that a foot takes to get its full share of the weight after touchdown, and to lose it before
 lift-off [s]."""
 
 

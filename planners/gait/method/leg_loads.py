@@ -27,8 +27,8 @@ STEP_M = 1e-4
 NEAR = 0.7
 """A joint gets a row where it gives this share of what it may."""
 ROOM = 0.01
-"""Of the limit, between what the verifier allows and what rows ask for, besides what a joint gives
-more between a node and the next than at it."""
+"""Share of the limit, between what the verifier allows and what rows ask for, besides what a joint
+gives more between a node and the next than at it."""
 
 
 def leg_loads(structure: Structure, report: Report[Trajectory], room: float = ROOM) -> LegLoads:

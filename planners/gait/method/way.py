@@ -44,7 +44,7 @@ PIECE_M = 1.6
 TURN_RAD = 0.02
 """A path that turns by less goes straight on."""
 LEAST_S = 3.0
-"""How long a piece lasts at least [s]."""
+"""Least duration of a piece [s]."""
 EVEN_S = 0.5
 """Pieces last a whole number of these, which spacings of knots and nodes divide [s]."""
 AGAIN = 2

@@ -67,7 +67,7 @@ RAD_S = 0.229 * 2.0 * np.pi / 60.0
 AMPERE = 2.69e-3
 """One unit of a current."""
 LATENCY_MS = 16.0
-"""Of the usual USB adapter, between a byte and the host."""
+"""Latency of the usual USB adapter, between a byte and the host."""
 WATCHDOG_S = 0.02
 """One unit of the bus watchdog."""
 TRIPPED = 0xFF

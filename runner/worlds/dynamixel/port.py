@@ -14,9 +14,9 @@ from ...safety.latch import StopLatch
 from .control_table import LATENCY_MS
 
 WAIT_S = 0.002
-"""How long a read sleeps for bytes before the SDK looks at its own time limit."""
+"""Time that a read sleeps for bytes before the SDK looks at its own time limit."""
 WRITE_S = 0.1
-"""How long a packet may take to be handed to the kernel."""
+"""Time that a packet may take to be handed to the kernel."""
 FLOOD_BYTES = 2048
 """So many bytes more than an answer has are no answer: somebody sends without end."""
 RESTLESS = 8

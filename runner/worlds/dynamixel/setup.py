@@ -14,7 +14,7 @@ from .bus import ServoBus, listed, unsigned
 from .diagnosis import BABBLE, late, unanswered
 
 ROUNDS = 3
-"""How often a setting that did not arrive is written."""
+"""Number of times that a setting that did not arrive is written."""
 
 
 def check_servos(bus: ServoBus, model: table.ServoModel) -> None:

@@ -287,6 +287,22 @@ def test_a_header_that_does_not_fit_is_refused_even_under_right_sums(change, mes
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data["verdict"].update(digest="0" * 64),
+        lambda data: data["verdict"].update(accepted=not data["verdict"]["accepted"]),
+        lambda data: data["verdict"].update(tolerance=2.0 * data["verdict"]["tolerance"]),
+        lambda data: data["course"]["robot"].update(mass_kg=10.0 + 1e-9),
+    ],
+    ids=["digest", "verdict", "tolerance", "mass"],
+)
+def test_a_verdict_of_other_content_is_refused_though_the_file_is_sealed_anew(written, change):
+    resealed(written[1], change_header=change)
+    with pytest.raises(InvalidInput, match="digest mismatch: course, numbers or verdict are not"):
+        read_plan(written[1])
+
+
 def test_a_file_that_is_none_is_told(tmp_path):
     for text, message in (
         ("", "the file is empty"),

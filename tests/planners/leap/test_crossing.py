@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import stancekit
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.crossing import stretches
+from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.terrain.families import family_terrain
 
 TOES = np.array(
@@ -50,3 +54,14 @@ def test_a_goal_over_the_gap_is_no_place_to_land() -> None:
 def test_a_crossing_begins_with_key_frames() -> None:
     with pytest.raises(InvalidInput, match=r"^crossing gap: expected parts of which the first is"):
         Crossing(name="gap", parts=())
+
+
+def test_a_straight_way_has_the_body_as_high_as_its_toes_are_below_it() -> None:
+    """The way that is laid out straight ahead is over the same ground as the one that is looked for:
+    with the body on the ground every proof and every climb from a landing is about another robot.
+    """
+    found = laid_between(stancekit.terrain("rough:0.2:1"), (0.0, 0.0), (0.2, 0.0), frames=2)
+    straight = replace(found, straight=True)
+    np.testing.assert_allclose(
+        straight("inner").com_nominal_m[:, 2], found("inner").com_nominal_m[:, 2], atol=0.03
+    )

@@ -14,6 +14,7 @@ from stancekit.planners.problem.foothold import Foothold
 from stancekit.planners.problem.leap import BodyState, Leap, LeapLimits, Phase
 from stancekit.planners.problem.leap_classes import leap_class, leap_classes, nameless
 from stancekit.planners.problem.leap_json import leap_from_keys, leap_to_json
+from stancekit.planners.problem.leap_names import is_drawn, is_leap_file
 from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.leg_limits import leaping_robot
 from stancekit.planners.robot.model import Limb, hexapod
@@ -226,3 +227,14 @@ def test_a_class_of_ones_own_is_a_file_and_draws_what_its_keys_say(tmp_path):
         assert "\n" not in str(caught.value)
     with pytest.raises(InvalidInput, match="found nothing"):
         leap_class(str(tmp_path / "leap-none.yaml"))
+
+
+def test_the_names_of_all_classes_are_told_from_those_of_courses(tmp_path, monkeypatch):
+    for name in leap_classes():
+        assert is_drawn(name)
+        assert is_leap_file(f"{name}:7")
+    for name in ("walls", "leap-of-nobody", "leaps", "walls:7"):
+        assert not is_leap_file(name)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "leap-hard").write_text("")  # a file goes before a name
+    assert not is_drawn("leap-hard")

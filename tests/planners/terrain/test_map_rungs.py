@@ -1,0 +1,58 @@
+"""Round bars of maps are lines to stand on, where their samples lie on a cylinder."""
+
+import numpy as np
+import pytest
+
+from stancekit.planners.terrain.elevation import ElevationMap
+from stancekit.planners.terrain.foothold_search import footholds_of
+from stancekit.planners.terrain.footholds import FootholdLimits
+
+LIMITS = FootholdLimits(margin_m=0.012, width_m=0.012)
+APART_M, RADIUS_M, DROP_M = 0.12, 0.015, 0.25
+
+
+def bars(askew_rad=0.0, spacing_m=0.01, noise_m=0.0, seed=0, *, round_bars=True):
+    """A map of bars that are 3 cm thick, their tops at z = 0."""
+    x, y = np.arange(-0.3, 0.3, spacing_m), np.arange(-0.25, 0.25, spacing_m)
+    u = np.add.outer(np.cos(askew_rad) * x, np.sin(askew_rad) * y)
+    v = np.mod(u + 0.5 * APART_M, APART_M) - 0.5 * APART_M
+    top = np.sqrt(np.maximum(RADIUS_M**2 - v**2, 0.0)) - RADIUS_M if round_bars else 0.0 * v
+    heights = np.where(np.abs(v) < RADIUS_M, top, -DROP_M)
+    heights += noise_m * np.random.default_rng(seed).standard_normal(heights.shape)
+    return ElevationMap(x_m=x, y_m=y, heights_m=heights, name="bars")
+
+
+def rungs_of(found):
+    return [piece for piece in found.pieces if piece.turn_rad > 0.0]
+
+
+@pytest.mark.parametrize("askew_rad", [0.0, 0.3])
+@pytest.mark.parametrize("noise_m", [0.0, 0.002])
+def test_round_bars_of_a_map_are_lines_within_a_millimetre(askew_rad, noise_m):
+    found = footholds_of(bars(askew_rad, 0.005, noise_m), LIMITS)
+    rungs = rungs_of(found)
+    assert len(rungs) >= 4
+    for piece in rungs:
+        x, y, z = piece.patch.centre_m
+        across = np.mod(np.cos(askew_rad) * x + np.sin(askew_rad) * y + 0.06, APART_M) - 0.06
+        assert abs(across) < (1e-6 if noise_m == 0.0 else 1e-3)
+        assert abs(z) < (1e-6 if noise_m == 0.0 else 2e-3)
+        assert piece.turn_rad >= np.arcsin(0.05) - 1e-9
+        assert piece.patch.friction < 1.0
+        assert (piece.patch.certainty is None) is (noise_m == 0.0)
+    assert found.refused_m2["round"] > 0.0
+    assert not any(np.ptp(patch.vertices_m[:, 2]) > 0.1 for patch in found.surfaces)  # no walls
+
+
+def test_flat_bars_and_bars_of_two_samples_are_no_rungs():
+    assert not rungs_of(footholds_of(bars(spacing_m=0.005, round_bars=False), LIMITS))
+    assert not rungs_of(footholds_of(bars(spacing_m=0.015), LIMITS))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_and_flat_strips_make_no_rungs(seed):
+    flat = bars(0.2, 0.005, 0.004, seed, round_bars=False)
+    assert not rungs_of(footholds_of(flat, LIMITS))
+    x = np.arange(-0.4, 0.4, 0.02)
+    noise = 0.01 * np.random.default_rng(seed).standard_normal((len(x), len(x)))
+    assert not rungs_of(footholds_of(ElevationMap(x_m=x, y_m=x, heights_m=noise, name="noise")))
