@@ -183,7 +183,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "run": {
         LATER: (
-            "planners.problem",
             "planners.robot.actuators",
             "runner.acceptance",
             "planners.motion.plan_motion",
@@ -195,7 +194,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         TOOL: ("runner.log", "runner.safety.estop"),
         DRAWS: ("views.sheet", "views.tracking_plot"),
     },
-    "run_film": {LATER: ("runner.acceptance",)},
     "simulate": {
         LATER: (
             "planners.answer.plan",
