@@ -6,10 +6,11 @@ import pytest
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.relaxation.boxed import Boxed
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.within import Sloped, WithinBox
+from stancekit.planners.relaxation.within import WithinBox
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def test_the_same_in_cvxpy_says_the_same(some, products):
     one, two, solved = Programs(), Programs(engine="cvxpy"), 0
     for scaled, box, slope in some[:6]:
         rows = [which.get(WithinBox, scaled.layout, products).rows for which in (one, two)]
-        given = Sloped(scaled, boxes=(box,), slope=slope)
+        given = Boxed(scaled, boxes=(box,), slope=slope)
         ours, theirs = (each.solve(given) for each in rows)
         assert ours.status is theirs.status
         if ours.solved:
