@@ -14,10 +14,10 @@ legs, with the foot's radius kept in hand.
 from __future__ import annotations
 
 import importlib.util
-import sys
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.robot_file import RobotKeys, model_of_keys
@@ -51,9 +51,9 @@ def default_path() -> Path:
     return Path(spec.origin).parents[1] / "cmeel.prefix" / URDF
 
 
-def main() -> None:
+def main(urdf: tyro.conf.Positional[Path | None] = None, /) -> None:
     """Print the numbers."""
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else default_path()
+    path = urdf or default_path()
     keys = RobotKeys(
         urdf=str(path.resolve()),
         feet=FEET,
@@ -82,4 +82,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

@@ -97,6 +97,10 @@ class TwoStagePlanner(TimeLimited):
     ) -> None:
         if projection is not None:
             PROJECTIONS.get(projection)
+        if relaxation != "p1":
+            from ..relaxation.table import RELAXATIONS
+
+            RELAXATIONS.get(relaxation)
         self.envelopes, self.relaxation = envelopes, relaxation
         self.projection: Projection | None = projection
         self.acceptance, self.reserve = acceptance, reserve
@@ -288,7 +292,9 @@ class TwoStagePlanner(TimeLimited):
         if isinstance(self.envelopes, EnvelopeSet):
             return self.envelopes
         came = "modes" if isinstance(self.envelopes, Modes) else type(self.envelopes).__name__
-        raise InvalidInput(f"envelopes: expected envelopes, got {came}, which are for courses")
+        raise InvalidInput(
+            f"envelopes: expected one EnvelopeSet for postures, got {came}; others are for courses"
+        )
 
     @over_sides
     def _within(self, course: Problem) -> Answer[Plan]:

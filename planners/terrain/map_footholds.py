@@ -215,10 +215,10 @@ def _planes_of(
         surfaces += [patch.with_certainty(whole) for patch in outline_of]
         refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
     for number, rung in enumerate(rungs, len(planes)):
-        line = rung.piece(number, limits, friction)
-        pieces += [] if line is None else [line]
+        lines = rung.pieces(number, limits, friction)
+        pieces += lines
         surfaces += rung.sides(friction)
-        covered_m2 = 0.0 if line is None else line.area_m2
+        covered_m2 = sum(line.area_m2 for line in lines)
         refused["round"] += max(float(spacing**2 * rung.cells.sum()) - covered_m2, 0.0)
     found = Footholds(
         name=terrain.name,

@@ -6,11 +6,11 @@ off by the noise widens the turn of the surface that both of its sides have to h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import binary_closing, distance_transform_edt
 
 from ..files.arrays import Array
 from .cells import GroundCells, Labels
@@ -36,6 +36,9 @@ ARC_RAD = 0.7
 SURE, KNOWN = 3.0, 0.3
 """Deviations of the place of the line across that a foot may be off it, and the most in radii."""
 STEPS = 30
+NEAR, LUMP_SD = 1.5, 4.0
+"""Heights within so many cells along the line are looked at together, whose mean is off the cylinder by no more than so
+many times a rung's, and deviations of the noise's mean."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,6 +49,7 @@ class MapRung:
         rung: its cylinder.
         cells: which are of it, shape (n, m).
         span_m: of the cells along its axis from the middle, from and to [m].
+        seen_m: parts of the span along which cells bear the line on both sides, shape (S, 2) [m].
         turn_rad: by which its surface turns from the middle of the line to where a foot may be.
         rms_m: of heights off the cylinder [m].
         certainty: of its line; None where heights are exact.
@@ -54,24 +58,31 @@ class MapRung:
     rung: Rung
     cells: NDArray[np.bool_]
     span_m: tuple[float, float]
+    seen_m: Array
     turn_rad: float
     rms_m: float
     certainty: Certainty | None
 
-    def piece(self, surface: int, limits: FootholdLimits, friction: float) -> TerrainPatch | None:
-        """The line as a foothold, the margin away from its ends; None where it is too short."""
-        low, high = self.span_m[0] + limits.margin_m, self.span_m[1] - limits.margin_m
-        if high - low <= limits.width_m:
-            return None
-        patch = self.rung.line(low, high, friction)
-        patch = patch.with_friction(held_on_both_sides(friction, self.turn_rad))
-        return TerrainPatch(
-            patch=patch.with_certainty(self.certainty),
-            rms_m=self.rms_m,
-            samples=int(self.cells.sum()),
-            surface=surface,
-            turn_rad=self.turn_rad,
-        )
+    def pieces(
+        self, surface: int, limits: FootholdLimits, friction: float
+    ) -> tuple[TerrainPatch, ...]:
+        """The line as footholds where it is seen, the margin away from each end."""
+        pieces = list[TerrainPatch]()
+        for low, high in self.seen_m + limits.margin_m * np.array([1.0, -1.0]):
+            if high - low <= limits.width_m:
+                continue
+            patch = self.rung.line(low, high, friction)
+            patch = patch.with_friction(held_on_both_sides(friction, self.turn_rad))
+            pieces.append(
+                TerrainPatch(
+                    patch=patch.with_certainty(self.certainty),
+                    rms_m=self.rms_m,
+                    samples=int(self.cells.sum()),
+                    surface=surface,
+                    turn_rad=self.turn_rad,
+                )
+            )
+        return tuple(pieces)
 
     def footprint_m(self, beside_m: float) -> Array:
         """Corners of the ground under it and so far beside, in order, shape (4, 2) [m]."""
@@ -128,8 +139,44 @@ def map_rungs(
         mask = np.zeros(free.shape, dtype=bool)
         mask[i[members], j[members]] = True
         rung = _rung(places[members], weights[members], mask, noise_m, slope_rad)
-        found += [] if rung is None else [rung]
+        if rung is None:
+            continue
+        seen_m = _seen(rung, places[members], weights[members], cells, noise_m)
+        found.append(replace(rung, seen_m=seen_m))
     return found
+
+
+def _seen(
+    rung: MapRung, points_m: Array, weights: Array, cells: GroundCells, noise_m: float
+) -> Array:
+    """Parts of a rung's span along which the cells under its line and half a cell to both sides are its own, and their
+    heights about each place on its cylinder, shape (S, 2) [m].
+    """
+    spacing, bar, (low, high) = cells.spacing_m, rung.rung, rung.span_m
+    own = rung.cells
+    if cells.sparse:  # a cell without samples between others is by chance
+        own = own | (~cells.known & binary_closing(own, np.ones((3, 3))))
+    along = np.linspace(low, high, max(int(np.ceil(4.0 * (high - low) / spacing)), 2))
+    aside = np.array([-bar.axis[1], bar.axis[0]]) / np.linalg.norm(bar.axis[:2])
+    beside = 0.5 * spacing * np.array([-1.0, 0.0, 1.0])
+    places = bar.middle_m[:2] + along[:, None, None] * bar.axis[:2] + beside[:, None] * aside
+    cell = np.round((places - cells.corner_m[:2]) / spacing).astype(np.int_)
+    inside = np.all((cell >= 0) & (cell < own.shape), axis=-1)
+    cell = np.clip(cell, 0, np.array(own.shape) - 1)
+    seen = (inside & own[cell[..., 0], cell[..., 1]]).all(axis=1)
+    from_axis = points_m - bar.middle_m + bar.radius_m * bar.upright
+    length = from_axis @ bar.axis
+    off = np.linalg.norm(from_axis - length[:, None] * bar.axis, axis=1) - bar.radius_m
+    near = weights * (np.abs(along[:, None] - length) <= NEAR * spacing)
+    count = near.sum(axis=1)
+    most = np.hypot(NEAR * ROUND * bar.radius_m, LUMP_SD * noise_m / np.sqrt(np.maximum(count, 1)))
+    seen &= np.abs(near @ off) <= most * np.maximum(count, 1e-9)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]])))
+    parts = along[edges.reshape(-1, 2) - [0, 1]]
+    # the next cell that is not its own may be half a cell nearer
+    parts[parts[:, 0] > low, 0] += 0.5 * spacing
+    parts[parts[:, 1] < high, 1] -= 0.5 * spacing
+    return np.asarray(parts)
 
 
 def _wide(labels: Labels, spacing: float) -> NDArray[np.bool_]:
@@ -213,6 +260,7 @@ def _rung(
         rung=rung,
         cells=cells,
         span_m=(float(length.min()), float(length.max())),
+        seen_m=np.zeros((0, 2)),
         turn_rad=float(np.arcsin(aside)),
         rms_m=rms,
         certainty=certainty,

@@ -125,4 +125,5 @@ def _same_surface(one: Patch, other: Patch) -> bool:
         np.array_equal(one.certainty.about_m, other.certainty.about_m)
         and np.array_equal(one.certainty.covariance, other.certainty.covariance)
         and one.normal @ other.normal >= 1.0 - 1e-9
+        and abs(one.normal @ (other.vertices_m[0] - one.vertices_m[0])) <= THICK_M
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,6 +52,18 @@ def test_scripts_are_launched_by_the_harness() -> None:
     assert others == set(ALONE)
     parsed = {name for name, text in SCRIPTS.items() if "argparse" in text}
     assert parsed <= {"ros_nodes.py"}
+
+
+@pytest.mark.parametrize("name", ["anymal_reach.py", "anymal_urdf.py"])
+def test_a_question_for_help_is_answered_and_writes_nothing(name: str) -> None:
+    written = ROOT / "configs" / "robots" / "anymal.urdf"
+    before = written.stat().st_mtime_ns
+    asked = subprocess.run(
+        [sys.executable, ROOT / "benchmarks" / name, "--help"], capture_output=True, text=True
+    )
+    assert asked.returncode == 0
+    assert "usage" in asked.stdout
+    assert written.stat().st_mtime_ns == before
 
 
 def test_every_script_is_named_by_a_page_or_a_test() -> None:

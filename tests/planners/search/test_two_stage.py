@@ -187,3 +187,12 @@ def test_toes_on_stairs_keep_a_foots_radius_from_risers(planner):
         for riser in risers
     ]
     assert np.min(gaps) > FOOT_RADIUS_M
+
+
+def test_settings_that_mean_nothing_are_refused():
+    with pytest.raises(InvalidInput, match="relaxation: expected one of p1"):
+        TwoStagePlanner(relaxation="nosuch")  # without envelopes, too
+    with pytest.raises(
+        InvalidInput, match="envelopes: expected one EnvelopeSet for postures, got int"
+    ):
+        TwoStagePlanner(3).check("postures")

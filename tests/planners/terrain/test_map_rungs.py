@@ -56,3 +56,21 @@ def test_noise_and_flat_strips_make_no_rungs(seed):
     x = np.arange(-0.4, 0.4, 0.02)
     noise = 0.01 * np.random.default_rng(seed).standard_normal((len(x), len(x)))
     assert not rungs_of(footholds_of(ElevationMap(x_m=x, y_m=x, heights_m=noise, name="noise")))
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.002])
+@pytest.mark.parametrize("known", [True, False])
+def test_a_line_ends_where_a_bar_has_a_bite(noise_m, known):
+    terrain = bars(0.0, 0.005, noise_m)
+    x, y = np.meshgrid(terrain.x_m, terrain.y_m, indexing="ij")
+    v = np.mod(x + 0.5 * APART_M, APART_M) - 0.5 * APART_M
+    bite = (np.abs(y) < 0.015) & (v > -0.2 * RADIUS_M)  # the rest of the bar goes on beside it
+    heights = np.where(bite, -DROP_M if known else np.nan, terrain.heights_m)
+    found = footholds_of(
+        ElevationMap(x_m=terrain.x_m, y_m=terrain.y_m, heights_m=heights, name="bitten"), LIMITS
+    )
+    rungs = rungs_of(found)
+    assert len(rungs) >= 4
+    for piece in rungs:
+        low, high = piece.patch.vertices_m[:, 1].min(), piece.patch.vertices_m[:, 1].max()
+        assert low > 0.015 or high < -0.015

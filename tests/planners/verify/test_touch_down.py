@@ -10,9 +10,13 @@ import pytest
 import stancekit
 from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.terrain.certainty import Certainty
+from stancekit.planners.terrain.elevation import ElevationMap
+from stancekit.planners.terrain.foothold_search import footholds_of
+from stancekit.planners.terrain.footholds import FootholdLimits
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.geometry import patch_distances
+from stancekit.planners.verify.ground import off_terrain
 from stancekit.planners.verify.touch_down import ground_group
 
 
@@ -134,3 +138,15 @@ def test_exact_maps_carry_toes_up_to_their_samples_and_bodies_keep_out_of_half_a
         place = np.array([last[0], half_m + out_m, last[2]])
         moved = of_another_hand(plan, place, half_m=0.001)
         assert check_plan(moved).group("terrain").verdict == verdict
+
+
+def test_a_block_in_a_maps_corner_ends_where_it_ends():
+    x, heights = 0.02 * np.arange(50), np.zeros((50, 50))
+    heights[:20, :20] = 0.1  # the ground's box of cells has the same corner
+    terrain = ElevationMap(x_m=x, y_m=x, heights_m=heights, name="block")
+    found = footholds_of(terrain, FootholdLimits(margin_m=0.012, width_m=0.012))
+    tops = [piece.patch for piece in found.pieces if piece.patch.vertices_m[:, 2].min() > 0.09]
+    edge = x[19]
+    toes = np.array([[edge + out, 0.25, 0.1] for out in (-0.001, 0.005, 0.02)])
+    off = off_terrain(found.surfaces, tops[:1] * 3, toes)
+    assert off == pytest.approx([0.0, 0.005, 0.02], abs=1e-6)
