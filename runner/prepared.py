@@ -29,7 +29,7 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
-from .motion.other_forces import LoadTransfer
+from .motion.other_forces import LoadTransfer, MeanForces
 from .motion.redundancy import RedundancyResolution, resolved
 from .motion.stream import timed_gait, timed_plan, unhurried_plan
 from .motion.time_parametrization import (
@@ -312,7 +312,7 @@ def prepare_leap(
     motion, sees = LeapRun(accepted.plan), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
     tracker = Tracker(
-        motion,
+        MeanForces(motion, 1.0 / world.rate_hz),
         kinematics,
         world.rate_hz,
         replace(settings.feedback, **WALKING) if sees else STEADY,
@@ -363,7 +363,7 @@ def prepare_crossing(
         climbs.append(motion)
     crossing, sees = CrossingMotion(accepted.plan, climbs), sees_feet(world, settings)
     tracker = Tracker(
-        crossing,
+        MeanForces(crossing, 1.0 / world.rate_hz),
         kinematics,
         world.rate_hz,
         replace(settings.feedback, **WALKING) if sees else STEADY,
