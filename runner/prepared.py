@@ -52,6 +52,8 @@ PlannedMotion = PlanMotion | GaitMotion | LeapRun | CrossingMotion
 BodyFrom = Literal["the world", "leg odometry", "nothing"]
 WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
+LEAPING: dict[str, Any] = {**WALKING, "settle_hz": 5.0}
+"""So is one that lands, which slides as it does; where it came to rest it stands."""
 M_co = TypeVar("M_co", bound=Motion, covariant=True)
 P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
 
@@ -315,7 +317,7 @@ def prepare_leap(
         MeanForces(motion, 1.0 / world.rate_hz),
         kinematics,
         world.rate_hz,
-        replace(settings.feedback, **WALKING) if sees else STEADY,
+        replace(settings.feedback, **LEAPING) if sees else STEADY,
         settings.body,
         None,
         world.drives,
@@ -366,7 +368,7 @@ def prepare_crossing(
         MeanForces(crossing, 1.0 / world.rate_hz),
         kinematics,
         world.rate_hz,
-        replace(settings.feedback, **WALKING) if sees else STEADY,
+        replace(settings.feedback, **LEAPING) if sees else STEADY,
         settings.body,
         None,
         world.drives,
