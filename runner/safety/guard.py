@@ -163,6 +163,7 @@ class SafeWorld:
         self._to = NullWorld(self.world, state) if self.dry else self.world
         self._first = self._last = np.array(state.angles_rad, dtype=float)
         self._away = self._lean = np.zeros(len(self.joints))
+        self._loads = None
         return state
 
     def preload(self, targets_rad: Array) -> bool:
