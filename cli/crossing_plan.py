@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.answer.leap_plan import LeapPlan
@@ -10,8 +11,6 @@ from stancekit.planners.answer.leap_plan import LeapPlan
 from .console import complain, counted, emit, out, progress
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from stancekit.planners.answer.answer import Answer
     from stancekit.planners.answer.crossing import Crossing
 

@@ -29,7 +29,7 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
-from .motion.other_forces import LoadTransfer
+from .motion.other_forces import LoadTransfer, MeanForces
 from .motion.redundancy import RedundancyResolution, resolved
 from .motion.stream import timed_gait, timed_plan, unhurried_plan
 from .motion.time_parametrization import (
@@ -52,6 +52,8 @@ PlannedMotion = PlanMotion | GaitMotion | LeapRun | CrossingMotion
 BodyFrom = Literal["the world", "leg odometry", "nothing"]
 WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
+LEAPING: dict[str, Any] = {**WALKING, "settle_hz": 5.0}
+"""So is one that lands, which slides as it does; where it came to rest it stands."""
 M_co = TypeVar("M_co", bound=Motion, covariant=True)
 P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
 
@@ -312,10 +314,10 @@ def prepare_leap(
     motion, sees = LeapRun(accepted.plan), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
     tracker = Tracker(
-        motion,
+        MeanForces(motion, 1.0 / world.rate_hz),
         kinematics,
         world.rate_hz,
-        replace(settings.feedback, **WALKING) if sees else STEADY,
+        replace(settings.feedback, **LEAPING) if sees else STEADY,
         settings.body,
         None,
         world.drives,
@@ -363,10 +365,10 @@ def prepare_crossing(
         climbs.append(motion)
     crossing, sees = CrossingMotion(accepted.plan, climbs), sees_feet(world, settings)
     tracker = Tracker(
-        crossing,
+        MeanForces(crossing, 1.0 / world.rate_hz),
         kinematics,
         world.rate_hz,
-        replace(settings.feedback, **WALKING) if sees else STEADY,
+        replace(settings.feedback, **LEAPING) if sees else STEADY,
         settings.body,
         None,
         world.drives,

@@ -264,6 +264,8 @@ class Runner:
         Returns whether it ended.
         """
         assert self.state is not None
+        motion = None if self._prepared is None else self._prepared.motion
+        self.world.leaps = isinstance(motion, LeapRun | CrossingMotion)
         source = body_from(self.world, self.settings)
         kinematics, rate_hz = tracked.tracker.kinematics, self.world.rate_hz
         odometry = LegOdometry(kinematics, tracked.first, rate_hz, felt=tracked.sees)

@@ -122,7 +122,15 @@ class CrossingMotion:
         times = np.asarray(times_s, dtype=np.float64)
         if times.ndim == 0:
             return self._one(float(times))
-        return stacked([self._one(float(time)) for time in times.ravel()])
+        when, rows = times.ravel(), dict[int, Samples]()
+        part = np.array([self.part_at(float(time)) for time in when])
+        within = when - self._begins[part]
+        for k in range(len(self.parts)):
+            here = np.flatnonzero((part == k) & ((within >= 0.0) | (k == 0)))
+            if len(here):
+                found = self._of(k, within[here], when[here]).rows()
+                rows.update(zip(here.tolist(), found, strict=True))
+        return stacked([rows.get(i) or self._one(float(time)) for i, time in enumerate(when)])
 
     def _one(self, time_s: float) -> Samples:
         """The sample at one time."""
@@ -151,12 +159,12 @@ class CrossingMotion:
             forces_n=mixed("forces_n"),
         )
 
-    def _of(self, k: int, within_s: float, time_s: float) -> Samples:
-        """The sample of a part at a time of its own, by the numbers of the whole."""
+    def _of(self, k: int, within_s: float | Array, time_s: float | Array) -> Samples:
+        """The samples of a part at times of its own, by the numbers of the whole."""
         sample = self.parts[k].at(within_s)
         held = self._numbers[k][np.maximum(sample.foothold, 0)]
         foothold = np.where(sample.foothold >= 0, held, -1)
-        frame = np.array(min(max(time_s, 0.0), self.duration_s))
+        frame = np.clip(np.asarray(time_s), 0.0, self.duration_s)
         return replace(sample, foothold=foothold, frame=frame)
 
 

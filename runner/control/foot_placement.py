@@ -67,6 +67,9 @@ class ContactFeedback:
         waits: the motion waits for a foot that should touch.
         memory_s: of how stiff joint loops were found to be (``LoopStiffness``), 0 to count on what
             they should be.
+        settle_hz: rate at which feet that slid as they landed are taken to stand where they are,
+            while the robot rests on all of them, and the body goes with those that bear it; 0 for
+            where they landed first.
     """
 
     touch_n: float = 1.5
@@ -77,6 +80,7 @@ class ContactFeedback:
     press_share: float = 4.0
     waits: bool = True
     memory_s: float = 5.0
+    settle_hz: float = 0.0
 
     def __post_init__(self) -> None:
         check_numbers(
@@ -201,6 +205,7 @@ class FootPlacement:
         else:
             state, body = seen
             landed = self._land(now, then, felt_n, state, rolled_m)
+            self._settle(then, state, rolled_m)
             self._lean(then, landed)
             step = self._step(state, body, then)
             self._stepped = np.where((stands | self.touched)[:, None], self._stepped, step)
@@ -209,7 +214,7 @@ class FootPlacement:
             carried = (
                 origin + (placed - state.position_m) @ state.rotation @ body.rotation.T - placed
             )
-            shift = np.where(self.touched[:, None], self.shift_m, 0.0)
+            shift = np.where(self.touched[:, None] | (self._step_s == 0.0), self.shift_m, 0.0)
             goal = placed + self._free(carried, felt_n, then) - then.feet_m - shift
             self._stay(then, early=self.touched & ~stands, landed=landed)
         self._planned, self._heard = then.feet_m, True
@@ -236,6 +241,19 @@ class FootPlacement:
         self._landed = np.where(landed[:, None], feet - rolled, self._landed)
         self._depth = np.where(landed, 0.0, self._depth)
         return np.asarray(landed)
+
+    def _settle(self, then: Samples, found: State, rolled: Array) -> None:
+        """Feet that slid stand where they are, once the robot rests on all of them: joints that
+        pull them back only press them against each other. The body goes with where they slid and
+        rolled to.
+        """
+        rate = self._feedback.settle_hz * self._period_s
+        moves = then.velocity_m_s.any() or then.rotation_rate_rad_s.any()
+        if not rate or moves or not (self.touched & then.stands).all():
+            return
+        feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
+        self._landed = self._landed + rate * (feet - rolled - self._landed)
+        self._aside = feet - then.feet_m
 
     def _stay(self, then: Samples, early: NDArray[np.bool_], landed: NDArray[np.bool_]) -> None:
         """Feet that have landed early stop at once, although their path goes on: late, they would
@@ -270,7 +288,10 @@ class FootPlacement:
         """
         self._aside = np.where(landed[:, None], self._landed - then.feet_m, self._aside)
         bear = np.where(self.touched & then.stands, then.forces_n[:, 2].clip(0.0), 0.0)
-        if self._step_s > 0.0 and bear.any():
+        if self._feedback.settle_hz > 0.0 and bear.any():
+            borne = (bear @ self._aside) / bear.sum() * [1.0, 1.0, 0.0]
+            self.shift_m += self._feedback.settle_hz * self._period_s * (borne - self.shift_m)
+        elif self._step_s > 0.0 and bear.any():
             self.shift_m = WITH_FEET * (bear @ self._aside) / bear.sum() * [1.0, 1.0, 0.0]
 
     def _step(self, found: State, body: BodyPose, sample: Samples) -> Array:

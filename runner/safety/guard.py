@@ -80,6 +80,9 @@ class SafeWorld:
             through, that were changed on the way, and that came after the stop. armed: an arming
             came to its end, or none is needed.
         monitor: gets a beat for every command.
+        leaps: a leap runs: its targets are held within limits without their loads, or joints that
+            push off at their limits and land there would push too late, and too little. Nothing
+            real leaps.
     """
 
     def __init__(
@@ -132,6 +135,8 @@ class SafeWorld:
         self._last: Array | None = None
         self._away = self._lean = np.zeros(len(world.joints))
         self._first: Array | None = None
+        self._loads: Array | None = None
+        self.leaps = False
 
     @cached_property
     def drives(self) -> Drives:
@@ -158,6 +163,7 @@ class SafeWorld:
         self._to = NullWorld(self.world, state) if self.dry else self.world
         self._first = self._last = np.array(state.angles_rad, dtype=float)
         self._away = self._lean = np.zeros(len(self.joints))
+        self._loads = None
         return state
 
     def preload(self, targets_rad: Array) -> bool:
@@ -226,10 +232,11 @@ class SafeWorld:
             self.trip(
                 f"command refused: expected {len(last)} finite targets, got {_wrong(targets, self.joints)}"
             )
-        sent = self.within(targets)
+        sent = self._bounded(targets)
         self.watchdog.kick()
         try:
-            state = self._to.step(sent)
+            loaded = getattr(self._to, "loaded", None) if self.leaps else None
+            state = self._to.step(sent) if loaded is None else loaded(sent, self._lean)
             self._check_measured(state)
         except Stopped:
             self.refused += 1
@@ -251,9 +258,23 @@ class SafeWorld:
         self.latch.trip(reason, at_once=True)
         raise Stopped(self.latch.reason)
 
-    def within(self, targets_rad: Array) -> Array:
-        """The targets within the limits of position, velocity and step, shape (J,) [rad]."""
-        last, (lower, upper, most) = self.last_rad, self._bounds
+    def _bounded(self, targets_rad: Array) -> Array:
+        """The targets within limits; those of a leap, its angles alone, beside which are loads."""
+        if not self.leaps:
+            return self.within(targets_rad)
+        loads = self._lean if self._loads is None else self._loads
+        self._loads = self._lean
+        asked = targets_rad - self._lean
+        angles = self.within(asked, self.last_rad - loads)
+        return np.where(angles == asked, targets_rad, angles + self._lean)
+
+    def within(self, targets_rad: Array, last_rad: Array | None = None) -> Array:
+        """The targets within the limits of position, velocity and step, shape (J,) [rad].
+
+        Arguments:
+            last_rad: the ones before, those sent last where None.
+        """
+        last, (lower, upper, most) = self.last_rad if last_rad is None else last_rad, self._bounds
         # a joint that begins beyond its limits comes back no faster than any other moves
         return np.asarray(
             np.minimum(

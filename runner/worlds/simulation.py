@@ -79,6 +79,7 @@ class SimulatedWorld(LatchedWorld):
         self._waiting: deque[Array] = deque()
         self._felt: deque[Array] = deque()
         self._carried = np.zeros(6)
+        self._loads: Array | None = None
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
@@ -106,7 +107,7 @@ class SimulatedWorld(LatchedWorld):
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
         """Put the robot, at rest, into this pose over this terrain."""
-        self._sent = np.array(angles_rad, dtype=float)
+        self._sent, self._loads = np.array(angles_rad, dtype=float), None
         self._waiting = deque([self._sent] * self._late)
         self._felt = deque([np.zeros((len(self.robot.limbs), 3))] * self._felt_late)
         return self._measured(
@@ -127,9 +128,23 @@ class SimulatedWorld(LatchedWorld):
         """
         self._carried = read_only(wrench, (6,), "wrench")
 
+    def loaded(self, targets_rad: Array, loads_rad: Array) -> State:
+        """One control period as of ``step``, but drives are told apart the angles and the loads in
+        the targets, shape (J,) [rad]: the loads may lead beyond the limits of angles. The first
+        of them were in the targets before.
+        """
+        last = self._sent - (loads_rad if self._loads is None else self._loads)
+        asked = targets_rad - loads_rad
+        angles = self.drives.sendable(asked, last, 1.0 / self.rate_hz)
+        self._loads = np.array(loads_rad)
+        return self._send(np.where(angles == asked, targets_rad, angles + loads_rad))
+
     def step(self, targets_rad: Array) -> State:
         """One control period with these position targets, shape (J,) [rad]."""
-        targets = self.drives.sendable(targets_rad, self._sent, 1.0 / self.rate_hz)
+        return self._send(self.drives.sendable(targets_rad, self._sent, 1.0 / self.rate_hz))
+
+    def _send(self, targets: Array) -> State:
+        """The state after a control period with these targets."""
         with self.latch.sending():
             self._sent = targets
             self._waiting.append(targets)

@@ -4,14 +4,26 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.formats.leap_file import read_leap
-from stancekit.planners.leap.bend import LeapBender, judged_answer
+from stancekit.planners.leap.bend import (
+    LeapBender,
+    joint_rows,
+    judged_answer,
+    legged_numbers,
+    point_of,
+)
+from stancekit.planners.leap.numbers import LeapGiven
+from stancekit.planners.leap.scp import FRICTION_SHARE, reserved
+from stancekit.planners.motion.leap_body import LeapBody
 from stancekit.planners.problem.leap import LeapLimits
+from stancekit.planners.verify.leap_whole_body import LeapBodyMeasurements
 
 pytest.importorskip("pinocchio")
 FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
@@ -52,3 +64,43 @@ def test_a_leap_that_nobody_had_time_to_bend_says_so(plan: LeapPlan, tmp_path):
     answer = said(replace(plan, problem=replace(plan.problem, robot=robot)))
     assert answer.status is Status.UNDECIDED
     assert answer.message.startswith("the time ended before legs could do it: joint_speed")
+
+
+def test_rows_of_joints_have_the_derivatives_of_legs_that_bend(plan: LeapPlan):
+    measured = LeapBodyMeasurements(LeapBody(plan))
+    body, solver, numbers = measured.leap_body, measured.kinematics, legged_numbers(measured)
+    scaled = reserved(numbers, plan.choice, FRICTION_SHARE)
+    given = LeapGiven(scaled, its=numbers, at=point_of(numbers, plan))
+    rows, limbs = joint_rows(measured, given), scaled.layout.contacts[1]
+    intervals, checked = numbers.contact_intervals, 0
+
+    def bent(k: int, limb: int, step_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Levers of the leg, and −(∂p/∂q)⁻¹, where its foot is so far from its place."""
+        angles, rotation = body.postures.angles[k], body.rotation[k]
+        feet = solver.feet(angles)
+        feet[limb] += rotation.T @ step_m
+        moved, missed = solver.reach(feet, angles, angles)
+        assert missed.max() < 1e-9
+        levers = solver.loads(moved, rotation)[1][solver.legs == limb]
+        return levers, -np.linalg.inv(levers.T)
+
+    for b in range(0, len(rows.faster), 5):
+        c = b % len(limbs)
+        limb, joints = int(limbs[c]), np.flatnonzero(solver.legs == int(limbs[c]))
+        turns = {k: bent(k, limb, np.zeros(3))[1] for k in range(len(body.times_s))}
+        for n, joint in enumerate(joints):
+            speed, torque = solver.velocity_rad_s[joint], solver.torque_nm[joint]
+            k = min(turns, key=lambda k: np.abs(turns[k][n] / speed - rows.faster[b, n]).max())
+            assert_allclose(turns[k][n] / speed, rows.faster[b, n], rtol=1e-6, atol=1e-9)
+            arm = body.toes_m[k, limb] - body.com_m[k]
+            moves = body.velocity_m_s[k] + np.cross(numbers.spin @ body.momentum_m2_s[k], arm)
+            push = plan.forces_n[intervals[c], limb] * float(body.contact[k, limb])
+            for d, step in enumerate(1e-5 * np.eye(3)):
+                ahead, back = bent(k, limb, step), bent(k, limb, -step)
+                rate = (ahead[1] - back[1])[n] @ moves / speed / 2e-5
+                rise = -(ahead[0] - back[0])[n] @ push / torque / 2e-5
+                assert rows.speed_placed[b, n, d] == pytest.approx(rate, rel=0.02, abs=0.02)
+                assert rows.torque_placed[b, n, d] == pytest.approx(rise, rel=0.02, abs=0.02)
+                checked += 1
+    assert checked > 50
+    assert np.abs(rows.speed_placed).max() > 1.0
