@@ -34,10 +34,11 @@ from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.gradient import fit_gradient
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings
-from stancekit.learners.selectors.selector import Learned, Predictor
+from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.runner.control.envelope_choice import Predictor
 
 PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")
 
