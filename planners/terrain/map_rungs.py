@@ -155,7 +155,7 @@ def _seen(
     spacing, bar, (low, high) = cells.spacing_m, rung.rung, rung.span_m
     own = rung.cells
     if cells.sparse:  # a cell without samples between others is by chance
-        own = own | (~cells.known & binary_closing(own, np.ones((3, 3))))
+        own = own | (~cells.known & binary_closing(own, np.ones((3, 3), dtype=bool)))
     along = np.linspace(low, high, max(int(np.ceil(4.0 * (high - low) / spacing)), 2))
     aside = np.array([-bar.axis[1], bar.axis[0]]) / np.linalg.norm(bar.axis[:2])
     beside = 0.5 * spacing * np.array([-1.0, 0.0, 1.0])
