@@ -50,8 +50,14 @@ TABLE_I = (
     "stancekit bench gait --seeds 0 --tasks 2 --out FOLDER "
     "--chart ambient-lbfgs,warped-lbfgs,ambient,warped,portfolio"
 )
-STUDIES = {"directions-ripple.png": TABLE_I, "times-ripple.png": TABLE_I}
-"""Pictures of studies that take longer than a build, and the command whose folder has them."""
+STUDIES = {
+    "directions-ripple.png": TABLE_I,
+    "times-ripple.png": TABLE_I,
+    "crossing.png": "stancekit plan gaps:0.375:0 --start=-0.377,0 --goal=0.823,0 --robot go1.urdf "
+    "--time-limit-s 900 --out crossing.json --picture crossing.png",
+    "fitness.png": "stancekit fit DATA --method ga --out FILE --picture fitness.png",
+}
+"""Pictures that take longer than a build, and the command that writes them or their folder."""
 BROWSER = {"playground.png"}
 """Those for which a browser is needed; without one they stay as they are."""
 

@@ -25,7 +25,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.actuators import ActuatorModel, read_actuators
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.runner.acceptance import Accepted
+from stancekit.runner.acceptance import Accepted, check_fits
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.ros.setup import RosSetup
 
@@ -49,7 +49,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
         exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
     for world, setup in (("ros", "ros.yaml"), ("dynamixel", "servos.yaml")):
         made = make_world(world, plan.problem.robot, setup=Path(setup))
-        accepted.check_fits(made)
+        check_fits(accepted, made)
         made.close()
 
 
