@@ -24,7 +24,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import lru_cache
 from importlib.machinery import PathFinder
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -164,7 +164,7 @@ class Registry(Generic[T]):
         return _installed(tuple(map(str, sys.path)), (self.group, *self._old_groups))
 
 
-@cache
+@lru_cache(maxsize=8)
 def _installed(path: tuple[str, ...], groups: tuple[str, ...]) -> tuple[EntryPoint, ...]:
     """Entry points of these groups in packages on a path, which are read once."""
     return tuple(point for group in groups for point in entry_points_of(group))

@@ -227,10 +227,10 @@ def below_an_edge(places, patches):
 
 @pytest.mark.parametrize("family", [name for name in SCENES if name != "walls"])
 def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
-    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; four draws, levels from 1/4 to 1."""
+    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 7 draws, levels from 1/7 to 1."""
     rng, looked = np.random.default_rng(0), 0
-    for seed in range(4):
-        level = (seed + 1) / 4
+    for seed in range(7):
+        level = (seed + 1) / 7
         scene, whole = (
             family_terrain(family, level, seed),
             family_terrain(family, level, seed, WIDE),
@@ -244,7 +244,7 @@ def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
             off[borders[kept] > 0.05].max(),
         )
         looked += len(off)
-    assert looked > 60
+    assert looked > 100
 
 
 @pytest.mark.parametrize("family", SMOOTH)
