@@ -1,4 +1,4 @@
-"""Pictures and films of problems, answers and motions."""
+"""Pictures, films and pages of problems, answers and motions."""
 
 from __future__ import annotations
 
@@ -19,16 +19,15 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.execution import Execution
-from stancekit.views.crossings import draw_crossing
-from stancekit.views.gaits import draw_motion, motion_frames
-from stancekit.views.leaps import draw_leap
-from stancekit.views.plans import draw_plan
+from stancekit.views.gaits import GaitView, draw_motion
+from stancekit.views.leaps import LeapView, draw_leap
+from stancekit.views.plans import PlanView, draw_execution, draw_plan
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save
 from stancekit.views.video import Frame
+from stancekit.views.view import View
 
-WALK_FPS = 25.0
-"""Frames a second of a walk that was planned."""
+PAGES = (".html", ".htm")
 
 
 @checked
@@ -36,6 +35,7 @@ def draw(
     subject: Problem | Plan | LeapPlan | Crossing | Trajectory,
     answer: Plan | Certificate | None = None,
     *,
+    executed: Execution | None = None,
     envelope: Envelope | None = None,
     caption: str = "",
     out: str | Path | None = None,
@@ -47,6 +47,8 @@ def draw(
         subject: the posture problem, plan, leap, crossing or walk.
         answer: plan for a posture problem; without one the body is shown at the nominal centre of
             mass. Or its certificate; the picture then names the cheapest single change.
+        executed: ``execution`` of the report of ``simulate`` or ``run``, of a plan, a leap or a
+            crossing: the robot as it ended, and the path that it went.
         envelope: box to draw with a posture problem or its plan.
         caption: title, in place of the usual one.
         out: a picture to write: .png, .pdf or .svg.
@@ -56,7 +58,8 @@ def draw(
 
     Raises:
         InvalidInput: for another kind of thing, for an answer or an envelope of other contacts or
-            of no posture problem, and for a file that cannot be written.
+            of no posture problem, for the execution of a walk, and for a file that cannot be
+            written.
     Source:
         Lin et al. Fig. 2 (a scene); Pan et al. Fig. 3 (a walk).
 
@@ -77,17 +80,23 @@ def draw(
         raise InvalidInput(
             f"draw: expected no answer and no envelope with a {type(subject).__name__}"
         )
+    if executed is not None and isinstance(subject, Problem | Trajectory):
+        raise InvalidInput(
+            f"draw: expected no execution with a {type(subject).__name__}: film what was executed"
+        )
     match subject:
         case Problem():
             posture = answer if isinstance(answer, Plan) else None
             why = explain(answer.of(subject)).message if isinstance(answer, Certificate) else ""
             figure = draw_posture(subject, posture, envelope=envelope, caption=caption, why=why)
         case Plan():
-            figure = draw_plan(subject, caption=caption)
-        case LeapPlan():
-            figure = draw_leap(subject, caption=caption)
-        case Crossing():
-            figure = draw_crossing(subject, caption=caption)
+            figure = (
+                draw_plan(subject, caption=caption)
+                if executed is None
+                else draw_execution(subject, executed, caption=caption)
+            )
+        case LeapPlan() | Crossing():
+            figure = draw_leap(subject, executed, caption=caption)
         case Trajectory():
             figure = draw_motion(subject, check_trajectory(subject), caption=caption)
     if out is not None:
@@ -103,21 +112,22 @@ def film(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a film of a plan, a leap, a crossing or a walk: as it was planned, or as a simulation executed it.
+    """Write a film, or a page to turn and zoom, of a plan, a leap, a crossing or a walk: as it was
+    planned, or as a simulation executed it.
 
     Arguments:
         motion: the motion to show.
-        out: the film, .mp4 (extra film, and a GL library).
+        out: the film, .mp4 (extra film, and a GL library), or the page, .html (extra viz).
         executed: ``execution`` of the report of ``simulate`` or ``run``: the robot's own links as
             they moved, and the forces that its feet felt.
-        progress: called with frames drawn, and all.
+        progress: called with frames drawn, and all, of a film.
 
     Returns:
         None.
 
     Raises:
         InvalidInput: for a file that cannot be written, and where the film's encoder or GL is
-            missing.
+            missing, or the page's viser.
     Source:
         None: the motion as it is planned or measured.
 
@@ -126,6 +136,7 @@ def film(
         >>> stancekit.film(stancekit.plan("walls", frames=2).solution, "plan.mp4")  # doctest: +SKIP
     """
     from stancekit.views.film import check_film
+    from stancekit.views.page import check_page, write_page
     from stancekit.views.video import write_video
 
     if isinstance(motion, Plan) and motion.problem.is_posture:
@@ -133,34 +144,30 @@ def film(
             "film: expected something that moves, got the plan of a posture problem: draw it"
         )
     path = Path(out)
+    if path.suffix.lower() in PAGES:
+        check_page(path)
+        write_page(path, view_of(motion, executed).film())
+        return
     check_film(path)
-    frames, total, fps = frames_of(motion, executed)
-    write_video(path, counted(frames, total, progress), fps)
+    view = view_of(motion, executed)
+    moments = view.film()
+    frames = counted(view.frames(moments), len(moments.moments), progress)
+    write_video(path, frames, 1.0 / moments.step_s)
 
 
-def frames_of(
-    motion: Plan | LeapPlan | Crossing | Trajectory, executed: Execution | None
-) -> tuple[Iterator[Frame], int, float]:
-    """The frames of a film, how many, and how many a second."""
-    from stancekit.views import crossings, executions, leaps, plans
-
-    if isinstance(motion, Crossing) or (isinstance(motion, LeapPlan) and executed is not None):
-        return *crossings.crossing_frames(motion, executed), crossings.FPS
-    if isinstance(motion, LeapPlan):
-        return leaps.leap_frames(motion), len(leaps.film_times(motion)), leaps.FPS
-    if isinstance(motion, Plan):
-        if executed is None:
-            return plans.plan_frames(motion), plans.frame_count(motion), plans.FPS
-        return (
-            executions.execution_frames(motion, executed),
-            executions.frame_count(executed),
-            executions.FPS,
-        )
-    if executed is None:
-        frames = motion_frames(motion, check_trajectory(motion), fps=WALK_FPS)
-        return frames, round(WALK_FPS * motion.duration_s), WALK_FPS
-    count = round(executions.WALK_FPS * motion.duration_s)
-    return executions.walk_frames(motion, executed), count, executions.WALK_FPS
+def view_of(
+    motion: Plan | LeapPlan | Crossing | Trajectory, executed: Execution | None = None
+) -> View:
+    """A motion, or its execution, as something to look at."""
+    match motion:
+        case Plan():
+            return PlanView(motion, execution=executed)
+        case LeapPlan() | Crossing():
+            return LeapView(motion, execution=executed)
+        case Trajectory():
+            if executed is None:
+                return GaitView(motion, report=check_trajectory(motion))
+            return GaitView.of_execution(motion, executed)
 
 
 def counted(

@@ -15,6 +15,7 @@ from stancekit.planners.errors import InvalidInput
 from .bench_planner import WIDTH
 from .console import emit, make_folder, out, stages
 from .options import OptionalPath, OptionalText
+from .pictures import show
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -110,11 +111,9 @@ def table(rows: list[dict[str, Any]]) -> Table:
 
 def draw(rows: list[dict[str, Any]], folder: Path) -> None:
     """A picture beside every plan."""
-    from stancekit.planners.formats.plan_file import read_plan
-    from stancekit.views.plans import draw_plan
-    from stancekit.views.sheet import save
+    from stancekit.files import load
 
     for row in rows:
         path = folder / f"{row['scene']}-{row['method']}.plan.json"
         if row["verified"] and path.exists():
-            save(draw_plan(read_plan(path)[0]), path.with_suffix("").with_suffix(".png"))
+            show(load(path), picture=path.with_suffix("").with_suffix(".png"))

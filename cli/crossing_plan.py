@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.answer.leap_plan import LeapPlan
 
-from .console import complain, counted, emit, out, progress
+from .console import complain, emit, out, progress
+from .pictures import show
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.answer import Answer
@@ -65,26 +66,7 @@ def _write(
 
         write_proof(proof, crossing.certificate)
         written.append(proof)
-    if picture is not None:
-        from stancekit.views.crossings import draw_crossing
-        from stancekit.views.sheet import save
-
-        save(draw_crossing(crossing), picture)
-        written.append(picture)
-    if video is not None:
-        from stancekit.views.crossings import FPS, crossing_frames
-        from stancekit.views.video import write_video
-
-        frames, total = crossing_frames(crossing)
-        write_video(video, counted(frames, total, f"film {video}"), fps=FPS)
-        written.append(video)
-    if html is not None:
-        from stancekit.views.crossings import CrossingView
-        from stancekit.views.page import write_page
-
-        write_page(html, CrossingView(crossing).film(fps=10.0))
-        written.append(html)
-    return written
+    return [*written, *show(crossing, picture=picture, video=video, html=html)]
 
 
 def _lines(outcome: Answer[Crossing], crossing: Crossing) -> Iterator[str]:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from stancekit.planners.problem.walk import Walk
 
 PHASES = ("feasible", "smooth", "densify")
-FPS = 25.0
 WAY_M = 0.05
 """The ground is looked at so often on the way."""
 
@@ -58,19 +57,21 @@ def draw(
             draw_convergence(runs, caption=f"Convergence on {best.trajectory.terrain.name}"),
             convergence,
         )
+    if html is None and video is None:
+        return
+    from stancekit.views.gaits import GaitView
+
+    view = GaitView(best.trajectory, _map(best), report=best.report)
+    moments = view.film()
     if html is not None:
-        from stancekit.views.gaits import GaitView
         from stancekit.views.page import write_page
 
-        write_page(html, GaitView(best.trajectory, _map(best)).film(best.report))
+        write_page(html, moments)
     if video is not None:
-        from stancekit.views.gaits import motion_frames
         from stancekit.views.video import write_video
 
-        frames = motion_frames(best.trajectory, best.report, warp=_map(best), fps=FPS)
-        write_video(
-            video, counted(frames, round(FPS * best.trajectory.duration_s), f"film {video}"), FPS
-        )
+        frames = counted(view.frames(moments), len(moments.moments), f"film {video}")
+        write_video(video, frames, 1.0 / moments.step_s)
 
 
 def _map(one: Attempted) -> Callable[[Array], Array] | None:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from stancekit.planners.answer.hindrance import LEAP_BODY
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, counted, emit, out, progress
+from .console import as_options, complain, emit, out, progress
+from .pictures import show
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -66,7 +67,8 @@ def plan_leap(
                 for line in _body_lines(outcome, leap):
                     out.print(line, highlight=False)
     if outcome.solution is not None:
-        _draw(outcome.solution, *pictures)
+        picture, video, html = pictures
+        show(outcome.solution, picture=picture, video=video, html=html)
     for path, there in (
         (out_file, outcome.solution),
         (proof, outcome.certificate),
@@ -111,29 +113,6 @@ def _body_lines(outcome: Answer[LeapPlan], asked: Leap) -> Iterator[str]:
     timing, timings = plan.problem.timings_s[plan.timing], asked.timings_s
     if timing not in timings:
         yield f"bent: phases of {', '.join(f'{s:.2f}' for s in timing)} s"
-
-
-def _draw(plan: LeapPlan, picture: Path | None, video: Path | None, html: Path | None) -> None:
-    """Write the picture, the film and the page that were asked for."""
-    if picture is not None:
-        from stancekit.views.leaps import draw_leap
-        from stancekit.views.sheet import save
-
-        save(draw_leap(plan), picture)
-    if video is not None:
-        from stancekit.views.leaps import FPS, film_times, leap_frames
-        from stancekit.views.video import write_video
-
-        write_video(
-            video,
-            counted(leap_frames(plan), len(film_times(plan)), f"film {video}"),
-            fps=FPS,
-        )
-    if html is not None:
-        from stancekit.views.leaps import LeapView
-        from stancekit.views.page import write_page
-
-        write_page(html, LeapView(plan).film())
 
 
 def leap_finder(planner: str, policy: Path | None, *, reserve: bool) -> LeapFinder:

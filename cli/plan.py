@@ -13,7 +13,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .between import Between
-from .console import as_options, complain, counted, emit, out, progress
+from .console import as_options, complain, emit, out, progress
 from .names import PROJECTION, named
 from .options import (
     OptionalFloat,
@@ -25,6 +25,7 @@ from .options import (
     check_planner,
     wrench_numbers,
 )
+from .pictures import show
 from .plan_table import message_of, row, table_of
 from .robot_plan import bent_lines
 
@@ -383,25 +384,7 @@ class PlanCourse:
             from stancekit.planners.formats.plan_file import write_plan
 
             write_plan(self.out, plan, report)
-        if self.picture is not None:
-            from stancekit.views.plans import draw_plan
-            from stancekit.views.sheet import save
-
-            save(draw_plan(plan), self.picture)
-        if self.video is not None:
-            from stancekit.views.plans import FPS, frame_count, plan_frames
-            from stancekit.views.video import write_video
-
-            write_video(
-                self.video,
-                counted(plan_frames(plan), frame_count(plan), f"film {self.video}"),
-                fps=FPS,
-            )
-        if self.html is not None:
-            from stancekit.views.page import write_page
-            from stancekit.views.plans import PlanView
-
-            write_page(self.html, PlanView(plan).film(step_s=1.5))
+        show(plan, picture=self.picture, video=self.video, html=self.html)
 
     def _said(self, outcome: Answer[Plan], report: Report[Plan]) -> Iterator[str]:
         """Lines about a plan that stand below its table."""

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, err, out, progress
+from .console import as_options, complain, emit, err, out, progress
 from .options import (
     OptionalFloat,
     OptionalInt,
@@ -23,7 +23,7 @@ from .options import (
     check_log,
     wrench_numbers,
 )
-from .run_film import film
+from .pictures import show
 from .run_table import loop_table, run_table, unused
 from .stops import stop_sources
 
@@ -212,7 +212,10 @@ class RunMotion:
                 ) from None
         if isinstance(report, RunReport):
             assert isinstance(request, Accepted)
-            film(self.video, request, report)
+            if report.execution is not None:
+                show(request.plan, report.execution, video=self.video)
+            elif self.video is not None:
+                complain(f"stancekit: no film: {report.message or 'nothing was measured'}")
             return self._report(report.succeeded, report.to_json(), run_table(report))
         return self._report(report.succeeded, *_led(report, policy))
 

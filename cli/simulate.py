@@ -14,6 +14,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 from .options import OptionalFloat, OptionalPath, check_drawn
+from .pictures import show
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.crossing import Crossing
@@ -144,23 +145,7 @@ class Simulate:
             from stancekit.planners.files.writing import write_bytes
 
             write_bytes(self.out, execution.trace.to_npz())
-        if self.picture is not None:
-            from stancekit.planners.answer.plan import Plan
-            from stancekit.views.crossings import draw_crossing
-            from stancekit.views.executions import draw_execution
-            from stancekit.views.sheet import save
-
-            figure = (
-                draw_execution(plan, execution)
-                if isinstance(plan, Plan)
-                else draw_crossing(plan, execution)
-            )
-            save(figure, self.picture)
-        if self.video is not None:
-            from stancekit.pictures import film
-
-            with progress(f"film {self.video}") as bar:
-                film(plan, self.video, execution, progress=bar)
+        show(plan, execution, picture=self.picture, video=self.video)
 
 
 def _message(report: RunReport, run: Execution) -> str:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .control.tracker import Target
@@ -101,6 +102,27 @@ class Trace:
             planned_torques_nm=np.array([target.torques_nm for target, _ in pairs]),
             foothold=np.array([p.foothold for p in samples]),
             bump_n=np.array([s.bump_n for s in states]),
+        )
+
+    def sample(self, row: int, planned: Samples) -> Samples:
+        """The robot after a control period as a sample of its motion.
+
+        Arguments:
+            planned: the sample that the motion has then, for the surfaces, which nobody measured.
+        """
+        from scipy.spatial.transform import Rotation  # slow to import
+
+        return replace(
+            planned,
+            com_m=self.com_m[row],
+            rotation_rad=Rotation.from_matrix(self.rotation[row]).as_rotvec(),
+            frame=self.frame[row],
+            feet_m=self.feet_m[row],
+            forces_n=self.forces_n[row],
+            foothold=self.foothold[row],
+            origin_m=self.origin_m[row],
+            angles_rad=self.angles_rad[row],
+            torques_nm=self.torques_nm[row],
         )
 
     def slips(self, footholds: int) -> Array:

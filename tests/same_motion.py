@@ -22,7 +22,7 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.world import Terrain
 from stancekit.views.gaits import GaitView
-from stancekit.views.plans import PlanView, frame_count
+from stancekit.views.plans import PlanView
 from stancekit.views.scene import Animation, Scene
 
 NAMES = (
@@ -70,10 +70,10 @@ def compared(
     """
     view = GaitView(subject) if isinstance(subject, Trajectory) else PlanView(subject)
     targets = streamed_targets(subject, rate_hz, blind=blind)
-    film = view.film(None) if isinstance(view, GaitView) else view.film()
+    film = view.film()
     times: Array = np.arange(len(film.moments)) * np.float64(film.step_s) + SETTLE_S
     if isinstance(view, PlanView):
-        times = view.shown_s(frame_count(view.plan))
+        times = view.shown_s(len(film.moments))
     kept = [round(time_s * rate_hz) for time_s in times]
     kept = [row for row in kept if row < len(targets)]
     sent, seen = (

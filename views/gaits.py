@@ -7,11 +7,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
@@ -21,16 +21,18 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import SETTLE_S
 from stancekit.planners.motion.motion import Motion, Samples
 from stancekit.planners.motion.walk_joints import walk_joints
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.rotation import rotation_of
-from stancekit.planners.robot.toes import ToeKinematics
+from stancekit.runner.execution import Execution
 from stancekit.runner.motion.stream import streamed
+from stancekit.runner.record import TOUCH_N
 
 from .camera import Camera, best_view
 from .contact_strip import FILM_PX, draw_contacts, mark_time
 from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .robots import RobotShape, bent, faded, single_body
-from .scene import UP, Animation, Arrow, Colour, DrawnBody, Label, Path, Scene, Sheet
+from .scene import UP, Animation, Colour, DrawnBody, Label, Path, Scene, Sheet
 from .shapes import dashes, disc, lines_told, polyline, unit
 from .sheet import (
     ACCENT,
@@ -47,6 +49,7 @@ from .sheet import (
 from .still import Still
 from .terrain import block, grid_on_ground
 from .video import Frame
+from .view import View
 
 Warp = Callable[[Array], Array]
 """Points of the warped space, shape (N, 3) [m], to the world, shape (N, 3) [m]."""
@@ -54,12 +57,14 @@ GRID, GRID_M = "#4d5d66", 0.25
 """The lines drawn on the terrain, and their distance in the map's own metres."""
 CELLS = 84
 """Facets of the terrain along its longer side."""
+FPS = 25.0
+"""Pictures per second of films, as fast as the motion."""
 WEIGHT_ARROW = 1.1
 """Length of an arrow as heavy as the robot, in stand heights."""
 
 
 @dataclass(frozen=True, eq=False)
-class GaitView:
+class GaitView(View):
     """A trajectory as something to look at.
 
     Arguments:
@@ -67,12 +72,37 @@ class GaitView:
         joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they were
             measured: the samples are then shown as they are.
         moves_as: its motion, where that is not to be what ``run`` streams.
+        report: the verifier's word on it, which is shown.
+        caption: title, in place of the usual one.
+        note: words where there is no report.
     """
+
+    film_px: ClassVar[Size] = FILM_PX
 
     trajectory: Trajectory
     warp: Warp | None = None
     joints_rad: Array | None = None
     moves_as: Motion | None = None
+    report: Report[Trajectory] | None = field(default=None, kw_only=True)
+    caption: str = field(default="", kw_only=True)
+    note: str = field(default="not verified", kw_only=True)
+
+    @classmethod
+    def of_execution(cls, trajectory: Trajectory, execution: Execution) -> GaitView:
+        """A walk as a world had it."""
+        done = (
+            "to its end" if execution.fallen_s is None else f"fell after {execution.fallen_s:.1f} s"
+        )
+        return cls(
+            walked(trajectory, execution),
+            joints_rad=execution.trace.angles_rad,
+            caption=f"{trajectory.robot.name} in {execution.world}: {done}",
+            note=(
+                f"body {1e3 * execution.body_rms_m:.1f} mm from the plan (RMS)   ·   "
+                f"feet slid {1e3 * execution.slip_m.max():.1f} mm at most   ·   "
+                f"{execution.torque_share.max():.0%} of a joint's torque at most   ·   grid {GRID_M:g} m"
+            ),
+        )
 
     def __post_init__(self) -> None:
         samples = ("torso_m", "rotation", "feet_m", "forces_n")
@@ -81,10 +111,15 @@ class GaitView:
         ):
             raise InvalidInput("trajectory: expected two or more samples of finite numbers")
 
+    @property
+    def robot(self) -> Robot:
+        """The robot that walks."""
+        return self.trajectory.robot
+
     @cached_property
     def shape(self) -> RobotShape:
         """Shape of the robot; its size is the height at which it stands."""
-        return single_body(self.trajectory.robot)
+        return single_body(self.robot)
 
     @property
     def metres_a_newton(self) -> float:
@@ -226,10 +261,8 @@ class GaitView:
         """Motion that ``run`` streams, at rest before and after the walk."""
         return self.moves_as or streamed(self.trajectory)
 
-    def limbs(self, sample: int) -> list[Array]:
-        """Angles of every leg, where the robot is a URDF's; else hip, knee and toe, shape (3, 3)
-        [m], and where knees bend is a guess, for the eye.
-        """
+    def limbs_of(self, sample: int) -> list[Array]:
+        """Poses of the limbs at a sample, as of ``limbs``."""
         trajectory, links = self.trajectory, self.shape.links
         if links is None:
             return self._bent(
@@ -238,6 +271,10 @@ class GaitView:
         if self.joints_rad is not None:
             return links.split(self.joints_rad[sample])
         return [angles[0] for angles in walk_joints(trajectory, slice(sample, sample + 1)).angles]
+
+    def guess(self, now: Samples) -> list[Array]:
+        """Hip, knee and toe of every leg; where knees bend is a guess, for the eye."""
+        return self._bent(now.com_m, rotation_of(now.rotation_rad), now.toes_m)
 
     def _bent(self, torso: Array, turn: Array, toes_m: Array) -> list[Array]:
         """Hip, knee and toe of every leg, shape (3, 3) [m]."""
@@ -255,15 +292,18 @@ class GaitView:
         bodies = self.shape.bodies(
             trajectory.torso_m[sample],
             trajectory.rotation[sample],
-            self.limbs(sample),
+            self.limbs_of(sample),
             prefix=prefix,
         )
-        arrows = self._forces(
-            trajectory.feet_m[sample],
-            trajectory.forces_n[sample],
-            trajectory.contact[sample],
-            prefix=prefix,
-        )
+        stands = np.flatnonzero(trajectory.contact[sample]).tolist()
+        arrows = [
+            self.shape.force(
+                prefix + self.shape.limbs[k],
+                trajectory.feet_m[sample, k],
+                self.metres_a_newton * trajectory.forces_n[sample, k],
+            )
+            for k in stands
+        ]
         return Scene(bodies=faded(bodies, strength), arrows=arrows)
 
     def moment(self, time_s: float) -> Scene:
@@ -282,41 +322,11 @@ class GaitView:
 
     def drawn(self, now: Samples) -> Scene:
         """The robot and its contact forces at one time."""
-        turn, links = rotation_of(now.rotation_rad), self.shape.links
-        body = now.com_m
-        if now.origin_m is not None and links is not None:
-            body = now.origin_m + turn @ links.model.body.com_m
-        return Scene(
-            bodies=self.shape.bodies(body, turn, self._limbs_at(now, turn)),
-            arrows=self._forces(now.toes_m, now.forces_n, now.stands),
-        )
+        return Scene(bodies=self.bodies(now), arrows=self.forces(now))
 
     def now(self, time_s: float) -> Samples:
         """The motion so long after the walk began."""
         return self.motion.at(SETTLE_S + time_s)
-
-    def _limbs_at(self, now: Samples, turn: Array) -> list[Array]:
-        """The limbs of samples at one time, as of ``limbs``."""
-        links = self.shape.links
-        if links is None:
-            return self._bent(now.com_m, turn, now.toes_m)
-        if now.angles_rad is not None:
-            return links.split(now.angles_rad)
-        postures = ToeKinematics(links.model).solve(
-            now.com_m[None], turn[None], now.toes_m[None], now.normals[None]
-        )
-        return [angles[0] for angles in postures.angles]
-
-    def _forces(
-        self, toes_m: Array, forces_n: Array, stands: NDArray[np.bool_], *, prefix: str = ""
-    ) -> list[Arrow]:
-        """Arrows of the forces of the feet that stand."""
-        return [
-            self.shape.force(
-                prefix + self.shape.limbs[k], toes_m[k], self.metres_a_newton * forces_n[k]
-            )
-            for k in np.flatnonzero(stands).tolist()
-        ]
 
     def scene(self) -> Scene:
         """The picture: the robot at a few moments, the earlier the paler, and every foothold."""
@@ -332,30 +342,32 @@ class GaitView:
             ]
         )
 
-    def film(
-        self,
-        report: Report[Trajectory] | None,
-        *,
-        caption: str = "",
-        note: str = "not verified",
-        step_s: float = 0.05,
-    ) -> Animation:
-        """The trajectory's motion, a moment every ``step_s``: footholds stay once a foot came down.
-
-        Arguments:
-            note: what is said where there is no report.
-        """
+    def film(self, *, step_s: float = 1.0 / FPS) -> Animation:
+        """The trajectory's motion, a moment every ``step_s``: footholds stay once a foot came down."""
         count = 1 + int(np.floor(self.trajectory.duration_s / step_s + 1e-9))
         return Animation(
             fixed=self.fixed,
             moments=[self.moment(index * step_s) for index in range(count)],
             step_s=step_s,
             camera=self.camera,
-            title=caption or self.title,
-            note=note if report is None else report.message,
-            alarm=_refused(report),
+            title=self.caption or self.title,
+            note=self.note if self.report is None else self.report.message,
+            alarm=_refused(self.report),
             legend=self.legend,
         )
+
+    def frames(self, film: Animation, size_px: Size | None = None) -> Iterator[Frame]:
+        """The frames of ``film``; below, which feet stand when.
+
+        Raises InvalidInput without MuJoCo or a GL library.
+        """
+        size = size_px or self.film_px
+        foot_px = round(0.22 * size[1])
+        strip, last_s = draw_contacts(self.trajectory, size, foot_px), self.trajectory.duration_s
+        for index, pixels in enumerate(film_frames(film, size, foot_px=foot_px)):
+            pixels[-foot_px:] = strip
+            mark_time(pixels, foot_px, min(index * film.step_s / last_s, 1.0))
+            yield pixels
 
     @property
     def title(self) -> str:
@@ -419,42 +431,21 @@ def draw_motion(
     return figure
 
 
-def motion_frames(
-    trajectory: Trajectory,
-    report: Report[Trajectory] | None = None,
-    *,
-    fps: float = 25.0,
-    speed: float = 1.0,
-    warp: Warp | None = None,
-    caption: str = "",
-    note: str = "not verified",
-    joints_rad: Array | None = None,
-    size_px: Size = FILM_PX,
-) -> Iterator[Frame]:
-    """The frames of a trajectory's film, uint8 of shape (H, W, 3), one by one; below, which feet
-    stand when.
-
-    Arguments:
-        speed: seconds of the motion to a second of the film.
-        note, joints_rad: as of ``GaitView``. What else is drawn, and the arguments, are those of
-            ``draw_motion``.
-
-    Raises:
-        InvalidInput: also without MuJoCo or a GL library.
+def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
+    """A trajectory as the world had it: the body, the feet and what they felt, a sample a control
+    period.
     """
-    if not (0.0 < fps <= 1000.0 and 0.0 < speed <= 1000.0):
-        raise InvalidInput(
-            f"fps, speed: expected numbers above 0, up to 1000, got {fps:g} and {speed:g}"
-        )
-    motion = GaitView(trajectory, warp, joints_rad).film(
-        report, caption=caption, note=note, step_s=speed / fps
+    trace, legs = execution.trace, trajectory.robot.source
+    centre, radii = legs.origin_m, legs.foot_radii_m
+    return replace(
+        trajectory,
+        times_s=trace.time_s,
+        torso_m=trace.origin_m + trace.rotation @ centre,
+        rotation=trace.rotation,
+        feet_m=trace.feet_m - radii[:, None] * UP,
+        forces_n=trace.forces_n,
+        contact=np.linalg.norm(trace.forces_n, axis=2) > TOUCH_N,
     )
-    foot_px = round(0.22 * size_px[1])
-    strip = draw_contacts(trajectory, size_px, foot_px)
-    for index, pixels in enumerate(film_frames(motion, size_px, foot_px=foot_px)):
-        pixels[-foot_px:] = strip
-        mark_time(pixels, foot_px, min(index * motion.step_s / trajectory.duration_s, 1.0))
-        yield pixels
 
 
 def _refused(report: Report[Trajectory] | None) -> bool:

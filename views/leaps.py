@@ -1,33 +1,34 @@
-"""Pictures, pages and films of a leap: patches, the body on its way through the air, and the forces
-of its legs.
+"""Pictures, pages and films of leaps, and of crossings with leaps in them, as they are planned or as a
+world had them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
+from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.cached import cached_property
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.leap_motion import LeapMotion
-from stancekit.planners.motion.leap_run import LeapRun
-from stancekit.planners.motion.motion import Samples
-from stancekit.planners.robot.rotation import rotation_of
-from stancekit.planners.robot.toes import ToeKinematics
+from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.patch import contact_frames
+from stancekit.runner.execution import Execution
+from stancekit.runner.motion.stream import streamed
 
 from .camera import Camera, best_view
-from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
-from .plans import FILM_PX, GOAL, LONGEST, MARGIN_M
-from .robots import RobotShape, climber, cone, cone_body, limb_of_three
-from .scene import ON_M, Animation, Colour, DrawnBody, Label, Layer, Path, Scene
-from .shapes import Mesh, Sphere, hull, polyline, ring, unit
+from .plans import LONGEST, MARGIN_M
+from .robots import cone, cone_body
+from .scene import Animation, Colour, DrawnBody, Label, Layer, Path, Scene
+from .shapes import Mesh, Sphere, polyline
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
@@ -42,11 +43,17 @@ from .sheet import (
 )
 from .still import Still
 from .terrain import SCALE, patches
-from .video import Frame
+from .view import GOAL, REAL, View, outline, window
 
-FPS, PACE, HOLD_S = 25.0, 0.25, 0.4
-"""Numbers of films: pictures per second, the pace at which a leap is shown, and for how long its
-ends are held [s]."""
+FPS, CLIMBS, LEAPS = 25.0, 4.0, 0.25
+"""Numbers of films: pictures per second, and how many times their pace key frames are shown, and
+leaps."""
+ABOUT_S = 0.6
+"""So long before and after a flight is its leap [s]."""
+ABOUT_M = 0.35
+"""So much of the terrain is shown about the way [m]."""
+LOOK_S, PUSHES_S = 0.005, 0.02
+"""The motion is looked at so often, and drawn so long before a flight as it takes off [s]."""
 UNJUDGED = "joints and bodies are not judged"
 """Words of every picture for a leap whose robot has limbs alone."""
 JUDGED = "the motion that joints and bodies are judged by"
@@ -54,76 +61,122 @@ JUDGED = "the motion that joints and bodies are judged by"
 
 
 @dataclass(frozen=True, eq=False)
-class LeapView:
-    """A leap as something to look at, with the viewpoint and the colours of its pictures.
+class LeapView(View):
+    """A leap, or a crossing, as something to look at, with the viewpoint and the colours of its
+    pictures.
 
-    Legs of a robot's file are bent by inverse kinematics, those of limbs alone as they might be:
-    nobody has judged whether joints can do it.
+    Arguments:
+        subject: the leap, or the crossing.
+        execution: how a world had it, in place of the motion that is planned.
     """
 
-    plan: LeapPlan
+    subject: LeapPlan | Crossing
+    execution: Execution | None = field(default=None, kw_only=True)
 
-    @cached_property
-    def motion(self) -> LeapMotion | LeapRun:
-        """The body as its forces move it, and its legs where they are known."""
-        has_legs = self.plan.problem.robot.source.own
-        return LeapRun(self.plan, settle_s=0.0, rest_s=0.0) if has_legs else LeapMotion(self.plan)
+    @property
+    def robot(self) -> Robot:
+        """The robot that leaps."""
+        subject = self.subject
+        return subject.robot if isinstance(subject, Crossing) else subject.problem.robot
+
+    @property
+    def name(self) -> str:
+        """Name of the leap, or of the course."""
+        subject = self.subject
+        return subject.name if isinstance(subject, Crossing) else subject.problem.name
+
+    @property
+    def parts(self) -> Sequence[Plan | LeapPlan]:
+        """The climbs and leaps, in order."""
+        return self.subject.parts if isinstance(self.subject, Crossing) else (self.subject,)
 
     @property
     def judged(self) -> str:
         """Sentence about joints and bodies."""
-        return JUDGED if self.plan.problem.robot.source.own else UNJUDGED
+        return JUDGED if self.robot.source.own else UNJUDGED
 
     @cached_property
-    def candidates(self) -> list[Patch]:
-        """Every patch that a toe was offered, once."""
-        offered = {
-            id(p): p for foothold in self.plan.problem.footholds for p in foothold.candidates
-        }
-        return list(offered.values())
+    def motion(self) -> Motion:
+        """Motion that ``run`` streams."""
+        return streamed(self.subject)
 
     @cached_property
-    def chosen(self) -> list[Patch]:
-        """The patch of every foothold."""
-        leap = self.plan.problem
-        return [leap.patch(p, self.plan.choice) for p in range(len(leap.footholds))]
+    def times_s(self) -> Array:
+        """Moments that are looked at, shape (T,) [s]."""
+        return np.linspace(0.0, self.motion.duration_s, 2 + int(self.motion.duration_s / LOOK_S))
+
+    @cached_property
+    def rows(self) -> Samples:
+        """The motion at these moments."""
+        return self.motion.at(self.times_s)
+
+    @cached_property
+    def flights_s(self) -> list[tuple[float, float]]:
+        """When each flight begins and ends [s]."""
+        air = ~np.any(self.rows.stands, axis=1)
+        edges = np.flatnonzero(np.diff(air.astype(int), prepend=0, append=0)).tolist()
+        last = len(air) - 1
+        return [
+            (float(self.times_s[first]), float(self.times_s[min(end, last)]))
+            for first, end in zip(edges[::2], edges[1::2], strict=True)
+        ]
+
+    @cached_property
+    def offered(self) -> list[Patch]:
+        """Surfaces that are shown: the terrain, or every patch that a leap's toes were offered."""
+        if isinstance(self.subject, Crossing):
+            return list(self.subject.terrain)
+        footholds = self.subject.problem.footholds
+        return list({id(p): p for foothold in footholds for p in foothold.candidates}.values())
+
+    @cached_property
+    def chosen(self) -> list[tuple[int, Patch]]:
+        """Limb and patch of every foothold of every part."""
+        names = self.robot.limb_names
+        return [
+            (names.index(foothold.limb), part.problem.patch(p, part.choice))
+            for part in self.parts
+            for p, foothold in enumerate(part.problem.footholds)
+        ]
 
     @cached_property
     def friction(self) -> ScalarMappable:
         """Colours of the surfaces."""
-        return friction_colours([patch.friction for patch in self.candidates])
+        return friction_colours([patch.friction for patch in self.offered])
 
-    @cached_property
-    def shape(self) -> RobotShape:
-        """Shape of the robot."""
-        return climber(self.plan.problem.robot)
-
-    @cached_property
-    def colours(self) -> list[str]:
-        """The limb's colour, by foothold."""
-        names = self.plan.problem.robot.limb_names
-        return [leg_colour(names.index(foothold.limb)) for foothold in self.plan.problem.footholds]
+    @property
+    def goal_m(self) -> Array:
+        """Place where the centre of mass is to end, shape (3,) [m]."""
+        last = self.parts[-1]
+        return last.problem.goal.com_m if isinstance(last, LeapPlan) else last.problem.goal_m
 
     @cached_property
     def path_m(self) -> Array:
         """Places of the centre of mass, shape (K, 3) [m]."""
-        return self.motion.at(np.linspace(0.0, self.motion.duration_s, 61)).com_m
+        if self.execution is not None:
+            return self.execution.trace.com_m[::20]
+        return self.rows.com_m[::5]
 
     @cached_property
     def bounds_m(self) -> Array:
-        """Lowest and highest coordinates of what is shown, shape (2, 3) [m]."""
-        mounts = np.array([limb.shoulder_m for limb in self.plan.problem.robot.limbs])
+        """Lowest and highest coordinates of what is shown, shape (2, 3) [m]: about the bodies, and a
+        leap's patches.
+        """
+        mounts = np.array([limb.shoulder_m for limb in self.robot.limbs])
         bodies = (self.path_m[:, None] + mounts).reshape(-1, 3)
-        points = np.concatenate([*(patch.vertices_m for patch in self.candidates), bodies])
+        if isinstance(self.subject, Crossing):
+            return np.array([bodies.min(axis=0) - ABOUT_M, bodies.max(axis=0) + ABOUT_M])
+        points = np.concatenate([*(patch.vertices_m for patch in self.offered), bodies])
         return np.array([points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M])
 
     @cached_property
     def camera(self) -> Camera:
         """From aside of the way, where the chosen patches show their faces."""
-        box = self.bounds_m
-        ends = self.path_m[[0, -1]]
+        box, ends = self.bounds_m, self.path_m[[0, -1]]
         length = max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
-        centres, normals = np.array([(p.centre_m, p.normal) for p in self.chosen]).swapaxes(0, 1)
+        centres, normals = np.array(
+            [(patch.centre_m, patch.normal) for _, patch in self.chosen]
+        ).swapaxes(0, 1)
 
         def merit(camera: Camera) -> float:
             (first, last), _ = camera.project(ends)
@@ -135,17 +188,18 @@ class LeapView:
 
     @cached_property
     def metres_a_newton(self) -> float:
-        """Length of the arrow of a force: the largest one is so much of the robot's size."""
-        largest = float(np.linalg.norm(self.plan.forces_n, axis=2).max())
+        """Length of the arrow of a force: the largest one that is planned is so much of the robot's
+        size.
+        """
+        largest = float(np.linalg.norm(self.rows.forces_n, axis=2).max())
         return LONGEST * self.shape.size_m / max(largest, 1e-9)
 
     @cached_property
     def fixed(self) -> Scene:
-        """Every candidate, the chosen ones framed, the way of the centre of mass, and the goal."""
-        size, goal = self.shape.size_m, self.plan.problem.goal.com_m
+        """Surfaces, the chosen ones framed, the way of the centre of mass, and the goal."""
         way = Path(
             pieces_m=polyline(self.path_m),
-            colour=INK,
+            colour=INK if self.execution is None else REAL,
             width=1.8,
             layer=Layer.TOP,
             lift_m=60.0,
@@ -153,120 +207,102 @@ class LeapView:
         )
         mark = DrawnBody(
             name="goal",
-            shape=Sphere(0.06 * size),
-            position_m=goal,
+            shape=Sphere(0.06 * self.shape.size_m),
+            position_m=self.goal_m,
             colour=GOAL,
             edge="white",
             layer=Layer.TOP,
             lift_m=70.0,
         )
-        rings = [
-            Path(
-                pieces_m=ring(patch.vertices_m + ON_M * patch.normal),
-                colour=colour,
-                width=1.4,
-                layer=Layer.TERRAIN,
-                lift_m=8.0,
-            )
-            for patch, colour in zip(self.chosen, self.colours, strict=True)
-        ]
-        return patches(self.candidates, self.bounds_m, self.friction) + Scene(
-            paths=[*rings, way], bodies=[mark]
+        outlines = [outline(patch, leg_colour(limb)) for limb, patch in self.chosen]
+        return patches(self.offered, self.bounds_m, self.friction) + Scene(
+            paths=[*outlines, way], bodies=[mark]
         )
-
-    def limbs(self, now: Samples) -> Sequence[Array]:
-        """Poses of the limbs: angles of a robot's own legs, or where the joints of a limb might
-        be.
-        """
-        robot, turn = self.plan.problem.robot, rotation_of(now.rotation_rad)
-        if self.shape.links is not None:
-            postures = self._legs.solve(
-                now.com_m[None], turn[None], now.toes_m[None], now.normals[None], None
-            )
-            return [angles[0] for angles in postures.angles]
-        return [
-            limb_of_three(now.com_m + arm, toe, unit(arm), limb.reach_m)
-            for limb, toe in zip(robot.limbs, now.toes_m, strict=True)
-            for arm in [turn @ limb.shoulder_m]
-        ]
-
-    @cached_property
-    def _legs(self) -> ToeKinematics:
-        return ToeKinematics(self.plan.problem.robot.legs)
 
     def at(self, now: Samples) -> Scene:
         """The robot at a time, and the forces of feet that stand in cones of their friction."""
-        turn = rotation_of(now.rotation_rad)
-        bodies, arrows = self.shape.bodies(now.com_m, turn, self.limbs(now)), []
-        for i, (toe, force) in enumerate(zip(now.toes_m, now.forces_n, strict=True)):
-            foothold = int(now.foothold[i])
-            if foothold >= 0 and float(np.linalg.norm(force)) > 0.0:
-                bodies += [
-                    self._windows[foothold],
-                    cone_body(f"cone {foothold}", self._cones[foothold], toe),
-                ]
-                arrows.append(
-                    self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force)
-                )
-        return Scene(bodies=bodies, arrows=arrows)
+        bodies = self.bodies(now)
+        if isinstance(self.subject, LeapPlan):
+            bodies += [self._windows[int(p)] for p in np.unique(now.foothold[now.stands])]
+        loaded = now.stands & (np.asarray(now.along_n) > 0.0)
+        for i in np.flatnonzero(loaded).tolist():
+            shape = self._cone(now.normals[i], float(now.friction[i]))
+            bodies.append(cone_body(f"cone {i} {id(shape)}", shape, now.toes_m[i]))
+        return Scene(bodies=bodies, arrows=self.forces(now))
 
     @cached_property
     def _windows(self) -> list[DrawnBody]:
         """The chosen patches, framed in the colour of their limb."""
         return [
-            DrawnBody(
-                name=f"chosen {p}",
-                shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
-                position_m=np.zeros(3),
-                colour=self.friction.to_rgba(np.array(patch.friction))[:3],
-                edge=self.colours[p],
-                opacity=0.55,
-                layer=Layer.TERRAIN,
-                lift_m=9.0,
+            window(
+                f"chosen {p}",
+                patch,
+                self.friction.to_rgba(np.array(patch.friction))[:3],
+                leg_colour(limb),
             )
-            for p, patch in enumerate(self.chosen)
+            for p, (limb, patch) in enumerate(self.chosen)
         ]
 
-    @cached_property
-    def _cones(self) -> list[Mesh]:
-        high = 0.3 * self.shape.size_m
-        return [cone(min(patch.friction, 4.0), patch.frame, high) for patch in self.chosen]
+    def _cone(self, normal: Array, friction: float) -> Mesh:
+        """The cone over a surface; made once."""
+        key = (*normal.round(6).tolist(), round(friction, 6))
+        if key not in self._cones:
+            frame = contact_frames(normal, np.eye(3)[np.argmin(np.abs(normal))])
+            self._cones[key] = cone(min(friction, 4.0), frame, 0.3 * self.shape.size_m)
+        return self._cones[key]
+
+    _cones = cached_property(lambda self: dict[tuple[float, ...], Mesh]())
+
+    def measured(self, execution: Execution, row: int) -> Samples:
+        """The sample of the world after a control period."""
+        trace = execution.trace
+        return trace.sample(row, self.motion.at(float(trace.frame[row])))
 
     def scene(self) -> Scene:
-        """The whole picture: the robot in full as it takes off, and as ghosts at its ends and in
-        the air.
+        """The whole picture: the robot in full as it first takes off, and as ghosts at its ends and in
+        the air; at the end of an execution.
         """
-        ends, flight = self.plan.times_s, self.flight_s
-        full = self.motion.at(max(flight[0] - 1e-6, 0.0))
-        result = self.fixed + self.at(full)
-        for time_s in (float(ends[0]), 0.5 * (flight[0] + flight[1]), float(ends[-1])):
-            now = self.motion.at(time_s)
-            result += self.shape.ghost(now.com_m, rotation_of(now.rotation_rad), self.limbs(now))
-        labels = [
-            Label(name="goal", position_m=self.plan.problem.goal.com_m, text="goal", colour=GOAL)
-        ]
-        return result + Scene(labels=labels)
+        labels = [Label(name="goal", position_m=self.goal_m, text="goal", colour=GOAL)]
+        result = self.fixed + Scene(labels=labels)
+        if self.execution is not None:
+            last = len(self.execution.trace.time_s) - 1
+            return result + self.at(self.measured(self.execution, last))
+        shown = [0.0, self.motion.duration_s]
+        for k, (begin, end) in enumerate(self.flights_s):
+            shown += [0.6 * begin + 0.4 * end, *([begin - PUSHES_S] if k else [])]
+        full = max(self.flights_s[0][0] - PUSHES_S, 0.0) if self.flights_s else 0.0
+        for time_s in shown:
+            result += self.ghost(self.motion.at(time_s))
+        return result + self.at(self.motion.at(full))
 
-    @cached_property
-    def flight_s(self) -> tuple[float, float]:
-        """When the first flight begins and ends [s]; the whole leap where some limb always
-        stands.
-        """
-        ends = self.plan.times_s
-        airborne = (self.plan.problem.holds[self.plan.problem.interval_phases] < 0).all(axis=1)
-        k = int(np.argmax(airborne)) if airborne.any() else 0
-        return (
-            (float(ends[k]), float(ends[k + 1]))
-            if airborne.any()
-            else (float(ends[0]), float(ends[-1]))
-        )
+    def pace_at(self, time_s: float) -> float:
+        """Pace at which a moment of the motion is shown."""
+        if isinstance(self.subject, LeapPlan) and not self.flights_s:
+            return LEAPS
+        near = any(begin - ABOUT_S <= time_s < end + ABOUT_S for begin, end in self.flights_s)
+        return LEAPS if near else CLIMBS
 
-    def film(self, *, fps: float = FPS, pace: float = PACE) -> Animation:
-        """The leap's motion, slowed down, with its ends held for a moment."""
-        times = film_times(self.plan, fps=fps, pace=pace)
-        shown = [self.motion.at(float(time_s)) for time_s in times]
+    def film_times_s(self, fps: float = FPS) -> Array:
+        """Moments of the motion that a film shows, shape (K,) [s]."""
+        times, now = [0.0], 0.0
+        while now < self.motion.duration_s:
+            now = min(now + self.pace_at(now) / fps, self.motion.duration_s)
+            times.append(now)
+        return np.array(times)
+
+    def film(self, *, fps: float = FPS) -> Animation:
+        """The motion, key frames faster and leaps slower than they are; or its execution."""
+        times, execution = self.film_times_s(fps), self.execution
+        if execution is None:
+            where, judged = "", f"{self.judged}   ·   "
+            shown = [self.motion.at(float(time_s)) for time_s in times]
+        else:
+            where, judged, frames = f" in {execution.world}", "", execution.trace.frame
+            rows = np.minimum(np.searchsorted(frames, times), len(frames) - 1).tolist()
+            shown = [self.measured(execution, row) for row in rows]
         notes = [
-            f"{time_s:.2f} s, {'stance' if now.stands.any() else 'flight'}   ·   {self.judged}   ·   {SCALE}"
+            f"{time_s:.2f} s, {self._word(time_s, now)}, at {self.pace_at(time_s):g} times its pace"
+            f"   ·   {judged}{SCALE}"
             for time_s, now in zip(times, shown, strict=True)
         ]
         return Animation(
@@ -274,33 +310,63 @@ class LeapView:
             moments=[self.at(now) for now in shown],
             step_s=1.0 / fps,
             camera=self.camera,
-            title=f"{self.plan.problem.name}, at {pace:.2g} times its pace",
+            title=f"{self.name}{where}",
             legend=self.legend,
             notes=notes,
         )
 
+    def _word(self, time_s: float, now: Samples) -> str:
+        """Word for what goes on at a time."""
+        if self.pace_at(time_s) == CLIMBS:
+            return "key frames" if isinstance(self.subject, Crossing) else "rest"
+        return "stance" if now.stands.any() else "flight"
+
     @property
     def legend(self) -> list[tuple[Colour, str]]:
         """Legend of the colours, for a page."""
+        way = (
+            (INK, "path of the centre of mass")
+            if self.execution is None
+            else (REAL, "path that was gone")
+        )
         return [
-            (INK, "path of the centre of mass"),
+            way,
             (ACCENT, "contact forces in friction cones"),
             (GOAL, "goal"),
-            *self._limb_colours,
+            *(
+                (leg_colour(k), f"patch chosen for {name}")
+                for k, name in enumerate(self.robot.limb_names)
+            ),
         ]
 
     @property
-    def _limb_colours(self) -> list[tuple[Colour, str]]:
-        names = self.plan.problem.robot.limb_names
-        return [(leg_colour(k), f"patch chosen for {name}") for k, name in enumerate(names)]
+    def words(self) -> list[str]:
+        """Words below the title of the picture."""
+        result = list[str]()
+        if self.execution is not None:
+            done = "done" if self.execution.succeeded else "failed"
+            result.append(f"{self.execution.world}: {done}")
+        if isinstance(self.subject, Crossing):
+            result.append(
+                ", ".join("leap" if isinstance(p, LeapPlan) else "climb" for p in self.parts)
+            )
+        for begin, end in self.flights_s:
+            result.append(f"takes off at {begin:.2f} s, flies for {end - begin:.2f} s")
+        return [*result, *([] if self.execution else [self.judged]), SCALE]
 
 
 @DEFAULT_STYLE
-def draw_leap(plan: LeapPlan, *, caption: str = "", size_px: Size | None = None) -> Figure:
-    """Draw a leap: the robot as it takes off, ghosts of it in the air and at its ends, and its
-    way.
+def draw_leap(
+    subject: LeapPlan | Crossing,
+    execution: Execution | None = None,
+    *,
+    caption: str = "",
+    size_px: Size | None = None,
+) -> Figure:
+    """Draw a leap, or a crossing: the robot as it takes off, ghosts of it in the air and at its ends,
+    and its way; or the end of its execution.
     """
-    view = LeapView(plan)
+    view = LeapView(subject, execution=execution)
     still = Still(view.scene(), view.camera)
     low, high = still.frame()
     fitted = (
@@ -318,19 +384,5 @@ def draw_leap(plan: LeapPlan, *, caption: str = "", size_px: Size | None = None)
         Entry(text="chosen", sign="box", colour=leg_colour(0), fill="#d6efd0"),
     ]
     draw_legend(figure, 12.0, entries, view.friction)
-    begin, end = view.flight_s
-    words = [f"takes off at {begin:.2f} s", f"flies for {end - begin:.2f} s", view.judged, SCALE]
-    headline(figure, caption or plan.problem.name, "   ·   ".join(words))
+    headline(figure, caption or view.name, "   ·   ".join(view.words))
     return figure
-
-
-def film_times(plan: LeapPlan, *, fps: float = FPS, pace: float = PACE) -> Array:
-    """The times of a film's pictures, shape (K,) [s]."""
-    last = float(plan.times_s[-1])
-    held = np.zeros(round(fps * HOLD_S))
-    return np.concatenate([held, np.linspace(0.0, last, round(fps * last / pace) + 1), held + last])
-
-
-def leap_frames(plan: LeapPlan, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
-    """The frames of a film of a leap, uint8 of shape (H, W, 3), one by one, ``FPS`` a second."""
-    return film_frames(LeapView(plan).film(), size_px)

@@ -1,10 +1,9 @@
-"""Pictures and films of a plan: terrain, chosen patches, the robot with its forces, and its path to
-the goal.
+"""Pictures and films of a plan, as it is planned or as a world had it: terrain, chosen patches, the
+robot with its forces, and its path to the goal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,20 +16,19 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Motion, Samples
 from stancekit.planners.motion.plan_motion import PlanMotion
-from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.rotation import rotation_of
-from stancekit.planners.robot.toes import ToeKinematics
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify.margins import support_region
+from stancekit.runner.execution import Execution
 from stancekit.runner.motion.stream import streamed
 from stancekit.runner.motion.time_parametrization import RATE_HZ
+from stancekit.runner.record import Trace
 
 from .camera import Camera, best_view
-from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
-from .robots import RobotShape, climber, cone, cone_body, limb_of_three
-from .scene import ON_M, Animation, Colour, DrawnBody, Label, Layer, Path, Scene
-from .shapes import Mesh, Sphere, dashed, hull, lines_told, polyline, ring, unit
+from .robots import RobotShape, climber, cone, cone_body
+from .scene import Animation, Colour, DrawnBody, Label, Layer, Path, Scene
+from .shapes import Mesh, Sphere, dashed, lines_told, polyline, ring
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
@@ -46,31 +44,38 @@ from .sheet import (
 )
 from .still import Still
 from .terrain import ICE, ICE_EDGE, ICY, SCALE, patches, tint
-from .video import Frame
+from .view import GOAL, REAL, View, outline, window
 
-GOAL, SUPPORT = "#e8a317", "#2a7f62"
+SUPPORT = "#2a7f62"
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
 """Terrain is shown so far beyond everywhere that the robot goes."""
-FILM_PX = (960, 720)
-FPS, STEP_S, HOLD_S = 20.0, 1.2, 0.5
-"""Numbers of films: pictures a second, seconds per step, and those that the beginning and the end
-take in addition."""
+FPS, STEP_S, HOLD_S, SPEED = 20.0, 1.2, 0.5, 2.0
+"""Numbers of films: pictures a second, seconds per step, those that the beginning and the end take
+in addition, and how much faster than the world an execution plays."""
 GHOSTS = 3
 """Key frames beside the one in full, at most."""
 
 
 @dataclass(frozen=True, eq=False)
-class PlanView:
+class PlanView(View):
     """A plan as something to look at, with the viewpoint and the colours of its pictures.
 
     Arguments:
+        plan: the plan.
+        execution: how a world had it, in place of the motion that is planned.
         drawn_as: what its robot looks like, where that is known already.
     """
 
     plan: Plan
+    execution: Execution | None = field(default=None, kw_only=True)
     drawn_as: RobotShape | None = field(default=None, kw_only=True)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the course."""
+        return self.plan.problem.robot
 
     @cached_property
     def motion(self) -> Motion:
@@ -92,7 +97,7 @@ class PlanView:
     @cached_property
     def shape(self) -> RobotShape:
         """Shape of the robot."""
-        return self.drawn_as or climber(self.plan.problem.robot)
+        return self.drawn_as or climber(self.robot)
 
     @cached_property
     def chosen(self) -> list[Patch]:
@@ -172,14 +177,7 @@ class PlanView:
             for name, at, share, colour in sizes
         ]
         outlines = [
-            Path(
-                pieces_m=ring(patch.vertices_m + ON_M * patch.normal),
-                colour=colour,
-                opacity=0.4,
-                width=0.9,
-                layer=Layer.TERRAIN,
-                lift_m=8.0,
-            )
+            outline(patch, colour, 0.4, 0.9)
             for patch, colour in zip(self.chosen, self.colours, strict=True)
         ]
         guide = Path(
@@ -218,92 +216,32 @@ class PlanView:
         """The chosen patch of a foothold, framed in the colour of its limb; made once."""
         if foothold not in self._windows:
             patch = self.chosen[foothold]
-            self._windows[foothold] = DrawnBody(
-                name=f"chosen {foothold}",
-                shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
-                position_m=np.zeros(3),
-                colour=self.friction.to_rgba(np.array(patch.friction))[:3],
-                edge=self.colours[foothold],
-                opacity=0.55,
-                layer=Layer.TERRAIN,
-                lift_m=9.0,
+            colour = self.friction.to_rgba(np.array(patch.friction))[:3]
+            self._windows[foothold] = window(
+                f"chosen {foothold}", patch, colour, self.colours[foothold]
             )
         return self._windows[foothold]
 
     _windows = cached_property(lambda self: dict[int, DrawnBody]())
 
-    def limbs(self, now: Samples) -> Sequence[Array]:
-        """Poses of the limbs: angles of a URDF's; else where its joints are, shape (J, 3) [m], the
-        foot last.
-
-        Where no angles are known they are found, and those of limbs without a file are a guess, for
-        the eye.
-        """
-        if self.shape.links is not None:
-            return (
-                self._angles(now)
-                if now.angles_rad is None
-                else self.shape.links.split(now.angles_rad)
-            )
-        if now.angles_rad is not None and now.origin_m is not None and self._kinematics is not None:
-            return list(
-                now.origin_m
-                + self._kinematics.chains(now.angles_rad) @ rotation_of(now.rotation_rad).T
-            )
-        rotation = np.eye(3) + np.cross(np.eye(3), now.rotation_rad)  # as the planner has it
-        return [
-            limb_of_three(now.com_m + arm, toe, unit(arm), limb.reach_m)
-            for limb, toe in zip(self.plan.problem.robot.limbs, now.toes_m, strict=True)
-            for arm in [rotation @ limb.shoulder_m]
-        ]
-
-    def _angles(self, now: Samples) -> list[Array]:
-        """Angles of each leg of a URDF's robot, near those of the key frames around; feet face
-        their surfaces.
-        """
-        model, key = self.plan.problem.robot.source.own_model(), self.plan.joints_rad
-        near = None if key is None else between(key, now.frame)[None]
-        turn = rotation_of(now.rotation_rad)
-        postures = ToeKinematics(model).solve(
-            now.com_m[None], turn[None], now.toes_m[None], now.normals[None], near
-        )
-        return [angles[0] for angles in postures.angles]
-
-    @cached_property
-    def _kinematics(self) -> Kinematics | None:
-        """Legs that are drawn up for limbs; None where there are none, or pinocchio is not
-        installed.
-        """
-        try:
-            return Kinematics(self.plan.problem.robot)
-        except InvalidInput:
-            return None
-
-    def _body(self, now: Samples) -> tuple[Array, Array]:
-        """Pose in which the body is drawn, p_WB and R_WB: where its link is, or else at the centre
-        of mass.
-        """
-        turn = rotation_of(now.rotation_rad)
-        if now.origin_m is None:
-            return now.com_m, turn
-        return now.origin_m + turn @ self.plan.problem.robot.origin_m, turn
+    def near_rad(self, now: Samples) -> Array | None:
+        """Angles of the key frames around."""
+        key = self.plan.joints_rad
+        return None if key is None else between(key, now.frame)
 
     def at(self, now: Samples, *, cone_m: float | None = None) -> Scene:
         """The robot at a time, and the forces of feet that stand, in cones as high as the normal
         force or so.
         """
-        bodies = [*self.shape.bodies(*self._body(now), self.limbs(now)), *self.chosen_at(now)]
-        arrows = []
-        for i, (toe, force) in enumerate(zip(now.toes_m, now.forces_n, strict=True)):
-            foothold = int(now.foothold[i])
-            height = float(force @ now.normals[i]) * self.metres_a_newton
+        bodies = [*self.bodies(now), *self.chosen_at(now)]
+        for toe, force, normal, foothold in zip(
+            now.toes_m, now.forces_n, now.normals, now.foothold.tolist(), strict=True
+        ):
+            height = float(force @ normal) * self.metres_a_newton
             if foothold >= 0 and height > 1e-9:
                 shape = self._cone(foothold, height) if cone_m is None else self._cones[foothold]
                 bodies.append(cone_body(f"cone {foothold}", shape, toe))
-                arrows.append(
-                    self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force)
-                )
-        return Scene(bodies=bodies, arrows=arrows, paths=self.support(now))
+        return Scene(bodies=bodies, arrows=self.forces(now), paths=self.support(now))
 
     def support(self, now: Samples) -> list[Path]:
         """Region in which the centre of mass may be before its contacts no longer carry it, and
@@ -344,10 +282,6 @@ class PlanView:
     def _cones(self) -> list[Mesh]:
         return [self._cone(p, 0.3 * self.shape.size_m) for p in range(len(self.chosen))]
 
-    def ghost(self, now: Samples) -> Scene:
-        """Trunk and limbs as a drawing in thin lines."""
-        return self.shape.ghost(*self._body(now), self.limbs(now))
-
     @cached_property
     def tracks(self) -> Scene:
         """The path of every toe from foothold to foothold, dashed."""
@@ -380,12 +314,14 @@ class PlanView:
         self, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S
     ) -> Animation:
         """The plan's motion at an even pace, as much faster than it is run as lets each step last
-        ``step_s``.
+        ``step_s``; its execution at ``SPEED`` times the pace of the world.
         """
-        times = self.shown_s(frame_count(self.plan, fps=fps, step_s=step_s, hold_s=hold_s))
+        if self.execution is not None:
+            return self._played(self.execution, fps)
+        last, height = self.plan.problem.frames - 1, 0.3 * self.shape.size_m
+        times = self.shown_s(round(fps * (step_s * last + 2.0 * hold_s)) + 1)
         speed = float(times[-1]) * fps / (len(times) - 1)
         shown = [self.motion.at(float(time_s)) for time_s in times]
-        last, height = self.plan.problem.frames - 1, 0.3 * self.shape.size_m
         return Animation(
             fixed=self.fixed,
             moments=[self.at(each, cone_m=height) for each in shown],
@@ -395,6 +331,26 @@ class PlanView:
             legend=self.legend,
             notes=[f"key frame {int(each.frame + 1e-9)} of {last}   ·   {SCALE}" for each in shown],
         )
+
+    def _played(self, execution: Execution, fps: float) -> Animation:
+        """The execution as a motion."""
+        trace, height = execution.trace, 0.3 * self.shape.size_m
+        count = int(np.ceil(trace.time_s[-1] * fps / SPEED))
+        rows = np.searchsorted(trace.time_s, np.arange(count) * SPEED / fps).tolist()
+        return Animation(
+            fixed=self.fixed + went(trace),
+            moments=[self.at(self.measured(execution, row), cone_m=height) for row in rows],
+            step_s=1.0 / fps,
+            camera=self.camera,
+            title=f"{self.plan.problem.name} in {execution.world}, at {SPEED:g} times its pace",
+            notes=[note(execution, row) for row in rows],
+            legend=[*self.legend, (REAL, "path that was gone")],
+        )
+
+    def measured(self, execution: Execution, row: int) -> Samples:
+        """The sample of the world after a control period."""
+        trace = execution.trace
+        return trace.sample(row, self.between_keys(float(trace.frame[row])))
 
     def between_keys(self, progress: float) -> Samples:
         """Body and feet at a fractional key frame: at 1.5 half of the time between key frames 1 and
@@ -491,16 +447,45 @@ def draw_plan(
     return figure
 
 
-def plan_frames(plan: Plan, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
-    """The frames of a film of the plan, uint8 of shape (H, W, 3), one by one, ``FPS`` a second."""
-    return film_frames(PlanView(plan).film(), size_px)
+@DEFAULT_STYLE
+def draw_execution(
+    plan: Plan,
+    execution: Execution,
+    *,
+    time_s: float | None = None,
+    caption: str = "",
+    size_px: Size = SIZE_PX,
+) -> Figure:
+    """Draw the robot as the world had it at a time, at the end unless one is named, and the path it
+    went (red).
+    """
+    view, trace = PlanView(plan, execution=execution), execution.trace
+    last = len(trace.time_s) - 1
+    row = last if time_s is None else min(int(np.searchsorted(trace.time_s, time_s)), last)
+    figure = sheet(size_px, SIZE_PX)
+    scene = view.fixed + view.at(view.measured(execution, row)) + went(trace, row)
+    Still(scene, view.camera).paint(plain_axes(figure, 10.0, 10.0, 92.0))
+    done = "done" if execution.succeeded else "failed"
+    title = caption or f"{plan.problem.name} in {execution.world}: {done}"
+    headline(figure, title, note(execution, row))
+    return figure
 
 
-def frame_count(
-    plan: Plan, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S
-) -> int:
-    """Pictures of a film of the plan."""
-    return round(fps * (step_s * (plan.problem.frames - 1) + 2.0 * hold_s)) + 1
+def went(trace: Trace, row: int | None = None) -> Scene:
+    """The path that the centre of mass went, over the planned one; until ``row``, or to its end."""
+    line = polyline(trace.com_m[: None if row is None else row + 1 : 20])
+    return Scene(paths=[Path(pieces_m=line, colour=REAL, width=1.4, layer=Layer.TOP, lift_m=65.0)])
+
+
+def note(execution: Execution, row: int) -> str:
+    """Note on the distance from the plan."""
+    trace = execution.trace
+    away = 1e3 * float(np.linalg.norm(trace.com_m[row] - trace.planned_com_m[row]))
+    most = np.abs(trace.torques_nm[: row + 1]).max()
+    return (
+        f"{trace.time_s[row]:.1f} s   ·   centre of mass {away:.1f} mm from the plan   ·   "
+        f"largest torque so far {most:.1f} of {execution.torque_limit_nm:g} Nm   ·   {SCALE}"
+    )
 
 
 def ghosts(plan: Plan, shown: int) -> list[int]:

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 
 from stancekit.cli import gait as gait_command
 from stancekit.planners.formats.trajectory_file import check_file, read_trajectory
-from stancekit.views import gaits
+from stancekit.views.gaits import GaitView
 from tests.planners.robot.small_urdfs import quadruped
 
 LIVELY = ("plain.npy", "--goal", "0.5,0.1", "--chart", "decoupled", "--duration-s", "2")
@@ -192,8 +192,8 @@ def test_the_portfolio_stops_at_the_first_chart_that_is_accepted(gait):
 @pytest.mark.usefixtures("gl")
 def test_pictures_pages_and_films_are_drawn(gait, monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
-    whole = gaits.motion_frames
-    monkeypatch.setattr(gaits, "motion_frames", lambda *of, **how: islice(whole(*of, **how), 3))
+    whole = GaitView.frames
+    monkeypatch.setattr(GaitView, "frames", lambda *of: islice(whole(*of), 3))
     files = ["a.png", "b.svg", "c.mp4", "d.html"]
     drawn = ("--picture", "a.png", "--convergence", "b.svg", "--html", "d.html", "--video", "c.mp4")
     code, _, _ = gait(*SHORT, *drawn)

@@ -53,8 +53,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         )
     },
     "bench_scenes": {
-        TOOL: ("learners.evaluation", "planners.formats.plan_file"),
-        DRAWS: ("views.plans", "views.sheet"),
+        TOOL: ("learners.evaluation",),
     },
     "between": {
         CHOICES: (
@@ -116,7 +115,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.formats.proof_file",
             "planners.verify",
         ),
-        DRAWS: ("views.crossings", "views.page", "views.sheet", "views.video"),
     },
     "leap_plan": {
         CHOICES: (
@@ -126,7 +124,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.leap.rule",
         ),
         LATER: ("learners.leaps.scorer", "planners.formats.leap_file", "planners.verify"),
-        DRAWS: ("views.leaps", "views.page", "views.sheet", "views.video"),
     },
     "main": {TOOL: ("planners.plugins",)},
     "map": {DRAWS: ("views.sheet", "views.standing_maps")},
@@ -152,7 +149,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.projection.whole_body_limits",
             "planners.search.plan_settings",
         ),
-        DRAWS: ("views.page", "views.plans", "views.sheet", "views.video"),
     },
     "plan_table": {LATER: ("planners.verify",)},
     "play": {
@@ -196,7 +192,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "simulate": {
         LATER: (
-            "planners.answer.plan",
             "planners.formats.crossing_file",
             "planners.formats.plan_file",
             "planners.motion.plan_motion",
@@ -205,7 +200,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "runner.settings",
             "runner.worlds",
         ),
-        DRAWS: ("views.crossings", "views.executions", "views.sheet"),
     },
     "solve": {CHOICES: ("planners.search.methods",)},
     "stops": {TOOL: ("runner.safety.estop", "runner.safety.stop_topic")},

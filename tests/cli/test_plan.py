@@ -21,8 +21,8 @@ from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import builtin_courses
-from stancekit.views import plans
 from stancekit.views.page import check_page
+from stancekit.views.plans import PlanView
 
 
 @pytest.fixture
@@ -234,8 +234,8 @@ def test_a_file_of_modes_that_is_none_is_told(refusal, tmp_path):
 @pytest.mark.usefixtures("gl")
 def test_a_page_and_a_video_are_written(plan, tmp_path, monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
-    whole = plans.plan_frames
-    monkeypatch.setattr(plans, "plan_frames", lambda *of: islice(whole(*of), 3))
+    whole = PlanView.frames
+    monkeypatch.setattr(PlanView, "frames", lambda *of: islice(whole(*of), 3))
     try:
         check_page(tmp_path / "a.html")
     except InvalidInput as error:

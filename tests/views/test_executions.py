@@ -14,7 +14,7 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.execution import Execution
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
-from stancekit.views.executions import FPS, SPEED, ExecutionView, draw_execution, execution_frames
+from stancekit.views.plans import FPS, SPEED, PlanView, draw_execution
 from stancekit.views.sheet import to_rgb
 
 pytest.importorskip("pinocchio")
@@ -32,9 +32,9 @@ def run() -> tuple[Plan, Execution]:
 
 
 def test_limbs_end_where_the_world_had_the_feet(run: tuple[Plan, Execution]) -> None:
-    view, trace = ExecutionView(*run), run[1].trace
+    view, trace = PlanView(run[0], execution=run[1]), run[1].trace
     for row in (0, len(trace.time_s) - 1):
-        bodies = {body.name: body for body in view.row(row).bodies}
+        bodies = {body.name: body for body in view.at(view.measured(run[1], row)).bodies}
         feet = [bodies[f"{limb} joint 3"].position_m for limb in view.shape.limbs]
         np.testing.assert_allclose(feet, trace.feet_m[row], atol=1e-4)
         np.testing.assert_array_equal(bodies["trunk 0"].position_m, trace.origin_m[row])
@@ -50,7 +50,7 @@ def test_a_picture_shows_the_time_that_was_asked_for(run: tuple[Plan, Execution]
 
 
 def test_a_film_has_as_many_frames_as_its_pace_asks_for(run: tuple[Plan, Execution]) -> None:
-    motion = ExecutionView(*run).played()
+    motion = PlanView(run[0], execution=run[1]).film()
     assert len(motion.moments) == pytest.approx(run[1].seconds / SPEED * FPS, abs=1.0)
     assert len(motion.notes) == len(motion.moments)
     assert motion.step_s == pytest.approx(1.0 / FPS)
@@ -58,7 +58,8 @@ def test_a_film_has_as_many_frames_as_its_pace_asks_for(run: tuple[Plan, Executi
 
 @pytest.mark.usefixtures("gl")
 def test_frames_have_the_size_asked_for(run: tuple[Plan, Execution]) -> None:
-    first = list(islice(execution_frames(*run, size_px=(400, 300)), 2))
+    view = PlanView(run[0], execution=run[1])
+    first = list(islice(view.frames(view.film(), (400, 300)), 2))
     assert [frame.shape for frame in first] == [(300, 400, 3)] * 2
     assert first[0].dtype == np.uint8
     assert first[0].std() > 10.0

@@ -94,7 +94,7 @@ def test_touch_downs_are_the_samples_at_which_contact_begins():
 
 def test_legs_join_hips_and_feet_by_bones_of_equal_length():
     view = GaitView(walk())
-    for k, (hip, knee, toe) in enumerate(view.limbs(40)):
+    for k, (hip, knee, toe) in enumerate(view.limbs_of(40)):
         foot = view.trajectory.robot.feet[k]
         assert np.allclose(hip, view.trajectory.torso_m[40] + foot.hip_m)
         assert np.array_equal(toe, view.trajectory.feet_m[40, k])
@@ -113,7 +113,7 @@ def test_the_robot_of_a_scene_is_where_the_trajectory_has_it():
     assert np.array_equal(trunk.rotation, view.trajectory.rotation[40])
     for k, limb in enumerate(view.shape.limbs):
         assert np.array_equal(bodies[f"{limb} joint 2"].position_m, view.trajectory.feet_m[40, k])
-        for link, (a, b) in enumerate(pairwise(view.limbs(40)[k])):
+        for link, (a, b) in enumerate(pairwise(view.limbs_of(40)[k])):
             body = bodies[f"{limb} link {link}"]
             half = 0.5 * body.shape.length_m * body.rotation[:, 2]
             assert np.allclose([body.position_m - half, body.position_m + half], [a, b])

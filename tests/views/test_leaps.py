@@ -1,12 +1,14 @@
-"""Pictures and pages of leaps show the motion of ``LeapMotion``, and say what was not judged."""
+"""Pictures and pages of leaps show the motion that runs, and say what was not judged."""
 
 import numpy as np
 import pytest
 
 import stancekit
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.motion.leap_motion import LeapMotion
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.views.leaps import UNJUDGED, LeapView, draw_leap, film_times
+from stancekit.runner.motion.stream import joint_motion
+from stancekit.views.leaps import UNJUDGED, LeapView, draw_leap
 from stancekit.views.page import page
 
 
@@ -20,7 +22,7 @@ def plan():
 
 def test_a_film_shows_the_body_where_its_forces_move_it(plan):
     view = LeapView(plan)
-    film, times = view.film(), film_times(plan)
+    film, times = view.film(), view.film_times_s()
     assert len(film.moments) == len(times)
     motion = LeapMotion(plan)
     for k in (0, len(times) // 3, len(times) // 2, len(times) - 1):
@@ -31,9 +33,30 @@ def test_a_film_shows_the_body_where_its_forces_move_it(plan):
         assert len(arrows) == int((np.linalg.norm(now.forces_n, axis=1) > 0.0).sum())
 
 
+def test_a_film_of_legs_that_are_known_shows_the_joints_that_run():
+    plan = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    view, runs = LeapView(plan), joint_motion(plan)
+    film, times = view.film(fps=10.0), view.film_times_s(10.0)
+    assert len(times) > 20
+    for moment, time_s in zip(film.moments, times, strict=True):
+        now = runs.at(float(time_s))
+        expected = view.shape.links.bodies(
+            now.origin_m + now.rotation @ view.robot.origin_m,
+            now.rotation,
+            view.shape.links.split(now.angles_rad),
+        )
+        places = {body.name: body.position_m for body in moment.bodies}
+        assert len(expected) > 12
+        for body in expected:
+            np.testing.assert_allclose(places[body.name], body.position_m, atol=1e-9)
+
+
 def test_in_the_air_there_are_no_forces(plan):
     view = LeapView(plan)
-    begin, end = view.flight_s
+    ((begin, end),) = view.flights_s
+    air = (plan.problem.holds[plan.problem.interval_phases] < 0).all(axis=1)
+    takes_off = plan.times_s[int(np.argmax(air))]
+    assert begin == pytest.approx(takes_off, abs=0.006)
     middle = view.motion.at(0.5 * (begin + end))
     assert not middle.stands.any()
     assert view.at(middle).arrows == []
@@ -44,11 +67,13 @@ def test_pictures_and_pages_say_what_is_not_judged(plan):
         text.get_text() for text in draw_leap(plan).findobj(lambda it: hasattr(it, "get_text"))
     ]
     assert any(UNJUDGED in text for text in texts)
-    film = LeapView(plan).film(fps=5.0, pace=1.0)
+    film = LeapView(plan).film(fps=5.0)
     assert all(UNJUDGED in note for note in film.notes)
     assert "patch chosen for LF" in page(film)
 
 
-def test_the_library_draws_a_leap_and_refuses_an_execution(plan, tmp_path):
+def test_the_library_draws_a_leap_and_writes_its_page(plan, tmp_path):
     stancekit.draw(plan, out=tmp_path / "leap.png")
     assert (tmp_path / "leap.png").stat().st_size > 10_000
+    stancekit.film(plan, tmp_path / "leap.html")
+    assert "patch chosen for LF" in (tmp_path / "leap.html").read_text()

@@ -169,7 +169,7 @@ def test_a_walk_is_drawn_with_the_joints_of_its_own_legs() -> None:
 def test_a_page_holds_each_mesh_once_however_long_the_walk_is() -> None:
     walk = leaning()
     try:
-        short, long = (page(GaitView(walk).film(None, step_s=step)) for step in (0.1, 0.01))
+        short, long = (page(GaitView(walk).film(step_s=step)) for step in (0.1, 0.01))
     except InvalidInput as error:
         pytest.skip(str(error))
     assert abs(len(long) - len(short)) < 150_000
@@ -177,7 +177,7 @@ def test_a_page_holds_each_mesh_once_however_long_the_walk_is() -> None:
 
 
 def test_a_film_has_the_links() -> None:
-    motion = GaitView(leaning()).film(None, step_s=0.1)
+    motion = GaitView(leaning()).film(step_s=0.1)
     bare = replace(
         motion, moments=[replace(each, bodies=each.bodies[-1:]) for each in motion.moments]
     )

@@ -76,7 +76,7 @@ def plan_page(plan):
 
 @pytest.fixture(scope="module")
 def walk_page(walk):
-    return page_of(walk.film(check_trajectory(walk.trajectory)))
+    return page_of(replace(walk, report=check_trajectory(walk.trajectory)).film())
 
 
 def test_the_page_holds_everything_that_it_shows(plan_page, walk_page):
@@ -114,7 +114,7 @@ def test_nodes_follow_the_motion(subject, plan, walk):
     """What a page records of bodies, forces and notes is what the moments have, and what is not
     there is hidden.
     """
-    motion = PlanView(plan).film(step_s=0.2) if subject == "plan" else walk.film(None, step_s=0.5)
+    motion = PlanView(plan).film(step_s=0.2) if subject == "plan" else walk.film(step_s=0.5)
     try:
         server = page_module.viser_server()
         with server as shown:

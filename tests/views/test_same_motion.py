@@ -82,7 +82,7 @@ def test_a_walk_of_a_robot_without_joints_is_shown_on_the_same_path_at_the_same_
     walk = level_walk("anymal-boxes")
     view = GaitView(walk)
     assert isinstance(view.motion, GaitMotion)
-    film = view.film(None, step_s=0.1)
+    film = view.film(step_s=0.1)
     for k, moment in enumerate(film.moments):
         now = view.motion.at(SETTLE_S + 0.1 * k)
         bodies = {body.name: body for body in moment.bodies}

@@ -17,13 +17,13 @@ from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.motion.feet_motion import feet_motion
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
-from ..plans import GOAL
 from ..scene import DrawnBody, Label, Scene
 from ..scene import Path as Line
 from ..shapes import Sphere
 from ..sheet import INK, leg_colour
 from ..stage import Stage
 from ..terrain import block, grid_on_ground, on_ground
+from ..view import GOAL
 from .controls import Controls
 from .page_parts import (
     BAD,
