@@ -56,6 +56,7 @@ LEAPING: dict[str, Any] = {**WALKING, "settle_hz": 5.0}
 """So is one that lands, which slides as it does; where it came to rest it stands."""
 M_co = TypeVar("M_co", bound=Motion, covariant=True)
 P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
+P = TypeVar("P", bound=PlannedMotion)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +95,7 @@ class Prepared(Tracked[P_co]):
     """A plan, or a gait, that a run begins with.
 
     Arguments:
-        digest: of the verdict on it.
+        accepted: the motion as it was accepted.
         terrain: what it was made for.
         surfaces: what feet stay out of.
         pace: of that asked for, 1 where it was slow enough.
@@ -104,9 +105,7 @@ class Prepared(Tracked[P_co]):
             exact, shape (P,).
     """
 
-    digest: str
-    source: str
-    name: str
+    accepted: Accepted[Any]
     kinematics: Kinematics
     terrain: Terrain
     surfaces: Solids
@@ -119,9 +118,9 @@ class Prepared(Tracked[P_co]):
         """Entry of a log before the run."""
         limbs = {leg.name: list(leg.joint_names) for leg in self.kinematics.model.legs}
         return {
-            "digest": self.digest,
-            "course": self.name,
-            "source": self.source,
+            "digest": self.accepted.digest,
+            "course": self.accepted.name,
+            "source": self.accepted.source,
             "joints": list(world.joints),
             "limbs": limbs,
             "rate_hz": world.rate_hz,
@@ -163,20 +162,40 @@ class Resumption:
     pace: float = 1.0
 
 
-def prepare_plan(
-    accepted: Accepted[Plan],
+def prepare(
+    accepted: Accepted[Any],
     world: SafeWorld,
     settings: RunSettings,
     resumption: Resumption | None = None,
-) -> Prepared[PlanMotion]:
-    """A plan, timed for a world that it fits.
+) -> Prepared[Any]:
+    """A motion for a world that it fits, with its tracker.
 
-    Raises InvalidInput where it does not fit.
+    A plan is timed and slowed down to what joints can do, and so are the climbs of a crossing. A
+    gait and a leap run as planned, or not at all.
 
     Arguments:
-        resumption: how a robot that stands already takes it up.
+        resumption: how a robot that stands already takes up a plan.
+
+    Raises:
+        InvalidInput: where it does not fit, and for settings that it has no use for, before anything
+            moves.
     """
     check_settings(settings, world)
+    match accepted.plan:
+        case Plan():
+            return _of_plan(accepted, world, settings, resumption)
+        case Trajectory():
+            return _of_gait(accepted, world, settings)
+        case _:
+            return _of_leaps(accepted, world, settings)
+
+
+def _of_plan(
+    accepted: Accepted[Plan],
+    world: SafeWorld,
+    settings: RunSettings,
+    resumption: Resumption | None,
+) -> Prepared[PlanMotion]:
     plan, sees = accepted.plan, sees_feet(world, settings)
     if settings.check_limits:
         if resumption is None and not settings.hung:
@@ -210,7 +229,6 @@ def prepare_plan(
         )
         _check_heat(accepted.source, timed.profile, world.drives)
         _check_bodies(accepted, timed, kinematics)
-    feedback = settings.feedback if sees else BLIND
     followed: Motion = LoadTransfer(motion) if settings.hung else motion
     if resumption is not None and not settings.hung:
         followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
@@ -218,7 +236,7 @@ def prepare_plan(
         followed,
         kinematics,
         world.rate_hz,
-        feedback,
+        settings.feedback if sees else BLIND,
         settings.body,
         wished,
         world.drives,
@@ -228,9 +246,7 @@ def prepare_plan(
     if resumption is not None:
         tracker.take_over(world.last_rad - first.targets_rad, motion.rest_s)
     return Prepared(
-        digest=accepted.digest,
-        source=accepted.source,
-        name=course.name,
+        accepted=accepted,
         motion=motion,
         kinematics=kinematics,
         tracker=tracker,
@@ -245,111 +261,60 @@ def prepare_plan(
     )
 
 
-def prepare_gait(
+def _of_gait(
     accepted: Accepted[Trajectory], world: SafeWorld, settings: RunSettings
 ) -> Prepared[GaitMotion]:
-    """A gait for a world that it fits.
-
-    Raises InvalidInput for one whose joints cannot do it, before anything moves.
-    """
-    check_settings(settings, world)
     if settings.odometry:
         raise InvalidInput(
             "odometry: expected a plan, got a gait: two standing feet do not determine the body's "
             "rotation"
         )
-    trajectory = accepted.plan
-    check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
-    motion, sees = (
-        GaitMotion(trajectory, accepted.robot.source.foot_radii_m),
-        sees_feet(world, settings),
-    )
-    kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
+    trajectory, kinematics = accepted.plan, _kinematics(accepted, world)
+    motion = GaitMotion(trajectory, accepted.robot.source.foot_radii_m)
     wished = (
         _check_gait(motion, kinematics, world, hung=settings.hung)
         if settings.check_limits
         else None
     )
-    moving = replace(settings.feedback, **WALKING)
     fall_s = float(
         np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2)
     )  # of an inverted pendulum
     stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
-    followed: Motion = LoadTransfer(motion) if settings.hung else motion
-    tracker = Tracker(
-        followed,
-        kinematics,
-        world.rate_hz,
-        moving if sees else STEADY,
-        stepping,
-        wished,
-        world.drives,
-    )
     ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
-    return Prepared(
-        digest=accepted.digest,
-        source=accepted.source,
-        name=accepted.name,
-        motion=motion,
-        kinematics=kinematics,
-        tracker=tracker,
-        first=tracker.start(),
-        sees=sees,
-        clearance_m=settings.timing.clearance_m,
-        terrain=ground,
-        surfaces=(ground,),
-    )
-
-
-def prepare_leap(
-    accepted: Accepted[LeapPlan], world: SafeWorld, settings: RunSettings
-) -> Prepared[LeapRun]:
-    """A leap for a world that it fits: it was judged with its legs, and runs as planned.
-
-    Raises InvalidInput for a world that has another robot, and for one in which it hangs or counts
-    steps.
-    """
-    _check_leaps(settings, world)
-    check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
-    motion, sees = LeapRun(accepted.plan), sees_feet(world, settings)
-    kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
-    tracker = Tracker(
-        MeanForces(motion, 1.0 / world.rate_hz),
+    return _paced(
+        accepted,
+        world,
+        replace(settings, body=stepping),
         kinematics,
-        world.rate_hz,
-        replace(settings.feedback, **LEAPING) if sees else STEADY,
-        settings.body,
-        None,
-        world.drives,
-    )
-    ground = accepted.ground()
-    assert isinstance(ground, tuple)
-    return Prepared(
-        digest=accepted.digest,
-        source=accepted.source,
-        name=accepted.name,
-        motion=motion,
-        kinematics=kinematics,
-        tracker=tracker,
-        first=tracker.start(),
-        sees=sees,
-        clearance_m=settings.timing.clearance_m,
-        terrain=ground,
-        surfaces=tuple(patch.solid for patch in ground),
+        motion,
+        LoadTransfer(motion) if settings.hung else motion,
+        wished,
+        ground,
+        (ground,),
     )
 
 
-def prepare_crossing(
-    accepted: Accepted[Crossing], world: SafeWorld, settings: RunSettings
-) -> Prepared[CrossingMotion]:
-    """A crossing for a world that it fits: its climbs are timed as any plan's, and slowed down to
-    what joints can do; its leaps run as planned.
-
-    Raises InvalidInput as for a plan and for a leap.
-    """
+def _of_leaps(
+    accepted: Accepted[Any], world: SafeWorld, settings: RunSettings
+) -> Prepared[LeapRun | CrossingMotion]:
     _check_leaps(settings, world)
-    check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
-    kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
+    kinematics, subject = _kinematics(accepted, world), accepted.plan
+    ground = accepted.ground()
+    if isinstance(subject, LeapPlan):
+        assert isinstance(ground, tuple)
+        motion: LeapRun | CrossingMotion = LeapRun(subject)
+        surfaces: Solids = tuple(patch.solid for patch in ground)
+    else:
+        motion = CrossingMotion(subject, _climbs(accepted, world, settings, kinematics))
+        surfaces = motion.solids
+    followed = MeanForces(motion, 1.0 / world.rate_hz)
+    return _paced(accepted, world, settings, kinematics, motion, followed, None, ground, surfaces)
+
+
+def _climbs(
+    accepted: Accepted[Crossing], world: SafeWorld, settings: RunSettings, kinematics: Kinematics
+) -> list[PlanMotion]:
+    """The climbs of a crossing, timed as any plan's."""
     climbs = list[PlanMotion]()
     for plan in plans_of(accepted.plan):
         motion, wished = unhurried_plan(
@@ -363,34 +328,56 @@ def prepare_crossing(
             check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
             motion = timed_plan(motion, wished, kinematics, world.capabilities, world.drives).motion
         climbs.append(motion)
-    crossing, sees = CrossingMotion(accepted.plan, climbs), sees_feet(world, settings)
+    return climbs
+
+
+def _kinematics(accepted: Accepted[Any], world: SafeWorld) -> Kinematics:
+    """Kinematics of the robot, whose joints the world has."""
+    check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
+    return Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
+
+
+def _paced(
+    accepted: Accepted[Any],
+    world: SafeWorld,
+    settings: RunSettings,
+    kinematics: Kinematics,
+    motion: P,
+    followed: Motion,
+    wished: RedundancyResolution | None,
+    terrain: Terrain,
+    surfaces: Solids,
+) -> Prepared[P]:
+    """A motion that runs at its own pace.
+
+    Arguments:
+        followed: the motion as the tracker follows it.
+    """
+    sees, feet = sees_feet(world, settings), WALKING if isinstance(motion, GaitMotion) else LEAPING
     tracker = Tracker(
-        MeanForces(crossing, 1.0 / world.rate_hz),
+        followed,
         kinematics,
         world.rate_hz,
-        replace(settings.feedback, **LEAPING) if sees else STEADY,
+        replace(settings.feedback, **feet) if sees else STEADY,
         settings.body,
-        None,
+        wished,
         world.drives,
     )
     return Prepared(
-        digest=accepted.digest,
-        source=accepted.source,
-        name=accepted.name,
-        motion=crossing,
+        accepted=accepted,
+        motion=motion,
         kinematics=kinematics,
         tracker=tracker,
         first=tracker.start(),
         sees=sees,
         clearance_m=settings.timing.clearance_m,
-        terrain=accepted.ground(),
-        surfaces=crossing.solids,
+        terrain=terrain,
+        surfaces=surfaces,
     )
 
 
 def _check_leaps(settings: RunSettings, world: SafeWorld) -> None:
     """Raise InvalidInput for a world and settings in which nobody leaps."""
-    check_settings(settings, world)
     for wrong, message in (
         (settings.odometry, "odometry: expected a plan, got a leap: nothing stands in the air"),
         (settings.hung, "hung: expected a plan or a gait, got a leap"),

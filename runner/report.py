@@ -132,7 +132,7 @@ class RunReport:
         cycles = np.diff(record.began_s) if len(record.began_s) > 1 else np.array([np.nan])
         return cls(
             world=world.name,
-            digest=prepared.digest,
+            digest=prepared.accepted.digest,
             dry=world.dry,
             succeeded=not message,
             message=message,

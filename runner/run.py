@@ -43,10 +43,7 @@ from .prepared import (
     Resumption,
     Tracked,
     body_from,
-    prepare_crossing,
-    prepare_gait,
-    prepare_leap,
-    prepare_plan,
+    prepare,
 )
 from .record import Record
 from .report import RunReport
@@ -185,15 +182,7 @@ class Runner:
         Arguments:
             resumption: how a robot that stands already takes up a plan.
         """
-        prepared: Prepared[PlannedMotion]
-        if isinstance(accepted.plan, Plan):
-            prepared = prepare_plan(accepted, self.world, self.settings, resumption)
-        elif isinstance(accepted.plan, LeapPlan):
-            prepared = prepare_leap(accepted, self.world, self.settings)
-        elif isinstance(accepted.plan, Crossing):
-            prepared = prepare_crossing(accepted, self.world, self.settings)
-        else:
-            prepared = prepare_gait(accepted, self.world, self.settings)
+        prepared = prepare(accepted, self.world, self.settings, resumption)
         self._prepared = prepared
         self.log.write("plan", {"format": FORMAT, **prepared.entry(self.world)})
         return prepared
