@@ -96,7 +96,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         pair (Problem, Certificate) of a proof; Leap, or LeapPlan or such a pair where its file
         holds an answer (``stancekit/leap/1``, or YAML); Crossing; Trajectory of a gait; Dataset;
         LeapTries; Robot that walks (YAML or URDF); what a safetensors file of a neural selector,
-        chooser or policy holds, as ``Learned``; LeapScorer. Nothing is unpickled.
+        chooser or policy holds, as ``Learned``; LeapScorer; Surrogate. Nothing is unpickled.
 
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
@@ -194,10 +194,15 @@ def _read(path: Path) -> Any:
     ) and not path.exists():
         return read_course(path)
     if path.suffix == SCORER:
-        if safetensors_format(path) == FORMAT:
+        format_ = safetensors_format(path)
+        if format_ == FORMAT:
             from stancekit.learners.leaps.scorer import LeapScorer  # torch takes a while to load
 
             return LeapScorer.read(path)
+        if str(format_).startswith("stancekit/surrogate/"):
+            from stancekit.learners.surrogates.surrogate import Surrogate
+
+            return Surrogate.read(path)
         return load_selector(path)
     if path.suffix in (".yaml", ".yml"):
         data = read_yaml(path)

@@ -223,11 +223,15 @@ def make_map(
     if checkpoint is not None and checkpoint.exists():
         earlier = StandingMap.read(checkpoint)
         mine = maker.map({})
-        if earlier.question != mine.question or not np.allclose(
+        other = [name for name, value in mine.question.items() if earlier.question[name] != value]
+        if not other and not np.allclose(
             earlier.z_m, mine.z_m, rtol=0.0, atol=SAME_M, equal_nan=True
         ):
+            other = ["height of the body"]
+        if other:
             raise InvalidInput(
-                f"{checkpoint}: expected a map of the same terrain, robot, friction and grid to go on from, got another"
+                f"{checkpoint}: expected a map of the same question to go on from, got one of another "
+                f"{', '.join(other)}"
             )
         maker.take(earlier)
 

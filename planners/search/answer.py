@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from copy import copy
@@ -50,17 +51,19 @@ class TimeLimited:
     """Mixin of the planners that have a time limit ``time_limit_s`` [s]; None for the usual one."""
 
     time_limit_s: float | None
+    _most_s: float = math.inf
 
-    def limit_s(self, problem: Problem) -> float:
-        """Time limit of one problem [s]."""
-        usual_s = POSTURE_LIMIT_S if problem.is_posture else COURSE_LIMIT_S
-        return usual_s if self.time_limit_s is None else self.time_limit_s
+    def limit_s(self, kind: Kind) -> float:
+        """Time limit of one problem of a kind [s]."""
+        usual_s = POSTURE_LIMIT_S if kind == "postures" else COURSE_LIMIT_S
+        return min(usual_s if self.time_limit_s is None else self.time_limit_s, self._most_s)
 
     def with_limit(self, limit_s: float) -> Self:
         """A copy that takes no longer than this [s], nor longer than its own limit."""
         limited = copy(self)
-        own_s = COURSE_LIMIT_S if self.time_limit_s is None else self.time_limit_s
-        limited.time_limit_s = max(min(own_s, limit_s), 0.0)
+        limited._most_s = max(min(limit_s, self._most_s), 0.0)
+        if self.time_limit_s is not None:
+            limited.time_limit_s = min(self.time_limit_s, limited._most_s)
         return limited
 
 

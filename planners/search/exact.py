@@ -33,7 +33,6 @@ from ..projection.descent import cost, improved
 from ..projection.project import SURFACE, project
 from ..relaxation.lift import LiftAnswer, solve_lift
 from .answer import (
-    POSTURE_LIMIT_S,
     Acceptance,
     Claim,
     Kind,
@@ -136,14 +135,13 @@ class ExactPlanner(TimeLimited):
             wanted: where only this answer counts, which is then the same to the last bit; the
                 search ends where it cannot come any more.
         """
-        limit_s = POSTURE_LIMIT_S if self.time_limit_s is None else self.time_limit_s
         search = CutSearch(
             self.programs,
             scaled,
             gap=self.acceptance.gap,
             tolerance=self.acceptance.tolerance,
             max_nodes=NODES["postures"] if self.max_nodes is None else self.max_nodes,
-            deadline=time.perf_counter() + limit_s,
+            deadline=time.perf_counter() + self.limit_s("postures"),
             max_solves=math.inf if self.max_solves is None else self.max_solves,
             root=root,
             wanted=wanted,
@@ -154,7 +152,7 @@ class ExactPlanner(TimeLimited):
     @over_sides
     def _best(self, course: Problem) -> Answer[Plan]:
         """The best plan of a course."""
-        limit_s = self.limit_s(course)
+        limit_s = self.limit_s("courses")
         max_nodes = NODES["courses"] if self.max_nodes is None else self.max_nodes
         clock, scaled = Clock.start(limit_s, self.max_solves), Scaled.of(course)
         choices = TwoStagePlanner(

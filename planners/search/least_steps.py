@@ -25,7 +25,7 @@ from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.sides import OPEN, half_space, parts, too_small
 from ..projection.least_steps import along, lengths_of
-from .answer import Acceptance, Claim, TimeLimited
+from .answer import Acceptance, Claim, TimeLimited, kind_of
 from .clock import Clock
 
 TRIES = 3
@@ -62,7 +62,7 @@ class _Search:
     ) -> None:
         self._planner, self._solve, self._course = planner, solve, course
         limited = isinstance(planner, TimeLimited)
-        self._clock = Clock.start(planner.limit_s(course) if limited else math.inf)
+        self._clock = Clock.start(planner.limit_s(kind_of(course)) if limited else math.inf)
         self._plan: Plan | None = None
         self._message, self._parts, self._asked = "", 0, 0
         self._bound = math.nan

@@ -28,7 +28,7 @@ from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_frames, unit_domain
 from ..relaxation.micp import SOLVERS, MicpGrid, MicpProgram, cones_of, of_layout
-from .answer import Acceptance, Claim, Kind, TimeLimited, check_unused, plan_of
+from .answer import Acceptance, Claim, Kind, TimeLimited, check_unused, kind_of, plan_of
 from .clock import Clock
 from .least_steps import over_sides
 
@@ -100,7 +100,9 @@ class MicpPlanner(TimeLimited):
         with clock.compiling():
             program = self.program(problem)
         begin = time.process_time()
-        answer = program.solve(scaled, max(self.limit_s(problem) - clock.elapsed(), LEAST_S))
+        answer = program.solve(
+            scaled, max(self.limit_s(kind_of(problem)) - clock.elapsed(), LEAST_S)
+        )
         clock.count(1, answer.seconds)
         details = program.figures | {
             "solver_s": answer.seconds,

@@ -17,7 +17,7 @@ from ..problem import Problem
 from ..projection.nlp import NlpProgram
 from ..projection.project import SURFACE
 from ..relaxation.lift import solve_lift
-from .answer import Acceptance, Claim, TimeLimited, plan_of
+from .answer import Acceptance, Claim, TimeLimited, kind_of, plan_of
 from .choice import nearest
 from .clock import Clock
 from .least_steps import over_sides
@@ -65,7 +65,7 @@ class NlpPlanner(TimeLimited):
     @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
         """Try the starts in order until one ends on the bilinear surface."""
-        clock, scaled, limit_s = Clock.start(), Scaled.of(problem), self.limit_s(problem)
+        clock, scaled, limit_s = Clock.start(), Scaled.of(problem), self.limit_s(kind_of(problem))
         choice = nearest(scaled)
         chosen, count = scaled.chosen(choice), self.starts or (5 if scaled.weights is None else 1)
         with clock.compiling():

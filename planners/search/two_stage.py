@@ -168,7 +168,7 @@ class TwoStagePlanner(TimeLimited):
     @over_sides
     def _over_lift(self, course: Problem) -> Answer[Plan]:
         """Plan one course over the lift."""
-        clock, scaled = Clock.start(self.limit_s(course), self.max_solves), Scaled.of(course)
+        clock, scaled = Clock.start(self.limit_s("courses"), self.max_solves), Scaled.of(course)
         search = self.search(scaled, clock)
         result, message, proof = search.found, search.message, None
         if (
@@ -306,7 +306,7 @@ class TwoStagePlanner(TimeLimited):
 
         assert self.envelopes is not None
         assert self.projection is not None
-        clock = Clock.start(self.limit_s(course), self.max_solves)
+        clock = Clock.start(self.limit_s("courses"), self.max_solves)
         search = EnvelopeSearch(
             self.programs,
             course,

@@ -169,7 +169,7 @@ def test_an_error_of_0_or_1_is_refused(learned: Data, error: float) -> None:
 def test_a_file_gives_the_surrogate_back(learned: Data, tmp_path: Path) -> None:
     _, surrogate = learned
     surrogate.save(tmp_path / "s.safetensors")
-    again = Surrogate.read(tmp_path / "s.safetensors")
+    again = stancekit.load(tmp_path / "s.safetensors", Surrogate)
     assert again.digest == surrogate.digest
     assert again.provenance == surrogate.provenance
     batch = drawn("wall-3", 20)
