@@ -34,6 +34,9 @@ LEAST = 6
 """A part of a piece that is kept where all of it fails has so many frames at least."""
 DETOURS = 4
 """Other ways of the body that are tried, all pieces together."""
+EVERY_S = 2.0
+"""What is planned is kept after the first piece, and then no more often than this: the whole plan is
+written each time, and a run that is interrupted plans so much anew."""
 PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
@@ -118,11 +121,15 @@ def plan_pieces(
     if begun is not None and progress is not None:
         progress(begun.problem.frames - 1, course.frames - 1)
 
+    kept_at = -math.inf
+
     def add(part: Plan) -> None:
+        nonlocal kept_at
         plans.append(part)
         shares.append(part.provenance)
-        if kept is not None:
+        if kept is not None and time.perf_counter() - kept_at > EVERY_S:
             kept.keep(_said(joined(course, plans), shares))
+            kept_at = time.perf_counter()
         if progress is not None:
             progress(sum(plan.problem.frames - 1 for plan in plans), course.frames - 1)
 

@@ -126,7 +126,7 @@ def plan_course(
         if outcome.certificate is not None:  # of this piece from this posture, and of nothing else
             outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
         assert limits is not None
-        return with_whole_body(outcome, limits, angles, deadline=end)
+        return with_whole_body(outcome, limits, angles, margins=False, deadline=end)
 
     def answered(course: Problem, end: float, alternative: Alternative = AS_ASKED) -> Answer[Plan]:
         if push_n > course.push_n:
