@@ -26,8 +26,9 @@ from ..problem import Problem
 from .plan_window import Standing, beginning, course_window, joined, spliced
 
 LOG = logging.getLogger(__name__)
-LONG = 40
-"""Courses of more key frames are planned in pieces."""
+LONG, AT_ONCE = 40, 200
+"""Courses of more key frames are planned in pieces; and are not tried as a whole where these have
+failed, or for a robot of which no legs are known."""
 PIECE, SHARED = 24, 8
 """Key frames of a piece, and how many of them the next one plans anew."""
 LEAST = 6
@@ -89,8 +90,11 @@ class Pieces:
 
 
 def in_pieces(course: Problem) -> bool:
-    """Tell whether a course is planned in pieces."""
-    return course.frames > LONG and not course.has_soles and not course.uncarried
+    """Tell whether a course is planned in pieces: from fewer key frames on where there are legs,
+    whose joints and bodies take the most time.
+    """
+    most = LONG if course.robot.source.joint_names else AT_ONCE
+    return course.frames > most and not course.has_soles and not course.uncarried
 
 
 def plan_pieces(
