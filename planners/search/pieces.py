@@ -110,7 +110,7 @@ def plan_pieces(
 
     Arguments:
         detour: None where there is no other way.
-        kept: holds what was planned before, and what is planned after every piece.
+        kept: holds what was planned before, and what is planned meanwhile, every ``EVERY_S``.
         deadline: when to be done (``time.perf_counter()``).
     """
     cycle, begun = _cycle(course), None if kept is None else kept.begun(course)
