@@ -15,7 +15,6 @@ from stancekit.planners.answer.report import or_null
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json
-from stancekit.planners.formats.answer_file import answer_from_json, json_records, read_problems
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.ground import Ground
@@ -282,6 +281,8 @@ def check_answers(
         InvalidInput: for another number of answers than of problems; a record that cannot be read
             is "invalid".
     """
+    from stancekit.planners.formats.answer_file import json_records, read_problems  # slow to import
+
     problems_read, claims = list(read_problems(*problems)), list(json_records(*answers))
     if len(problems_read) != len(claims):
         raise InvalidInput(
@@ -300,6 +301,8 @@ def check_answers(
 
 def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
     """Verdict on an answer; where the answer lacks its evidence, the verdict says so."""
+    from stancekit.planners.formats.answer_file import answer_from_json  # slow to import
+
     answer, status = answer_from_json(claim, problem), _status(claim)
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]
     if kind is not expected:

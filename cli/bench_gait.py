@@ -63,7 +63,7 @@ class BenchGait:
     against: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Walks of other programs, NAME.yaml with NAME.csv or NAME.npz (docs/formats.md): measure
     nothing, judge these by the same check, beside the cells that --out has of the same tasks."""
-    kept: bool = False
+    tables_only: Annotated[bool, tyro.conf.arg(name="kept")] = False
     """Measure nothing: the tables of what the folder has."""
     json: bool = False
     """One JSON object a cell."""
@@ -82,7 +82,7 @@ class BenchGait:
         settings = self._settings()
         checked_int(self.workers, "--workers", least=1)
         folder = self.out or Path("out/bench-gait-quick" if self.quick else "out/bench-gait")
-        if not self.kept:
+        if not self.tables_only:
             make_folder(folder)
         elif not folder.is_dir():
             raise InvalidInput(
@@ -90,7 +90,7 @@ class BenchGait:
             )
         rows: list[dict[str, Any]] = []
         with stages("bench gait") as on_progress:
-            known = gait_bench.kept(settings, folder) if self.kept else None
+            known = gait_bench.kept(settings, folder) if self.tables_only else None
             for row in (
                 gait_bench.run(settings, folder, on_progress, self.workers)
                 if known is None

@@ -317,7 +317,7 @@ def run(command: Command) -> int:
     except KeyboardInterrupt:
         complain("stancekit: interrupted")
         return 130
-    except BaseException as error:
+    except BaseException as error:  # whatever ends a command is told in one line, and its exit code
         return _ended_by(error)
 
 

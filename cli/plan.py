@@ -187,7 +187,6 @@ class PlanCourse:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.courses import plan
         from stancekit.planners.answer.answer import Status
-        from stancekit.planners.formats.proof_file import write_proof
         from stancekit.planners.problem.leap_names import is_leap_file
 
         if is_leap_file(self.course):
@@ -229,6 +228,8 @@ class PlanCourse:
         proved = outcome.certificate is not None
         message = message_of(outcome)
         if self.proof is not None and outcome.certificate is not None:
+            from stancekit.planners.formats.proof_file import write_proof  # slow to import
+
             write_proof(self.proof, outcome.certificate)
         if self.json:
             emit(self._record(course, outcome, report, message))
@@ -354,12 +355,16 @@ class PlanCourse:
 
     def _planner(self) -> Planner:
         from stancekit.planners.equilibrium.programs import Programs
-        from stancekit.planners.formats.answer_file import read_boxes
         from stancekit.planners.search.methods import PlannerOptions, make_planner, settings_of
 
+        boxes = None
+        if self.envelope is not None:
+            from stancekit.planners.formats.answer_file import read_boxes  # slow to import
+
+            boxes = read_boxes(self.envelope)
         planner_settings = {
             "relaxation": self.relaxation,
-            "envelopes": None if self.envelope is None else read_boxes(self.envelope),
+            "envelopes": boxes,
             "projection": self.projection,
             "reserve": self.reserve,
             "max_solves": self.max_solves,

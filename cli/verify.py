@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from rich.table import Table
 
 from stancekit.planners.errors import InvalidInput
 
@@ -15,6 +14,8 @@ from .console import as_options, complain, emit, out, text_of
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from stancekit.planners.answer.report import Report
 
 TOLERANCE = 1e-6
@@ -138,6 +139,8 @@ class Verify:
 
 def _groups(report: Report[Any]) -> Table:
     """A row per group of a motion."""
+    from rich.table import Table  # slow to import
+
     table = Table(box=None, show_header=False)
     for group in report.groups:
         share = "" if group.unit == "1" else f" {group.unit}"

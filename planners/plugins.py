@@ -297,7 +297,7 @@ def _ran_alone(path: Path) -> ModuleType:
     try:
         with foreign(f"{path}: cannot be run"):
             spec.loader.exec_module(module)
-    except BaseException:
+    except BaseException:  # a module that failed is not kept
         del sys.modules[name]
         raise
     return module
@@ -346,7 +346,7 @@ def foreign(where: str) -> Iterator[None]:
         yield
     except (StancekitError, KeyboardInterrupt):
         raise
-    except BaseException as error:
+    except BaseException as error:  # another's code may raise anything
         raise InvalidInput(f"{where}: {_told(error)}") from error
 
 

@@ -150,7 +150,7 @@ class Runner:
                 message = motion()
             except (Stopped, HardwareFault) as error:
                 message = str(error)
-            except BaseException as error:
+            except BaseException as error:  # the log keeps its message; it is raised again
                 message = f"{type(error).__name__}: {error}"
                 raise
             finally:
@@ -354,7 +354,7 @@ class Runner:
         ):
             try:
                 home = self._path(self._prepared, self.state, self._found)
-            except Exception as error:
+            except Exception as error:  # a way home is any planner's; the robot is held without one
                 lost = str(error)
         ended = end(self.world, self.settings.ending, home, self.settings.speed_rad_s)
         for what, why in (("stop", message), ("no way home", lost)):

@@ -208,6 +208,61 @@ def test_every_command_on_a_page_is_one_that_there_is() -> None:
     assert commands <= set(KNOWN)
 
 
+TABLE = re.compile(r"^(.*)\n\|.*\n\|[-:| ]+\|\n((?:\|.*\n)+)", re.MULTILINE)
+"""The line above a table, and its rows."""
+DIGITS = 0.08
+"""Share of digits in the rows of a table of measured figures; tables of words have less."""
+IN_WORDS = ("docs/reference", "docs/decisions", "docs/environments", "docs/benchmarks.md")
+"""Pages whose tables say what there is, or are written with the page."""
+
+
+def test_every_table_of_figures_names_a_command_that_there_is_and_its_options() -> None:
+    from stancekit.cli.main import COMMANDS as KNOWN
+    from stancekit.cli.main import parse
+
+    commands, unmarked = list[str](), list[str]()
+    for page in PAGES:
+        if page.startswith(IN_WORDS):
+            continue
+        for above, rows in TABLE.findall((ROOT / page).read_text(encoding="utf-8")):
+            mark = re.fullmatch(r"<!-- (?:table|figures): (.+) -->", above)
+            if mark:
+                commands.append(mark[1])
+            elif len(re.findall(r"\d", rows)) > DIGITS * len(rows):
+                unmarked.append(f"{page}: {rows[:60]}")
+    assert unmarked == []
+    assert len(commands) > 40
+    for line in commands:
+        program, *words = shlex.split(line)
+        if program == "stancekit":
+            assert words[0] in KNOWN, line
+            if not any(word.isupper() for word in words):
+                parse(words)
+            continue
+        text = (ROOT / words[0]).read_text(encoding="utf-8")
+        text += (ROOT / "benchmarks/_bench.py").read_text(encoding="utf-8")
+        for option in (word for word in words if word.startswith("--")):
+            name = option[2:].replace("-", "_")
+            assert re.search(rf"^    {name}: |\"{option}\"", text, re.MULTILINE), line
+
+
+def test_tables_that_a_command_prints_are_what_it_prints(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    monkeypatch.syspath_prepend(str(DOCS))
+    mark, printed = importlib.import_module("tables").MARK, 0
+    for page in PAGES:
+        for kind, line, table in mark.findall((ROOT / page).read_text(encoding="utf-8")):
+            if kind == "table":
+                words = shlex.split(line)
+                assert words[2:] == ["--cards"], (
+                    "others are printed in a process, by docs/tables.py"
+                )
+                script = importlib.import_module(Path(words[1]).stem)
+                assert table.splitlines() == list(script.table())
+                printed += 1
+    assert printed >= 2
+
+
 @pytest.fixture
 def extension(monkeypatch: pytest.MonkeyPatch) -> object:
     """A module of docs/extensions by its name."""

@@ -132,7 +132,7 @@ def _encoder(path: Path, first: Frame, fps: float) -> Iterator[Callable[[Frame],
                 failed = process.wait() != 0
             except BrokenPipeError:  # it ended early, and says why
                 pass
-            except BaseException:
+            except BaseException:  # no encoder is left behind; it is raised again
                 process.kill()
                 raise
             finally:

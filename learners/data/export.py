@@ -164,7 +164,7 @@ def _apart(create: Callable[[], None]) -> None:
                 os.dup2(sink.fileno(), 2)
                 create()
                 status = 0
-            except BaseException as error:
+            except BaseException as error:  # the parent process reads it and raises
                 os.write(2, f"{error}\n".encode(errors="replace"))
             finally:
                 os._exit(status)  # and not by way of HDF5's own clean-up

@@ -174,7 +174,7 @@ def call(expected: dict[str, str]) -> Callable[[bytes], bytes | str]:
         try:
             answer: bytes = cloudpickle.dumps(("answer", pickle.loads(task)()))
             return answer
-        except Exception as error:
+        except Exception as error:  # it is raised where the answer is read
             error.add_note(traceback.format_exc())
             raised: bytes = cloudpickle.dumps(("raised", error))
             return raised

@@ -278,7 +278,7 @@ def _lifted(
             if admits and scene.feasible:
                 point = project(programs, way, scaled, lift.rounded()[1])
                 if np.isfinite(point.residual):
-                    claim = Claim(found=plan_of(scene.problem, scaled, scaled.numbers, point))
+                    claim = Claim(plan=plan_of(scene.problem, scaled, scaled.numbers, point))
                     outcome = acceptance.answer(
                         scene.problem, claim, method=way, clock=Clock.start()
                     )

@@ -153,7 +153,7 @@ def theorem(
             answers[condition][row] = holds
     return Theorem(
         selector=name,
-        conditions={condition: _condition(found) for condition, found in answers.items()},
+        conditions={condition: _condition(rows) for condition, rows in answers.items()},
     )
 
 
@@ -299,7 +299,7 @@ def _posture(
         if not box.contains(scaled.point(plan)[None], margin=INSIDE)[0]:
             continue
         answer = Acceptance().answer(
-            scene.problem, Claim(found=plan), method="theorem", clock=Clock.start()
+            scene.problem, Claim(plan=plan), method="theorem", clock=Clock.start()
         )
         if answer.status is Status.FEASIBLE:
             return True

@@ -28,12 +28,12 @@ class MixtureFit:
     """Result of one run of Algorithm E2.
 
     Arguments:
-        kept: share of S in each envelope.
+        shares: share of S in each envelope.
         gaps: what was left of each Boundary_fit program's gap at its time limit.
     """
 
     envelopes: tuple[Envelope, ...]
-    kept: tuple[float, ...]
+    shares: tuple[float, ...]
     gaps: tuple[float, ...] = ()
 
 
@@ -71,7 +71,9 @@ def fit_as_printed(
         fitted = Envelope(low=box_low.reshape(-1, 6), high=box_high.reshape(-1, 6))
         envelopes.append(Envelope.around(chosen) if len(chosen) else fitted)
         gaps.append(gap)
-    return MixtureFit(envelopes=tuple(envelopes), kept=_kept(envelopes, points), gaps=tuple(gaps))
+    return MixtureFit(
+        envelopes=tuple(envelopes), shares=_shares(envelopes, points), gaps=tuple(gaps)
+    )
 
 
 def fit_improved(
@@ -98,7 +100,7 @@ def fit_improved(
         members = np.flatnonzero((labels == k) & (belongs[:, k] > threshold))
         members = members if len(members) else np.flatnonzero(labels == k)
         envelopes.append(boundary_fit(quantile_box(points[members], share=share), members))
-    return MixtureFit(envelopes=tuple(envelopes), kept=_kept(envelopes, points))
+    return MixtureFit(envelopes=tuple(envelopes), shares=_shares(envelopes, points))
 
 
 def membership(mixture: GaussianMixture, points: Array) -> Array:
@@ -124,5 +126,5 @@ def _mixture(flat: Array, clusters: int, seed: int) -> GaussianMixture:
     )
 
 
-def _kept(envelopes: list[Envelope], points: Array) -> tuple[float, ...]:
+def _shares(envelopes: list[Envelope], points: Array) -> tuple[float, ...]:
     return tuple(float(envelope.contains(points).mean()) for envelope in envelopes)

@@ -108,7 +108,7 @@ def _envelopes(
             share=settings.share,
         )
     return made.envelopes, {
-        "kept": list(made.kept),
+        "kept": list(made.shares),
         "gaps": [float(np.minimum(gap, 1e6)) for gap in made.gaps],
     }
 

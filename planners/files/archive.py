@@ -69,7 +69,7 @@ def array_of(content: bytes, where: str) -> NDArray[Any]:
     """
     try:
         return _array(io.BytesIO(content), len(content))
-    except Exception as error:
+    except Exception as error:  # as above
         raise InvalidInput(f"{where}: {SAID}: {_told(error)}") from None
 
 

@@ -16,7 +16,7 @@ from .plan_file import check_name, read_plan, write_plan
 
 
 class PartialPlan:
-    """The beginning of a course's plan, in a file that is written after every piece.
+    """The beginning of a course's plan, in a file that is written as its pieces are planned.
 
     Arguments:
         path: of the file, None keeps nothing. A run goes on from what stands there already as far

@@ -207,10 +207,10 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
         start_xy_m=read_only(header.start_xy_m, (2,), "start_xy_m"),
         goal_xy_m=read_only(header.goal_xy_m, (2,), "goal_xy_m"),
         provenance=header.provenance,
-        heading_rad=header.asked.heading_rad,
-        heading_end_rad=header.asked.heading_end_rad,
-        still=(header.asked.still[0], header.asked.still[1]),
-        suction_n=header.asked.suction_n,
+        heading_rad=header.wishes.heading_rad,
+        heading_end_rad=header.wishes.heading_end_rad,
+        still=(header.wishes.still[0], header.wishes.still[1]),
+        suction_n=header.wishes.suction_n,
     )
 
 
@@ -220,7 +220,7 @@ def _seal(header: Mapping[str, Any]) -> str:
     ).hexdigest()
 
 
-class _Asked(BaseModel):
+class _Wishes(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     heading_rad: float | None = None
     heading_end_rad: float | None = None
@@ -239,7 +239,7 @@ class _Header(BaseModel):
     start_xy_m: list[float]
     goal_xy_m: list[float]
     provenance: dict[str, str | float]
-    asked: _Asked = _Asked()
+    wishes: _Wishes = Field(default=_Wishes(), alias="asked")
     verdict: dict[str, Any]
     trajectory: str
     samples: str | None = None

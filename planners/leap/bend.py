@@ -346,7 +346,7 @@ class LeapBender:
             LeapProgram, scaled.layout, leap.still, _most(judged.body.kinematics.legs), 1.0
         )
         point = point_of(numbers, plan)
-        data = LeapGiven(scaled, its=numbers, at=point, reserve_m=2.0 * HEIGHT_RESERVE_M)
+        data = LeapGiven(scaled, loaded_numbers=numbers, at=point, reserve_m=2.0 * HEIGHT_RESERVE_M)
         data = replace(data, joints=joint_rows(judged.body, data, share))
         radius = near_m
         for _ in range(STEPS):

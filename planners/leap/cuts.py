@@ -147,7 +147,7 @@ def guide(numbers: LeapNumbers, found: LeapAttempt) -> Cut:
     solution, layout, problem, lasts = (
         found.solution,
         numbers.layout,
-        found.given,
+        found.data,
         numbers.lasts[:, None],
     )
     pulls = _toe_pulls(numbers, _multipliers(numbers, solution))

@@ -297,7 +297,7 @@ class LeapGiven(Given):
         joints: rows of the joints, where legs were judged.
     """
 
-    its: LeapNumbers | None = None
+    loaded_numbers: LeapNumbers | None = None
     at: LeapPoint | None = None
     reserve_m: float = 0.0
     toe_radius: float = FREE_M
@@ -311,9 +311,9 @@ class LeapGiven(Given):
 
     @property
     def numbers(self) -> LeapNumbers:
-        """``its``, which is there."""
-        assert self.its is not None
-        return self.its
+        """``loaded_numbers``, which are there."""
+        assert self.loaded_numbers is not None
+        return self.loaded_numbers
 
     @property
     def point(self) -> LeapPoint:

@@ -150,7 +150,7 @@ def _relaxed(
         friction=np.maximum(numbers.scaled.friction, LEAST_FRICTION),
     ).only(opened)
     program = programs.get(LeapLift, scaled.layout, numbers.leap.still)
-    return program.solve(LeapGiven(scaled, its=numbers)), scaled
+    return program.solve(LeapGiven(scaled, loaded_numbers=numbers)), scaled
 
 
 def _shares(layout: Layout, weights: Array) -> Array:

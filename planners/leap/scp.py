@@ -49,7 +49,7 @@ class LeapAttempt:
         point: the best one, None where the first step has none.
         cost: of what is left of its rows.
         first: cost of the first step's slack, which nearly decides.
-        solution: of that step, about ``given``.
+        solution: of that step, about ``data``.
         solves: convex problems.
         share: of the friction.
     """
@@ -59,7 +59,7 @@ class LeapAttempt:
     cost: float
     first: float
     solution: ConicSolution
-    given: LeapGiven
+    data: LeapGiven
     solves: int
     share: float
 
@@ -97,7 +97,10 @@ def attempt(
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still, 0, quiet)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
     problem = LeapGiven(
-        scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=HEIGHT_RESERVE_M
+        scaled,
+        loaded_numbers=numbers,
+        at=replace(numbers.nominal, toes=middles),
+        reserve_m=HEIGHT_RESERVE_M,
     )
     first = answer = program.solve(problem)
     if answer.point is None:
@@ -107,7 +110,7 @@ def attempt(
             cost=np.inf,
             first=np.inf,
             solution=first.solution,
-            given=problem,
+            data=problem,
             solves=1,
             share=share,
         )
@@ -120,7 +123,7 @@ def attempt(
         cost=cost,
         first=first.cost,
         solution=first.solution,
-        given=problem,
+        data=problem,
         solves=solves,
         share=share,
     )

@@ -72,11 +72,11 @@ class Dynamics:
         begin = rows.equal("begin", 2, 3)
         rows.put(begin[0], com[0], 1.0)
         rows.put(begin[1], v[0], 1.0)
-        rows.right(begin[0], Of("its.start", 0))
-        rows.right(begin[1], Of("its.velocity", 0))
+        rows.right(begin[0], Of("numbers.start", 0))
+        rows.right(begin[1], Of("numbers.velocity", 0))
         end = rows.equal("end", 3)
         rows.put(end, v[-1], 1.0)
-        rows.right(end, Of("its.velocity", 1))
+        rows.right(end, Of("numbers.velocity", 1))
         rest = rows.equal("rest", sum(self._still), 3)
         for row, k in zip(rest, self.still_intervals, strict=True):
             rows.put(row, v[k + 1], 1.0)
@@ -104,8 +104,8 @@ class Turning:
         begin = rows.equal("begin_turn", 3, 3)
         for row, columns in zip(begin, (rotation[0], momentum[0], momentum[-1]), strict=True):
             rows.put(row, columns, 1.0)
-        rows.right(begin[0], Of("its.start", 1))
-        rows.right(begin[1:], Of("its.momentum"))
+        rows.right(begin[0], Of("numbers.start", 1))
+        rows.right(begin[1:], Of("numbers.momentum"))
         rest = rows.equal("rest_turn", len(self._dynamics.still_intervals), 3)
         for row, k in zip(rest, self._dynamics.still_intervals, strict=True):
             rows.put(row, momentum[k + 1], 1.0)

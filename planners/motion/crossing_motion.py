@@ -128,8 +128,8 @@ class CrossingMotion:
         for k in range(len(self.parts)):
             here = np.flatnonzero((part == k) & ((within >= 0.0) | (k == 0)))
             if len(here):
-                found = self._of(k, within[here], when[here]).rows()
-                rows.update(zip(here.tolist(), found, strict=True))
+                samples = self._of(k, within[here], when[here]).rows()
+                rows.update(zip(here.tolist(), samples, strict=True))
         return stacked([rows.get(i) or self._one(float(time)) for i, time in enumerate(when)])
 
     def _one(self, time_s: float) -> Samples:

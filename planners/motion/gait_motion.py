@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from ..answer.trajectory import Trajectory
 from ..cached import cached_property
@@ -41,6 +40,8 @@ class GaitMotion:
     solids: tuple[Solid, ...] = ()
 
     def __init__(self, trajectory: Trajectory, radii_m: Array | float = FOOT_RADIUS_M) -> None:
+        from scipy.spatial.transform import Rotation, Slerp  # slow to import
+
         self.trajectory = trajectory
         self._radii = np.broadcast_to(radii_m, (len(trajectory.robot.feet),))
         self._friction = np.full(len(self._radii), trajectory.friction)
@@ -113,6 +114,8 @@ class GaitMotion:
         """Rotation vectors of the body from each sample to the next, world frame, shape (K − 1, 3)
         [rad].
         """
+        from scipy.spatial.transform import Rotation
+
         turns = Rotation.from_matrix(self.trajectory.rotation)
         return np.asarray((turns[1:] * turns[:-1].inv()).as_rotvec())
 

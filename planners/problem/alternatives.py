@@ -29,7 +29,7 @@ class Alternative:
             factor.
         height: height of the body over the toes as the robot stands, as a factor.
         candidates: further candidates per foothold.
-        drawn: whether toes are drawn to where they are as the robot stands, where the description
+        near_toes: whether toes are drawn to where they are as the robot stands, where the description
             says so.
         level: whether the tilt limit is 0: inner sets of legs, which shrink with it, are larger
             then.
@@ -40,7 +40,7 @@ class Alternative:
     spread: float = 1.0
     height: float = 1.0
     candidates: int = 0
-    drawn: bool = True
+    near_toes: bool = True
     level: bool = False
     gait: Literal["wave"] | None = None
 
@@ -61,7 +61,7 @@ class Alternative:
         if self.candidates:
             count = min(spec.candidates.count + self.candidates, 16)
             update["candidates"] = spec.candidates.model_copy(update={"count": count})
-        if not self.drawn:
+        if not self.near_toes:
             update["weights"] = spec.weights.model_copy(update={"stance": 0.0})
         if self.level:
             update["body"] = spec.level()
@@ -79,7 +79,7 @@ class Alternative:
             f"toes {self.spread:g} × as far out" if self.spread != 1.0 else "",
             f"body {self.height:g} × as high" if self.height != 1.0 else "",
             f"{self.candidates} more candidates per foothold" if self.candidates else "",
-            "" if self.drawn else "toes wherever they may be",
+            "" if self.near_toes else "toes wherever they may be",
             "body level" if self.level else "",
             "one limb after the other, side by side" if self.gait else "",
         ]
@@ -94,7 +94,7 @@ ALTERNATIVES = (
     AS_ASKED,
     Alternative(spread=1.15, height=0.85),
     Alternative(spread=1.08),
-    Alternative(drawn=False),
+    Alternative(near_toes=False),
     Alternative(candidates=2),
     Alternative(level=True),
     Alternative(gait="wave"),

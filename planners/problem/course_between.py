@@ -129,7 +129,7 @@ def course_between(
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
     }
-    if not alternative.drawn:
+    if not alternative.near_toes:
         update["weights"] = {"stance": 0.0}
     if alternative.level:
         update["body"] = described().level()

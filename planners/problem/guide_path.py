@@ -16,10 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, label, maximum_filter
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import ConvexHull
 
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
@@ -336,6 +332,8 @@ class _Lattice:
         heights: Array, low: Array, spacing: float, footprint: Footprint, apart: float
     ) -> dict[str, Any]:
         """Places where the robot can stand, of footholds' heights at the nodes."""
+        from scipy.ndimage import distance_transform_edt  # slow to import
+
         reach, toes = footprint.reach_m, footprint.toes_m
         away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
         aside = spacing * away / (ASIDE * reach)
@@ -420,6 +418,8 @@ class _Lattice:
 
     def _cheapest(self, ends: list[int], free: NDArray[np.bool_], worth: Array) -> list[int] | None:
         """Nodes of the cheapest way over free ones, None where there is none."""
+        from scipy.sparse.csgraph import dijkstra  # slow to import
+
         shortest: Any = dijkstra
         graph = self._graph(np.where(free, self.z_m, np.nan), worth)
         cost, before = shortest(graph, indices=ends[0], return_predecessors=True, directed=False)
@@ -577,6 +577,8 @@ class _Lattice:
 
     def _refusal(self, start: Array, goal: Array, ends: list[int]) -> str:
         """Refusal that says what is in the way, where every way is barred."""
+        from scipy.ndimage import label  # slow to import
+
         known, free = np.where(np.isfinite(self.z_m), self.z_m, np.nanmean(self.z_m)), self.free
         barred = replace(self, z_m=np.full_like(known, float(np.nanmean(self.z_m))))
         through = barred._cheapest(ends, np.ones_like(free), np.where(free, 1.0, 30.0))
@@ -647,6 +649,8 @@ class _Lattice:
         corners, places = self._border, self._places()
 
         def passes(scale: float) -> bool:
+            from scipy.ndimage import label  # slow to import
+
             hull = scale * self.footprint.hull_m
             inside = np.all(
                 (places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]),
@@ -679,6 +683,8 @@ class _Lattice:
 
     def _graph(self, z: Array, worth: Array) -> Any:
         """Ways between neighbouring nodes, by what they cost."""
+        from scipy.sparse import coo_array  # slow to import
+
         index = np.arange(z.size).reshape(z.shape)
         ones, others, costs = [], [], []
         for step in STEPS:
@@ -746,6 +752,8 @@ def _room(
 
 def _highest(heights: Array, hull: Array, spacing: float) -> Array:
     """The highest of the heights below a hull about every node, shape (n, m) [m]."""
+    from scipy.ndimage import maximum_filter  # slow to import
+
     size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
     line = spacing * np.arange(-size, size + 1)
     normals, offsets = half_planes(hull)
@@ -782,6 +790,8 @@ def _plane(patch: Patch, window: tuple[slice, slice], low: Array, spacing: float
 
 def _hull(points: Array) -> Array:
     """Corners of the convex hull, shape (K, 2), counter-clockwise."""
+    from scipy.spatial import ConvexHull  # slow to import
+
     return np.asarray(points[ConvexHull(points).vertices])
 
 

@@ -4,7 +4,6 @@ have the URDFs.
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from ..errors import not_installed
@@ -19,6 +18,8 @@ installs it."""
 
 def provider_folder(provider: str) -> Path | None:
     """The folder of the robots of an installed package, None where the package is not installed."""
+    from importlib.metadata import PackageNotFoundError, distribution  # slow to import
+
     try:
         folder = Path(str(distribution(provider).locate_file(PROVIDERS[provider][0])))
     except PackageNotFoundError:

@@ -56,9 +56,9 @@ class Kinematics:
         near_rad: Array | None = None,
     ) -> None:
         self.near_rad = None if near_rad is None else np.array(near_rad, dtype=float)
-        self._pin = pin = pinocchio()
         self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
         self.model = robot.source.legs(self.servo)
+        self._pin = pin = pinocchio()
         legs, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
         self.joints, self.radii_m = self.model.joint_names, robot.source.foot_radii_m
         self.rotor_kg_m2 = self.model.drive[2]

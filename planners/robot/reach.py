@@ -25,6 +25,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
 
 MOST_ROWS = 256
+ROOM_M = 1e-9
+"""So far inside of all half-spaces, a place needs no linear program to be found."""
 CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
 """Corners of the box |Θ_i| ≤ 1, one of each opposite pair."""
 
@@ -65,7 +67,9 @@ class ReachRows:
         bounds = np.where(scaled, bounds / length, bounds)
         object.__setattr__(self, "normals", read_only(normals, (None, 3), "normals"))
         object.__setattr__(self, "bounds_m", read_only(bounds, (len(normals),), "bounds_m"))
-        _ = self.centre_m
+        middle = np.linalg.lstsq(normals, bounds, rcond=None)[0]
+        if (bounds - normals @ middle).min() < ROOM_M:
+            _ = self.centre_m  # is there any place?
 
     @cached_property
     def centre_m(self) -> Array:

@@ -95,12 +95,11 @@ def read_reach(folder: str | Path, limbs: Sequence[str], *, com_stretch: float =
         for other in limbs:
             if other != limb and (other, limb) in files:
                 normals, bounds, _ = read_polytope(files[other, limb])
-                _ball(files[other, limb], normals, bounds)
-                feet.append(
-                    RelativeReach(
-                        limb=limb, other=other, rows=ReachRows(normals=normals, bounds_m=bounds)
-                    )
-                )
+                try:
+                    rows = ReachRows(normals=normals, bounds_m=bounds)
+                except InvalidInput as error:
+                    raise InvalidInput(f"{files[other, limb]}: {error}") from None
+                feet.append(RelativeReach(limb=limb, other=other, rows=rows))
     return ReachSets(toes=toes, balls=balls, feet=tuple(feet))
 
 

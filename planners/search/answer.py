@@ -91,14 +91,14 @@ class Claim:
     """Claim of a planner about a problem, before anybody believes it.
 
     Arguments:
-        found: a plan.
-        certificate: that there is none.
+        plan: a plan.
+        certificate: a proof that there is none.
         word: its verdict in its own word, e.g. a solver's "optimal".
         message: why it has neither, or what else is to be known.
         details: its figures, by name.
     """
 
-    found: Plan | None = None
+    plan: Plan | None = None
     certificate: Certificate | None = None
     word: str = ""
     message: str = ""
@@ -133,7 +133,7 @@ class Acceptance:
         """
         status, report, begin, message = Status.UNDECIDED, None, clock.elapsed(), claim.message
         certificate: Certificate | None = None
-        plan = claim.found
+        plan = claim.plan
         if plan is not None:
             plan = plan if plan.problem is problem else replace(plan, problem=problem)
             report = check_plan(

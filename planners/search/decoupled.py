@@ -133,7 +133,7 @@ class DecoupledPlanner:
                 plan_of(course, scaled, choice, point, provenance={"planner": self.name}),
                 "",
             )
-        claim = Claim(found=plan, message=message, details=details)
+        claim = Claim(plan=plan, message=message, details=details)
         return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
 
     def _place(self, scaled: Scaled, clock: Clock) -> tuple[ConicSolution, Index, Point]:

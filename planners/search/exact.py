@@ -118,7 +118,7 @@ class ExactPlanner(TimeLimited):
         search = self.search(scaled, root=root)
         clock.count(search.solves, 0.0)
         claim = Claim(
-            found=None if search.found is None else plan_of(problem, scaled, *search.found),
+            plan=None if search.found is None else plan_of(problem, scaled, *search.found),
             certificate=search.certificate(),
             message=search.stopped,
             details={"nodes": float(search.nodes), "trivial": float(search.trivial)},
@@ -180,7 +180,7 @@ class ExactPlanner(TimeLimited):
             details["gap"] = max(0.0, upper - lower) / max(upper, LEAST)
             word = "" if stopped else "optimal"
         bound = float("nan") if word == "infeasible" else lower * course.length_scale_m**2
-        claim = Claim(found=plan, certificate=proof, word=word, message=stopped, details=details)
+        claim = Claim(plan=plan, certificate=proof, word=word, message=stopped, details=details)
         return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
 
 

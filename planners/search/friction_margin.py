@@ -31,8 +31,9 @@ CAUTION = 0.5
 EACH = 0.5
 """Fraction of what is left of that which one of them may use."""
 SPARE, SPARE_S = 1.0, 1.0
-"""A push that nothing depends on, as of a robot whose legs are drawn up or not known, is looked for
-as long as the plan took, and at least so long [s]; what is begun is ended."""
+"""A push that nothing depends on, as of a robot whose legs are drawn up, is looked for as long as the
+plan took, and at least so long [s]; what is begun is ended. Nobody executes a plan for a robot whose
+legs are not known: it is not looked for."""
 TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
@@ -150,6 +151,8 @@ def _braced(
     """
     assert outcome.solution is not None
     borne = push_share(outcome.solution)
+    if not course.robot.source.joint_names:
+        return outcome, borne
     patience_s = (
         math.inf if course.robot.source.own else max(SPARE_S, SPARE * outcome.effort.seconds)
     )

@@ -151,7 +151,7 @@ class KinematicPlanner:
         if not as_planned:
             plan = self._with_forces(course, placed, hold_body=False)
             details["freed"] = float(check_plan(plan).accepted)
-        claim = Claim(found=plan, word="feasible", message=reason, details=details)
+        claim = Claim(plan=plan, word="feasible", message=reason, details=details)
         return self.acceptance.answer(course, claim, method=self.name, clock=clock)
 
     def _choices(self, model: _Model, clock: Clock) -> Iterator[Index]:

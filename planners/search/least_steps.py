@@ -80,7 +80,7 @@ class _Search:
             self._message = "no plan was found in the directions of least steps that were tried"
         details = {"asked": float(self._asked), "parted": float(self._parts)}
         claim = Claim(
-            found=self._plan, certificate=certificate, message=self._message, details=details
+            plan=self._plan, certificate=certificate, message=self._message, details=details
         )
         return acceptance.answer(
             self._course, claim, method=self._planner.name, clock=self._clock, bound=self._bound

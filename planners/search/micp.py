@@ -87,7 +87,7 @@ class MicpPlanner(TimeLimited):
 
     @property
     def envelope_use(self) -> str:
-        """What the grid makes of an envelope."""
+        """The use that the grid makes of an envelope."""
         return self.grid.envelope_use
 
     @over_sides
@@ -130,7 +130,7 @@ class MicpPlanner(TimeLimited):
         if point is not None and answer.choice is not None:
             made = {"planner": self.name, "solver": self.solver, "projection": self.projection}
             plan = plan_of(problem, scaled, answer.choice, point, provenance=made)
-        claim = Claim(found=plan, word=answer.claim, message=message, details=details)
+        claim = Claim(plan=plan, word=answer.claim, message=message, details=details)
         return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def program(self, problem: Problem) -> MicpProgram:

@@ -90,7 +90,7 @@ class NlpPlanner(TimeLimited):
         message = "" if best is not None else f"no witness from {tried} starts; IPOPT said {word}"
         made = {"planner": self.name, "start": self.start}
         plan = None if best is None else plan_of(problem, scaled, choice, best, provenance=made)
-        claim = Claim(found=plan, word=word, message=message, details={"starts": float(tried)})
+        claim = Claim(plan=plan, word=word, message=message, details={"starts": float(tried)})
         return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def _starting(self, chosen: Scaled, count: int) -> list[Point]:

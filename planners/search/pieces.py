@@ -26,14 +26,18 @@ from ..problem import Problem
 from .plan_window import Standing, beginning, course_window, joined, spliced
 
 LOG = logging.getLogger(__name__)
-LONG = 40
-"""Courses of more key frames are planned in pieces."""
+LONG, AT_ONCE = 40, 200
+"""Courses of more key frames are planned in pieces; and are not tried as a whole where these have
+failed, or for a robot of which no legs are known."""
 PIECE, SHARED = 24, 8
 """Key frames of a piece, and how many of them the next one plans anew."""
 LEAST = 6
 """A part of a piece that is kept where all of it fails has so many frames at least."""
 DETOURS = 4
 """Other ways of the body that are tried, all pieces together."""
+EVERY_S = 2.0
+"""What is planned is kept after the first piece, and then no more often than this: the whole plan is
+written each time, and a run that is interrupted plans so much anew."""
 PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
@@ -86,8 +90,11 @@ class Pieces:
 
 
 def in_pieces(course: Problem) -> bool:
-    """Tell whether a course is planned in pieces."""
-    return course.frames > LONG and not course.has_soles and not course.uncarried
+    """Tell whether a course is planned in pieces: from fewer key frames on where there are legs,
+    whose joints and bodies take the most time.
+    """
+    most = LONG if course.robot.source.joint_names else AT_ONCE
+    return course.frames > most and not course.has_soles and not course.uncarried
 
 
 def plan_pieces(
@@ -103,7 +110,7 @@ def plan_pieces(
 
     Arguments:
         detour: None where there is no other way.
-        kept: holds what was planned before, and what is planned after every piece.
+        kept: holds what was planned before, and what is planned meanwhile, every ``EVERY_S``.
         deadline: when to be done (``time.perf_counter()``).
     """
     cycle, begun = _cycle(course), None if kept is None else kept.begun(course)
@@ -118,11 +125,15 @@ def plan_pieces(
     if begun is not None and progress is not None:
         progress(begun.problem.frames - 1, course.frames - 1)
 
+    kept_at = -math.inf
+
     def add(part: Plan) -> None:
+        nonlocal kept_at
         plans.append(part)
         shares.append(part.provenance)
-        if kept is not None:
+        if kept is not None and time.perf_counter() - kept_at > EVERY_S:
             kept.keep(_said(joined(course, plans), shares))
+            kept_at = time.perf_counter()
         if progress is not None:
             progress(sum(plan.problem.frames - 1 for plan in plans), course.frames - 1)
 

@@ -29,7 +29,7 @@ from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from .answer import Planner
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
-from .pieces import Detour, Kept, Pieces, Progress, in_pieces, plan_pieces
+from .pieces import AT_ONCE, Detour, Kept, Pieces, Progress, in_pieces, plan_pieces
 from .plan_window import Standing
 
 if TYPE_CHECKING:
@@ -53,8 +53,6 @@ ALL_FRICTION = (1.0,)
 PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
-AT_ONCE = 200
-"""A course of more key frames is not tried as a whole where its pieces have failed."""
 UNPROVED = (
     "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
 )
@@ -126,7 +124,7 @@ def plan_course(
         if outcome.certificate is not None:  # of this piece from this posture, and of nothing else
             outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
         assert limits is not None
-        return with_whole_body(outcome, limits, angles, deadline=end)
+        return with_whole_body(outcome, limits, angles, margins=False, deadline=end)
 
     def answered(course: Problem, end: float, alternative: Alternative = AS_ASKED) -> Answer[Plan]:
         if push_n > course.push_n:

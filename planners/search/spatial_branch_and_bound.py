@@ -154,7 +154,7 @@ class BoxSearch:
             return None
         posture = plan_of(self._problem, self._scaled, self._scaled.numbers, point)
         outcome = self._acceptance.answer(
-            self._problem, Claim(found=posture), method=self._projection, clock=Clock.start()
+            self._problem, Claim(plan=posture), method=self._projection, clock=Clock.start()
         )
         return outcome.solution
 

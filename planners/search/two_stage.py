@@ -202,7 +202,7 @@ class TwoStagePlanner(TimeLimited):
             made = {"planner": self.name, "projection": self.projection, "p1": "lift"}
             plan = plan_of(course, scaled, *result, provenance=made)
         claim, bound = (
-            Claim(found=plan, certificate=proof, message=message, details=details),
+            Claim(plan=plan, certificate=proof, message=message, details=details),
             search.bound,
         )
         return self.acceptance.answer(
@@ -247,7 +247,7 @@ class TwoStagePlanner(TimeLimited):
         if not (self.projection and np.isinf(point.residual)) and np.all(np.isfinite(point.forces)):
             plan = plan_of(problem, scaled, scaled.numbers, point)
         message = "" if plan is not None else f"{self.projection} found no answer from P1's point"
-        claim = Claim(found=plan, word="feasible", message=message, details=details)
+        claim = Claim(plan=plan, word="feasible", message=message, details=details)
         return self.acceptance.answer(problem, claim, method=self.posture_name, clock=clock)
 
     def _refused(
@@ -338,7 +338,7 @@ class TwoStagePlanner(TimeLimited):
                 or "P1 has no answer for any choice of boxes; over learned ones that is no proof"
             )
         word = "infeasible" if plan is None and search.solved_none else ""
-        claim = Claim(found=plan, word=word, message=message, details=details)
+        claim = Claim(plan=plan, word=word, message=message, details=details)
         return self.acceptance.answer(course, claim, method=self.name, clock=clock)
 
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:

@@ -162,7 +162,7 @@ def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
             }
         solution = _taken(Plan, evidence, where, problem=problem)
         return Claim(
-            found=solution, certificate=_taken(Certificate, certificate, where), **rest
+            plan=solution, certificate=_taken(Certificate, certificate, where), **rest
         ), solves
 
 

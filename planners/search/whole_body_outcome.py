@@ -29,6 +29,7 @@ def with_whole_body(
     limits: WholeBodyLimits = WholeBodyLimits(),
     start_rad: Array | None = None,
     *,
+    margins: bool = True,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
     """The outcome with joint angles in its plan, with torques within the limits where such a plan
@@ -42,6 +43,7 @@ def with_whole_body(
     Arguments:
         start_rad: those of a robot that stands already where the plan begins, as for
             ``plan_angles``, shape (J,).
+        margins: as of ``judged``.
         deadline: when it is wanted (``time.perf_counter()``).
 
     Raises:
@@ -73,7 +75,11 @@ def with_whole_body(
             raise
     LOG.info("plan: bent in %g steps", details.get("torque_steps", 0.0))
     return judged(
-        replace(outcome, solution=plan, details=details), report, bent=bent, deadline=deadline
+        replace(outcome, solution=plan, details=details),
+        report,
+        bent=bent,
+        margins=margins,
+        deadline=deadline,
     )
 
 
@@ -82,6 +88,7 @@ def judged(
     report: Report[Plan] | None = None,
     *,
     bent: bool = True,
+    margins: bool = True,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
     """The outcome with the verifier's report on all of its plan, which decides its status.
@@ -89,6 +96,8 @@ def judged(
     Arguments:
         report: what the verifier said of the plan already, if it was asked.
         bent: whether there was time to bend the plan.
+        margins: measure how far stances are from tipping; else it is only made sure that the plan
+            does not tip.
     """
     plan = outcome.solution
     assert plan is not None
@@ -96,11 +105,12 @@ def judged(
         plan, joints=True, deadline=deadline
     )  # which nothing was asked of yet
     known = any(group.name == MARGIN for group in report.groups)
-    if not known and not report.defect and not report.late:
+    if margins and not known and not report.defect and not report.late:
         report = replace(report, groups=(*report.groups, margin_group(plan)))
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
-    tips = "" if undecided else tipping(plan, LEAST_PUSH, report.group(MARGIN))
+    group = next((group for group in report.groups if group.name == MARGIN), None)
+    tips = "" if undecided else tipping(plan, LEAST_PUSH, group)
     return replace(
         outcome,
         status=Status.UNDECIDED if undecided or tips else outcome.status,

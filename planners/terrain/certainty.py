@@ -68,7 +68,7 @@ class Certainty:
 
     @property
     def exact(self) -> bool:
-        """Whether plane and edges are known to the last digit."""
+        """True where plane and edges are known to the last digit."""
         return not (self.covariance.any() or self.edge_sd_m or self.rough_m)
 
     @property

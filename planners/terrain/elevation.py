@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import spsolve
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array, read_only
@@ -252,8 +249,13 @@ def _membrane(heights: Array, hole: NDArray[np.bool_]) -> Array:
     if not hole.any():
         return heights
     if hole.sum() > MOST_FILLED:
+        from scipy.ndimage import distance_transform_edt  # slow to import
+
         nearest = distance_transform_edt(hole, return_distances=False, return_indices=True)
         return np.asarray(heights[tuple(nearest)])
+    from scipy.sparse import coo_array
+    from scipy.sparse.linalg import spsolve
+
     number = np.full(hole.shape, -1)
     number[hole] = np.arange(hole.sum())
     diagonal, known = np.zeros(hole.sum()), np.zeros(hole.sum())

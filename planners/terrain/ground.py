@@ -38,6 +38,8 @@ class Ground:
         control points. Shape (S,).
         """
         control, each = self._spline
+        near = low[:, 2] < control.max()
+        low, high = low[near], high[near]
         (x0, x1), (y0, y1) = (
             [
                 np.clip(np.searchsorted(knots, at[:, k], side="right") - 4, 0, len(knots) - 8)
@@ -48,7 +50,8 @@ class Ground:
         tops = [
             control[a : b + 4, c : d + 4].max() for a, b, c, d in zip(x0, x1, y0, y1, strict=True)
         ]
-        return np.asarray(low[:, 2] < np.array(tops))
+        near[near] = low[:, 2] < np.array(tops)
+        return np.asarray(near)
 
     def depth(self, points: Array) -> Array:
         """Depth of points in it, along the normal where it is even, negative above, shape (…, 3) to

@@ -220,7 +220,7 @@ def _planes_of(
         surfaces += rung.sides(friction)
         covered_m2 = sum(line.area_m2 for line in lines)
         refused["round"] += max(float(spacing**2 * rung.cells.sum()) - covered_m2, 0.0)
-    found = Footholds(
+    footholds = Footholds(
         name=terrain.name,
         pieces=tuple(pieces),
         area_m2=sum(piece.area_m2 for piece in pieces),
@@ -230,7 +230,7 @@ def _planes_of(
         noise_m=noise_m,
         noise_length_m=noise.length_m,
     )
-    return found, rungs
+    return footholds, rungs
 
 
 def _inner_rms(labels: Labels, cells: GroundCells, rms: Array) -> Array:
@@ -239,10 +239,10 @@ def _inner_rms(labels: Labels, cells: GroundCells, rms: Array) -> Array:
     """
     inner = np.pad(labels, 1, constant_values=-1)
     n, m = labels.shape
-    own = np.ones((n, m), dtype=bool)
+    inside = np.ones((n, m), dtype=bool)
     for u, v in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        own &= inner[u : u + n, v : v + m] == labels
-    _, without, count = fitted(np.where(own, labels, -1), cells)
+        inside &= inner[u : u + n, v : v + m] == labels
+    _, without, count = fitted(np.where(inside, labels, -1), cells)
     without, count = (np.pad(each, (0, len(rms) - len(each))) for each in (without, count))
     whole = np.bincount(labels[labels >= 0], cells.moments[0][labels >= 0], minlength=len(rms))
     return np.where(count >= 0.5 * whole, without, rms)

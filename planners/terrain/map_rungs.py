@@ -95,7 +95,7 @@ class MapRung:
         return np.array([low - aside, high - aside, high + aside, low + aside])
 
     def sides(self, friction: float) -> tuple[Patch, ...]:
-        """Its surface, for bodies to keep out of."""
+        """The round surface as planes, for bodies to keep out of."""
         return self.rung.sides(*self.span_m, friction)
 
 
@@ -131,7 +131,7 @@ def map_rungs(
     weights = cells.moments[0][i, j] / cells.weight
     order = np.argsort(group, kind="stable")
     first = np.searchsorted(group[order], np.arange(count + 1))
-    found = list[MapRung]()
+    rungs = list[MapRung]()
     for k in range(count):
         members = order[first[k] : first[k + 1]]
         if len(members) < LONG * ROWS * ROWS:
@@ -142,8 +142,8 @@ def map_rungs(
         if rung is None:
             continue
         seen_m = _seen(rung, places[members], weights[members], cells, noise_m)
-        found.append(replace(rung, seen_m=seen_m))
-    return found
+        rungs.append(replace(rung, seen_m=seen_m))
+    return rungs
 
 
 def _seen(
@@ -153,17 +153,17 @@ def _seen(
     heights about each place on its cylinder, shape (S, 2) [m].
     """
     spacing, bar, (low, high) = cells.spacing_m, rung.rung, rung.span_m
-    own = rung.cells
+    covered = rung.cells
     if cells.sparse:  # a cell without samples between others is by chance
-        own = own | (~cells.known & binary_closing(own, np.ones((3, 3), dtype=bool)))
+        covered = covered | (~cells.known & binary_closing(covered, np.ones((3, 3), dtype=bool)))
     along = np.linspace(low, high, max(int(np.ceil(4.0 * (high - low) / spacing)), 2))
     aside = np.array([-bar.axis[1], bar.axis[0]]) / np.linalg.norm(bar.axis[:2])
     beside = 0.5 * spacing * np.array([-1.0, 0.0, 1.0])
     places = bar.middle_m[:2] + along[:, None, None] * bar.axis[:2] + beside[:, None] * aside
     cell = np.round((places - cells.corner_m[:2]) / spacing).astype(np.int_)
-    inside = np.all((cell >= 0) & (cell < own.shape), axis=-1)
-    cell = np.clip(cell, 0, np.array(own.shape) - 1)
-    seen = (inside & own[cell[..., 0], cell[..., 1]]).all(axis=1)
+    inside = np.all((cell >= 0) & (cell < covered.shape), axis=-1)
+    cell = np.clip(cell, 0, np.array(covered.shape) - 1)
+    seen = (inside & covered[cell[..., 0], cell[..., 1]]).all(axis=1)
     from_axis = points_m - bar.middle_m + bar.radius_m * bar.upright
     length = from_axis @ bar.axis
     off = np.linalg.norm(from_axis - length[:, None] * bar.axis, axis=1) - bar.radius_m

@@ -69,10 +69,10 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
 def certainty_under(
     terrain: Sequence[Patch], patch: Patch, toe: Array
 ) -> tuple[Certainty, float] | None:
-    """How sure the terrain is of the surface that a toe stands on, and the distance of the toe inside of where the
-    surface's edge most likely is [m]; None where it does not say so.
+    """The terrain's certainty of the surface that a toe stands on, and the distance of the toe
+    inside of where the surface's edge most likely is [m]; None where it does not say so.
     """
-    found = [
+    near = [
         (gap, i)
         for i, other in enumerate(terrain)
         if other.certainty is not None
@@ -81,9 +81,9 @@ def certainty_under(
         and abs(gap := float(other.normal @ (toe - other.vertices_m[0]))) <= THICK_M
         and (gap := float(patch_distances([other.vertices_m], toe[None])[0])) <= THICK_M
     ]
-    if not found:
+    if not near:
         return None
-    _, first = min(found)
+    _, first = min(near)
     sure = terrain[first].certainty
     assert sure is not None
     return sure, border_m(terrain, first, toe) - sure.wider_m
@@ -118,7 +118,7 @@ def border_m(terrain: Sequence[Patch], first: int, toe: Array) -> float:
 
 
 def _same_surface(one: Patch, other: Patch) -> bool:
-    """Whether two patches are pieces of one surface of a map."""
+    """Tell whether two patches are pieces of one surface of a map."""
     if one.certainty is None or other.certainty is None:
         return one is other
     return bool(

@@ -274,9 +274,12 @@ def least_margins(plan: Plan) -> dict[str, StanceMargin]:
     }
 
 
-def borne_share(plan: Plan, shares: Sequence[float]) -> float:
+def borne_share(plan: Plan, shares: Sequence[float], yields_m: float = 0.0) -> float:
     """The largest of some shares of the weight, the largest first, that a push may have which every
-    stance of a plan bears, the body where it is; 0 for none.
+    stance of a plan bears; 0 for none.
+
+    Arguments:
+        yields_m: as of ``stance_margins``.
     """
     programs: dict[int, _Program] = {}
     left = list(shares)
@@ -286,7 +289,8 @@ def borne_share(plan: Plan, shares: Sequence[float]) -> float:
         at = _contacts(plan, stance)
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
-        push = _inner_distance(program.support(at, PUSH), enough=left[0])
+        shifts = PUSH + yields_m * _shift(at.borne)
+        push = _inner_distance(program.support(at, shifts), enough=left[0])
         left = [share for share in left if push >= share]
     return left[0] if left else 0.0
 

@@ -27,8 +27,10 @@ def tipping(plan: Plan, share: float = LEAST_PUSH, group: Group | None = None) -
     if not course.robot.source.own or course.uncarried or share <= 0.0:
         return ""
     if group is None:
-        from .margins import margin_group  # Clarabel, of this alone
+        from .margins import borne_share, margin_group, verdict_yields_m  # Clarabel, of this alone
 
+        if borne_share(plan, (share,), verdict_yields_m(plan)):
+            return ""
         group = margin_group(plan)
     least_n = share * course.weight_n
     push_n = group.figures["push_n"]

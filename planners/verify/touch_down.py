@@ -78,8 +78,8 @@ def ground_group(plan: Plan) -> Group | None:
 
 
 def _known(terrain: Sequence[Patch], patch: Patch, toe_m: Array) -> tuple[Certainty, float] | None:
-    """How sure the ground under a toe is, as terrain and patch say it, and the distance of the toe from where its edge
-    most likely is [m]; None where it is exact.
+    """The certainty of the ground under a toe, as terrain and patch say it, and the distance of the
+    toe from where its edge most likely is [m]; None where it is exact.
 
     What the terrain says goes before what a plan says that may be of another hand.
     """

@@ -52,7 +52,10 @@ class MomentumMeasurements:
         edges = np.unique(np.append(np.arange(0, len(impulses), stride), len(impulses) - 1))
         sums, lasts = np.ascontiguousarray(impulses[edges].T), edges * self.step_s
         worst, begins = 0.0, 0
+        most = float(np.linalg.norm(np.ptp(sums, axis=1)))  # of any window
         for apart in range(1, len(edges)):
+            if most - rate * (apart - 1) * stride * self.step_s <= worst:
+                break  # nor have longer ones more
             within = sums[:, apart:] - sums[:, :-apart]
             size = np.sqrt(np.einsum("ik,ik->k", within, within)) - rate * (
                 lasts[apart:] - lasts[:-apart]

@@ -18,7 +18,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
@@ -93,6 +92,8 @@ class RedundancyResolution:
         self._set(times, _from(near_rad, np.concatenate(smooth, axis=1), motion, times))
 
     def _set(self, times: Array, path: Array) -> None:
+        from scipy.interpolate import make_interp_spline  # slow to import
+
         self.path_rad = path
         self._angles = make_interp_spline(times, path, k=3)
         self._end = float(times[-1])

@@ -85,7 +85,7 @@ def _homeward(world: SafeWorld, home: Sequence[Array], speed_rad_s: float) -> st
                 world.step(targets)
     except (Stopped, HardwareFault) as error:
         return f"stopped on the way home: {error}"
-    except Exception as error:
+    except Exception as error:  # whatever fails on the way home, the robot is to stop
         world.latch.trip(f"{type(error).__name__}: {error}")
         return f"stopped on the way home: {world.latch.reason}"
     return ""
@@ -120,6 +120,6 @@ def _done(verb: Callable[[], None]) -> str:
             return ""
         except HardwareFault as error:
             return str(error)
-        except BaseException as error:
+        except BaseException as error:  # told as its outcome: nothing may end a stop
             wrong = f"{type(error).__name__}: {error}"
     return wrong

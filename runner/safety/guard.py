@@ -264,9 +264,9 @@ class SafeWorld:
             return self.within(targets_rad)
         loads = self._lean if self._loads is None else self._loads
         self._loads = self._lean
-        asked = targets_rad - self._lean
-        angles = self.within(asked, self.last_rad - loads)
-        return np.where(angles == asked, targets_rad, angles + self._lean)
+        wanted = targets_rad - self._lean
+        angles = self.within(wanted, self.last_rad - loads)
+        return np.where(angles == wanted, targets_rad, angles + self._lean)
 
     def within(self, targets_rad: Array, last_rad: Array | None = None) -> Array:
         """The targets within the limits of position, velocity and step, shape (J,) [rad].

@@ -103,7 +103,7 @@ class StopLatch:
             for source in self._sources:
                 try:
                     reason = source()
-                except Exception as error:
+                except Exception as error:  # a source that fails is a reason to stop
                     reason = f"a source of stops failed: {type(error).__name__}: {error}"
                 if reason and not self._first:
                     self.trip(reason)

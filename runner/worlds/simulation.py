@@ -134,10 +134,10 @@ class SimulatedWorld(LatchedWorld):
         of them were in the targets before.
         """
         last = self._sent - (loads_rad if self._loads is None else self._loads)
-        asked = targets_rad - loads_rad
-        angles = self.drives.sendable(asked, last, 1.0 / self.rate_hz)
+        wanted = targets_rad - loads_rad
+        angles = self.drives.sendable(wanted, last, 1.0 / self.rate_hz)
         self._loads = np.array(loads_rad)
-        return self._send(np.where(angles == asked, targets_rad, angles + loads_rad))
+        return self._send(np.where(angles == wanted, targets_rad, angles + loads_rad))
 
     def step(self, targets_rad: Array) -> State:
         """One control period with these position targets, shape (J,) [rad]."""

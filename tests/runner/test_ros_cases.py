@@ -189,6 +189,7 @@ def test_wheels_without_positions_are_left_alone() -> None:
     with armed(1) as (bridge, world):
         bridge.inject("wheels")
         stream(world, 40)
+        assert world.armed
 
 
 @pytest.mark.parametrize("ros", [1, 2])

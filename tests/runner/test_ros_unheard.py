@@ -103,6 +103,7 @@ def test_a_robot_at_rest_or_one_that_lags_is_not_taken_for_one_that_hears_nothin
         bridge.robot.stuck[:] = True  # joints that are stuck are no fault of the controller
         for _ in range(40):
             world.step(START + 1.2)
+        assert world.armed
 
 
 def test_goals_are_sent_again_to_an_action_server_that_connects_late() -> None:

@@ -206,7 +206,7 @@ def guard_messages(server: Any) -> None:
             try:
                 if not fault:
                     await handle(client_id, message)
-            except Exception as error:
+            except Exception as error:  # a page's message never ends the server
                 fault = _short(str(error) or type(error).__name__)
             if fault and says:
                 log.warning("ignored: a page sent %s: %s", type(message).__name__, fault)

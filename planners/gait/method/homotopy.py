@@ -17,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from ...errors import InvalidInput
 from ...files.arrays import Array
@@ -64,6 +63,8 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
     goal = factor * steepest(terrain)
     if factor == 1.0 or goal == 0.0:
         return terrain
+
+    from scipy.optimize import brentq  # slow to import
 
     def above(sigma_m: float) -> float:
         return steepest(terrain.smoothed(sigma_m)) - goal

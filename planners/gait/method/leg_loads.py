@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from ...answer.report import Report
 from ...answer.trajectory import Trajectory
@@ -41,6 +40,8 @@ def leg_loads(structure: Structure, report: Report[Trajectory], room: float = RO
     sample = np.clip(
         np.rint(structure.times_s / trajectory.step_s).astype(int), 1, trajectory.samples - 2
     )
+    from scipy.ndimage import maximum_filter1d  # slow to import
+
     about = 2 * (round(0.5 * structure.settings.step_s / trajectory.step_s)) + 1
     highest = maximum_filter1d(np.abs(body.torques_nm), about, axis=0, mode="nearest")[sample - 1]
     torques, angles = body.torques_nm[sample - 1], body.postures.angles[sample]

@@ -151,7 +151,7 @@ class Compiled:
     def __init__(self, block: Block) -> None:
         self.block = block
         self.groups = [variables for variables, _ in block.selections]
-        self.gather = _gathered(block)
+        self.gather = matrix(_gathered(block))
         self.width = sum(variables.width for variables in self.groups)
         fixed = [
             variables.constants[columns]
@@ -224,15 +224,23 @@ class Compiled:
         instances.
         """
         order = self.block.order + derivatives
-        v = cs.reshape(matrix(self.gather) @ x, self.width, self.block.count)
+        v = cs.reshape(self.gather @ x, self.width, self.block.count)
         jets = [
             bank(variables, order)[:, columns.tolist()]
             for variables, columns in self.block.selections
             if variables.jets(order)
         ]
         empty = cs.MX(0, self.block.count)
-        constants = cs.MX(cs.DM(self.constants.T)) if self.constants.size else empty
-        return [v, constants, cs.vertcat(*jets) if jets else empty]
+        return [
+            v,
+            self._held if self.constants.size else empty,
+            cs.vertcat(*jets) if jets else empty,
+        ]
+
+    @cached_property
+    def _held(self) -> cs.MX:
+        """The constants of all instances, shape (c, K)."""
+        return cs.MX(cs.DM(self.constants.T))
 
 
 class TaylorBank:

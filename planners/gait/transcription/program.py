@@ -41,6 +41,10 @@ class Program:
             self._p, [0, size, size + 3, size + 4]
         )
         self._bank = TaylorBank(self._x, self._factor)
+        self._scatters = [
+            matrix(scattered(compiled.block.scatter, self.rows)) for compiled in self._blocks
+        ]
+        self._multipliers = cs.MX.sym("lam_g", self.rows)
 
     @cached_property
     def _costs(self) -> list[Compiled]:
@@ -62,19 +66,17 @@ class Program:
     @cached_property
     def _constraint(self) -> cs.MX:
         total = self._linear @ self._x
-        for compiled in self._blocks:
+        for compiled, scatter in zip(self._blocks, self._scatters, strict=True):
             value = compiled.value.map(compiled.block.count)(*compiled.at(self._x, self._bank, 0))
-            total += matrix(scattered(compiled.block.scatter, self.rows)) @ cs.densify(
-                cs.vec(value)
-            )
+            total += scatter @ cs.densify(cs.vec(value))
         return total
 
     @cached_property
     def jacobian(self) -> cs.Function:
         """(x, p) → g, ∂g/∂x, sparse."""
         total = cs.MX(self._linear)
-        for compiled in self._blocks:
-            total += matrix(scattered(compiled.block.scatter, self.rows)) @ self._slopes(compiled)
+        for compiled, scatter in zip(self._blocks, self._scatters, strict=True):
+            total += scatter @ self._slopes(compiled)
         return cs.Function(
             "nlp_jac_g", [self._x, self._p], [self._constraint, total], ["x", "p"], ["g", "jac_g_x"]
         )
@@ -82,14 +84,14 @@ class Program:
     def _slopes(self, compiled: Compiled) -> cs.MX:
         """Derivatives of all outputs of a block in x, shape (K · outputs, size)."""
         slopes = compiled.jacobian.map(compiled.block.count)(*compiled.at(self._x, self._bank, 1))
-        return _diagonal(compiled.jacobian, slopes, compiled.block.count) @ matrix(compiled.gather)
+        return _diagonal(compiled.jacobian, slopes, compiled.block.count) @ compiled.gather
 
     def _curvature(self, compiled: Compiled, multipliers: cs.MX) -> cs.MX:
         """Hessian of multipliers · outputs, multipliers of shape (outputs, K)."""
         arguments = compiled.at(self._x, self._bank, 2)
         curvature = compiled.hessian.map(compiled.block.count)(*arguments, multipliers)
-        gather = matrix(compiled.gather)
-        return gather.T @ (_diagonal(compiled.hessian, curvature, compiled.block.count) @ gather)
+        diagonal = _diagonal(compiled.hessian, curvature, compiled.block.count)
+        return compiled.gather.T @ (diagonal @ compiled.gather)
 
     # --------------------------------------------------------------------------------------------
     # the objective
@@ -133,13 +135,10 @@ class Program:
 
     def hessian(self, costs: bool) -> cs.Function:
         """(x, p, λ_f, λ_g) → upper triangle of the Lagrangian's Hessian, sparse."""
-        sigma, multipliers = cs.MX.sym("lam_f"), cs.MX.sym("lam_g", self.rows)
+        sigma = cs.MX.sym("lam_f")
         total = sigma * self._weights[0] * cs.MX(cs.DM.eye(self.size))
-        for compiled in self._blocks:
-            local = matrix(scattered(compiled.block.scatter, self.rows).T) @ multipliers
-            total += self._curvature(
-                compiled, cs.reshape(local, compiled.block.scatter.shape[1], compiled.block.count)
-            )
+        for part in self._curvatures:
+            total += part
         if costs:
             for compiled in self._costs:
                 total += self._curvature(
@@ -149,11 +148,21 @@ class Program:
             total += sigma * self._weights[2] * (rates.T @ rates)
         return cs.Function(
             "nlp_hess_l",
-            [self._x, self._p, sigma, multipliers],
+            [self._x, self._p, sigma, self._multipliers],
             [cs.triu(total)],
             ["x", "p", "lam_f", "lam_g"],
             ["triu_hess_gamma_x_x"],
         )
+
+    @cached_property
+    def _curvatures(self) -> list[cs.MX]:
+        """Hessian of multipliers · g, block by block."""
+        parts = []
+        for compiled, scatter in zip(self._blocks, self._scatters, strict=True):
+            outputs, count = compiled.block.scatter.shape[1], compiled.block.count
+            local = scatter.T @ self._multipliers
+            parts.append(self._curvature(compiled, cs.reshape(local, outputs, count)))
+        return parts
 
     # ------------------------------------------------------------------------------------------------
     # violations

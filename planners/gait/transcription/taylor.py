@@ -43,6 +43,8 @@ class TaylorMap:
         self.outputs, self.inputs = control.shape[0], len(knots)
         self._control, self._knots = control, tuple(np.asarray(line) for line in knots)
         self._derivatives: dict[tuple[int, ...], cs.Function] = {}
+        self._jets: dict[int, cs.Function] = {}
+        self._polynomials: dict[int, cs.Function] = {}
 
     @classmethod
     def of_heights(cls, field: HeightField) -> TaylorMap:
@@ -63,9 +65,11 @@ class TaylorMap:
 
     def jet(self, order: int) -> cs.Function:
         """CasADi function from the point (d) to the jet, all ∂^α of all outputs, α by α."""
-        point = cs.MX.sym("x", self.inputs)
-        derivatives = [self._derivative(power)(point) for power in self.powers(order)]
-        return cs.Function("jet", [point], [cs.vertcat(*derivatives)])
+        if order not in self._jets:
+            point = cs.MX.sym("x", self.inputs)
+            derivatives = [self._derivative(power)(point) for power in self.powers(order)]
+            self._jets[order] = cs.Function("jet", [point], [cs.vertcat(*derivatives)])
+        return self._jets[order]
 
     def _derivative(self, power: tuple[int, ...]) -> cs.Function:
         """∂^α as a spline of its own: differences of the coefficients, one degree less for each."""
@@ -96,10 +100,13 @@ class TaylorMap:
         """Function of (point, base, jet) to the Taylor polynomial's value (m) and Jacobian (m,
         d).
         """
-        point, base = cs.SX.sym("x", self.inputs), cs.SX.sym("b", self.inputs)
-        jet = cs.SX.sym("j", self.size(order))
-        value = self.taylor(point, base, jet, order)
-        return cs.Function("taylor", [point, base, jet], [value, cs.jacobian(value, point)])
+        if order not in self._polynomials:
+            point, base = cs.SX.sym("x", self.inputs), cs.SX.sym("b", self.inputs)
+            jet = cs.SX.sym("j", self.size(order))
+            value = self.taylor(point, base, jet, order)
+            outputs = [value, cs.jacobian(value, point)]
+            self._polynomials[order] = cs.Function("taylor", [point, base, jet], outputs)
+        return self._polynomials[order]
 
     def taylor(self, point: cs.SX, base: cs.SX, jet: cs.SX, order: int) -> cs.SX:
         """The Taylor polynomial about ``base`` at ``point``, shape (m)."""

@@ -11,11 +11,11 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
 from ...errors import InvalidInput
 from ...files.arrays import Array
+from ...terrain.bspline import cubics, rows_of
 
 DEGREE = 3
 
@@ -70,11 +70,11 @@ def uniform_greville(duration_s: float, knot_s: float) -> Array:
 
 
 def _basis(x: Array, knots: Array, order: int) -> csr_array:
-    inside = np.clip(x, knots[DEGREE], knots[-DEGREE - 1])
-    if order == 0:
-        return csr_array(BSpline.design_matrix(inside, knots, DEGREE))
-    spline = BSpline(knots, np.eye(len(knots) - DEGREE - 1), DEGREE)
-    return csr_array(spline(inside, nu=order))
+    first, values = cubics(np.clip(x, knots[DEGREE], knots[-DEGREE - 1]), knots, order)
+    basis = rows_of(first, values, len(knots) - DEGREE - 1)
+    if order > 0:
+        basis.eliminate_zeros()  # entries that are none make the program's matrices fuller
+    return basis
 
 
 def hermite(s: Any, order: int = 0) -> tuple[Any, Any, Any, Any]:

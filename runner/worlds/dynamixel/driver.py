@@ -308,7 +308,7 @@ class DynamixelWorld(HardwareWorld):
             try:
                 self._arm()
                 self._found, self._due_s = None, time.monotonic()
-            except BaseException:
+            except BaseException:  # servos are held, then it is raised again
                 self.armed = False
                 with suppress(
                     HardwareFault

@@ -43,7 +43,7 @@ class Connection(Ros):  # type: ignore[misc]  # roslibpy has no types
                 """Have a message handled."""
                 try:
                     super().on_message(payload)
-                except Exception as error:
+                except Exception as error:  # its own thread would end, and nobody would hear of it
                     what = " ".join(f"{type(error).__name__}: {error}".split())
                     complain(
                         f"expected a rosbridge message, got one that cannot be read ({what:.80})"
@@ -53,14 +53,14 @@ class Connection(Ros):  # type: ignore[misc]  # roslibpy has no types
                 """Have a message sent by the thread that reads."""
                 try:
                     super().send_message(payload)
-                except Exception:
+                except Exception:  # any kind: the connection is lost
                     lose()
 
             def sendMessage(self, *values: Any, **settings: Any) -> None:
                 """Send a message from that thread."""
                 try:
                     super().sendMessage(*values, **settings)
-                except Exception:
+                except Exception:  # any kind: the connection is lost
                     lose()
 
             def _reported(self, message: Any) -> None:

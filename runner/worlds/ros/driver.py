@@ -138,7 +138,7 @@ class RosWorld(HardwareWorld):
         self._robot.wake(1.0 / self.rate_hz)
         try:
             self._arm()
-        except BaseException:
+        except BaseException:  # joints are held, then it is raised again
             with suppress(
                 HardwareFault
             ):  # what goes wrong now goes wrong in ``hold``, too, and is told there

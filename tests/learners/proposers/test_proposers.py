@@ -144,7 +144,7 @@ def test_random_weights_change_no_verdict(programs, name):
 
 
 def test_labels_are_the_same_and_what_is_learned_from_them_to_the_last_bit(tmp_path, trained):
-    plan = {"distribution": "wall-3", "feasible": 20, "infeasible": 60, "shard_size": 40, "seed": 4}
+    plan = {"distribution": "wall-3", "feasible": 8, "infeasible": 32, "shard_size": 20, "seed": 4}
     label(LabelPlan(**plan), tmp_path / "without")
     label(LabelPlan(**plan, proposers=trained.digest), tmp_path / "with", proposers=trained)
     without, asked = Dataset.open(tmp_path / "without"), Dataset.open(tmp_path / "with")

@@ -83,12 +83,12 @@ def test_the_cache_says_what_solving_says(
     plain, cached = SolvingOracle(problems, programs), CachingOracle(problems, programs)
     which = np.arange(len(problems))
     for seed in range(3):  # each generation finds more proofs than the one before
-        boxes = boxes_about(problems, kind, 18, spread, seed)
+        boxes = boxes_about(problems, kind, 9, spread, seed)
         np.testing.assert_array_equal(
             cached.is_feasible(which, boxes), plain.is_feasible(which, boxes)
         )
     counts = cached.counts
-    assert counts.total == plain.counts.total == plain.counts.solved == 3 * 18 * 12
+    assert counts.total == plain.counts.total == plain.counts.solved == 3 * 9 * 12
     assert min(counts.witness, counts.certificate, counts.trivial if name == "wall-3" else 1) > 0
     assert counts.cached > 0.6 * counts.total
     assert counts.unknown == plain.counts.unknown == 0

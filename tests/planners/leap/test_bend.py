@@ -70,7 +70,7 @@ def test_rows_of_joints_have_the_derivatives_of_legs_that_bend(plan: LeapPlan):
     measured = LeapBodyMeasurements(LeapBody(plan))
     body, solver, numbers = measured.leap_body, measured.kinematics, legged_numbers(measured)
     scaled = reserved(numbers, plan.choice, FRICTION_SHARE)
-    given = LeapGiven(scaled, its=numbers, at=point_of(numbers, plan))
+    given = LeapGiven(scaled, loaded_numbers=numbers, at=point_of(numbers, plan))
     rows, limbs = joint_rows(measured, given), scaled.layout.contacts[1]
     intervals, checked = numbers.contact_intervals, 0
 

@@ -117,13 +117,13 @@ def given_of(leap: Leap, choice) -> LeapGiven:
     scaled = numbers.scaled.chosen(choice)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
     return LeapGiven(
-        scaled, its=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=0.004
+        scaled, loaded_numbers=numbers, at=replace(numbers.nominal, toes=middles), reserve_m=0.004
     )
 
 
 def test_the_rows_of_a_step_have_the_optimum_of_their_cvxpy_reference(leap: Leap, failed) -> None:
-    step = LeapProgram(failed.given.scaled.layout, leap.still).solve(failed.given)
-    problem = reference(failed.given)
+    step = LeapProgram(failed.data.scaled.layout, leap.still).solve(failed.data)
+    problem = reference(failed.data)
     problem.solve(solver=cp.CLARABEL)
     assert step.solution.solved
     assert step.cost > 1e-3  # slack takes part

@@ -161,7 +161,7 @@ def test_the_reference_solves_the_same_programs(climb, programs):
     assert ours.bound == pytest.approx(theirs.bound, rel=1e-4)
 
 
-@pytest.mark.parametrize("seed", [4, 2])
+@pytest.mark.parametrize("seed", [2])
 def test_scip_agrees_on_the_problem_with_its_nonconvex_rows(climb, programs, seed):
     course = climb(seed, frames=2)
     for lengths in ({"least_toe_m": 0.08}, {"least_rotation_rad": 0.05}):

@@ -45,8 +45,9 @@ class Kept:
 
 @pytest.fixture
 def short(monkeypatch):
-    """Pieces of a few frames."""
-    for name, value in (("PIECE", 6), ("SHARED", 2), ("LEAST", 2), ("LONG", 8)):
+    """Pieces of a few frames, each of which is kept."""
+    sizes = ("PIECE", 6), ("SHARED", 2), ("LEAST", 2), ("LONG", 8), ("EVERY_S", -1.0)
+    for name, value in sizes:
         monkeypatch.setattr(pieces, name, value)
 
 
@@ -114,6 +115,17 @@ def test_pieces_share_frames_and_make_one_plan(short, course, planner):
     for beginning in kept.plans:
         begins(found.plan, beginning)
     assert found.plan.provenance["pieces"] == len(kept.plans)
+
+
+def test_what_follows_soon_after_what_was_kept_is_not_written_again(
+    short, course, planner, monkeypatch
+):
+    monkeypatch.setattr(pieces, "EVERY_S", 1e3)
+    kept = Kept()
+    found = plan_pieces(course, piece_of(planner)[0], kept=kept)
+    assert found.pieces >= 3
+    assert [plan.problem.frames for plan in kept.plans] == [5]
+    begins(found.plan, kept.plans[0])
 
 
 @pytest.mark.parametrize("stop", [1, 2])

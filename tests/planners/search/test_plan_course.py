@@ -140,7 +140,7 @@ def test_replanning_a_window_proves_over_outer_sets_too(high: Callable[..., Path
     )  # which leaves no room for the next window
     state = Standing.at_end(replan(None, course, horizon=1).solution)
     raised = replace(
-        course, com_nominal_m=course.com_nominal_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.08]])
+        course, com_nominal_m=course.com_nominal_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.06]])
     )
     lifted = replan(state, raised, frame=1)
     far = replan(

@@ -212,7 +212,7 @@ def test_no_claim_is_believed(truth):
     )
     witness = next(o.solution for _, o in truth if o.status is Status.FEASIBLE)
     both = accept(
-        one, Claim(found=witness, certificate=right.certificate), method="liar", clock=Clock.start()
+        one, Claim(plan=witness, certificate=right.certificate), method="liar", clock=Clock.start()
     )
     assert both.status is Status.INFEASIBLE
     assert both.solution is None

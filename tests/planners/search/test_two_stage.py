@@ -167,7 +167,7 @@ def test_no_claim_about_a_course_is_believed(climb, planner):
         "certificate refused: rejected: leaf 0 of 1 proves a residual of "
     )
     moved = replace(feasible.solution, com_m=feasible.solution.com_m + np.array([0.0, 0.02, 0.0]))
-    both = accept(1, found=moved, certificate=refuted.certificate)
+    both = accept(1, plan=moved, certificate=refuted.certificate)
     assert (both.status, both.solution) == (Status.UNDECIDED, None)
     assert both.message.startswith("plan refused: ")
     assert both.residual > 1e-3

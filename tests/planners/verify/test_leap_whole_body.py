@@ -66,7 +66,7 @@ def test_rows_of_joints_say_at_the_plan_what_was_measured_there(measured: LeapBo
     plan = measured.leap_body.plan
     numbers = legged_numbers(measured)
     scaled = reserved(numbers, plan.choice, 0.8)
-    given = LeapGiven(scaled, its=numbers, at=point_of_plan(numbers, plan))
+    given = LeapGiven(scaled, loaded_numbers=numbers, at=point_of_plan(numbers, plan))
     rows = joint_rows(measured, given)
     ahead, back = rows.over(given)
     share = np.maximum(ahead, back).max() + rows.share

@@ -1,0 +1,79 @@
+"""Values of YAML texts, in the bounds of ``documents``: PyYAML is imported where there is one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from ..errors import InvalidInput
+from .documents import DEEPEST, MOST_YAML_VALUES, TOO_DEEP
+
+_Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def value_of(text: str) -> Any:
+    """The value of a document; raises InvalidInput beyond the limits, and whatever PyYAML raises."""
+    _check_growth(text)
+    return yaml.load(text, Loader=_Once)
+
+
+def _check_growth(text: str) -> None:
+    """Raise InvalidInput where the document is too deep or holds too many values once its aliases
+    are replaced.
+    """
+    count, sizes = 0, dict[str, tuple[int, int]]()  # values and depth of what an anchor stands for
+    stack = list[tuple[str | None, int]]()
+    deepest = [0]  # below each open collection
+    for event in yaml.parse(text, Loader=_Parser):
+        depth = 0
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in sizes:
+                raise InvalidInput(f"expected an anchor before its alias, got *{event.anchor}")
+            size, depth = sizes[event.anchor]
+            count += size
+        elif isinstance(event, yaml.ScalarEvent):
+            count += 1
+            if event.anchor is not None:
+                sizes[event.anchor] = 1, 0
+        elif isinstance(event, yaml.CollectionStartEvent):
+            stack.append((event.anchor, count))
+            deepest.append(0)
+            count += 1
+            if event.anchor is not None:
+                sizes.pop(event.anchor, None)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            (anchor, begun), depth = stack.pop(), deepest.pop() + 1
+            if anchor is not None:
+                sizes[anchor] = count - begun, depth
+        deepest[-1] = max(deepest[-1], depth)
+        if len(stack) + deepest[-1] > DEEPEST:
+            raise InvalidInput(TOO_DEEP)
+        if count > MOST_YAML_VALUES:
+            raise InvalidInput(
+                f"expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more"
+            )
+
+
+class _Once(_Parser):  # type: ignore[misc]
+    """Refuses a key that is there twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set[Any]()
+        for key, _ in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                continue
+            name = (
+                self.construct_object(key, deep=True) if isinstance(key, yaml.ScalarNode) else None
+            )
+            if name is None:
+                raise yaml.constructor.ConstructorError(
+                    None, None, "expected texts as keys", key.start_mark
+                )
+            if name in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"{name}: expected this key once", key.start_mark
+                )
+            seen.add(name)
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
+        return mapping
