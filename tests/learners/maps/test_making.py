@@ -142,7 +142,7 @@ def test_a_map_goes_on_from_its_file(
     whole = make_map(made, MapSettings())
     assert np.array_equal(found.verdict, whole.verdict)
     with pytest.raises(
-        InvalidInput, match="the same question to go on from, got one of another friction$"
+        InvalidInput, match=r"the same question to go on from, got one of another friction$"
     ):
         make_map(poses(level, spacing_m=0.4, friction=0.6), MapSettings(), checkpoint=path)
 
@@ -248,6 +248,6 @@ def test_a_file_proves_no_footholds_and_no_poses_of_another_height(
     replace(plain, z_m=plain.z_m + np.float32(0.01)).save(path)
     with pytest.raises(
         InvalidInput,
-        match="the same question to go on from, got one of another height of the body$",
+        match=r"the same question to go on from, got one of another height of the body$",
     ):
         make_map(made, MapSettings(), checkpoint=path)
