@@ -52,6 +52,8 @@ OFF, ALONE = 2.5, 3.0
 to so many."""
 FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
+HIDDEN = 0.5
+"""A step that is not seen is this many of its deviations high, from place to place."""
 QUIET = 0.25
 """Noise below this share of the roughness is a part of it."""
 FLATTEST = 0.02
@@ -142,7 +144,9 @@ def _planes_of(
         )
         strips = noisy_surfaces(cells.only(known & (labels < 0)), limits, quiet_m)
         labels = np.where(strips >= 0, strips + labels.max() + 1, labels)
-    rungs = map_rungs(labels, cells, noise_m if noisy else 0.0, limits.slope_rad)
+    rungs = list[MapRung]()
+    if not noise.correlated:  # which is as wide as a rung, and as round
+        rungs = map_rungs(labels, cells, noise_m if noisy else 0.0, limits.slope_rad)
     barred = np.any([rung.cells for rung in rungs], axis=0) if rungs else np.zeros_like(known)
     if rungs:
         known = known & ~barred
@@ -166,7 +170,7 @@ def _planes_of(
     )
     refused["hole"] = float(spacing**2 * (~known & ~barred & (labels < 0)).sum())
     bumps_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
-    shape_m = float(np.hypot(bumps_m, unseen_m))
+    shape_m = float(np.hypot(bumps_m, HIDDEN * unseen_m))
     sure = (
         certainties(labels, cells, noise_m, limits.margin_m, shape_m, looked=unseen_m > 0.0)
         if noisy
