@@ -204,6 +204,19 @@ def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
     return planes.T, rms, sums[0]
 
 
+def residuals(labels: Labels, cells: GroundCells) -> Array:
+    """Mean distance of each cell's samples above the plane of its surface, 0 where there are none,
+    shape (n, m) [m].
+    """
+    planes = fitted(labels, cells)[0]
+    if not len(planes):
+        return np.zeros(labels.shape)
+    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
+    one, x, y, z = (cells.moments[k] for k in (0, 1, 2, 6))
+    within = (labels >= 0) & (one > 0.0)
+    return np.where(within, z - a * x - b * y - c * one, 0.0) / np.where(within, one, 1.0)
+
+
 def block_squares(
     labels: Labels, cells: GroundCells, planes: Array, side: int
 ) -> tuple[Array, Array]:

@@ -8,14 +8,14 @@ of it to those that are farther apart than it reaches. Real bumps of that size l
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import chdtri
 
 from ..files.arrays import Array
-from .cells import GroundCells, about, solved
+from .cells import GroundCells, Labels, about, residuals, solved
 
 WIDEST_M = 0.13
 """Side of the largest squares of samples: most grounds have some that no edge crosses [m]."""
@@ -31,6 +31,10 @@ LONGEST_M = 0.1
 """What is correlated over more is the shape of the ground [m]."""
 HILLS = 2.0
 """Wide squares are off planes by no more than so many deviations of the noise by narrow ones."""
+WHOLE = 0.9
+"""Neighbours that are off planes by more than this share of the noise are not alike."""
+NEIGHBOURS = 0.18
+"""Correlation of neighbours' residuals by chance, and by surfaces that are no planes, is less."""
 WHITE = np.array([0.0, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7])
 """Shares of white noise in the variance that are tried."""
 LEAST, BIN, SMOOTH = 0.15, 0.05, 0.35
@@ -67,19 +71,27 @@ class Noise:
         return 1.0 + self.correlated * (alike - 1.0)
 
 
-def correlated_noise(cells: GroundCells) -> Noise | None:
+def correlated_noise(cells: GroundCells, told_m: float | None = None) -> Noise | None:
     """The noise of heights that is correlated over a few centimetres; None where it is white, or
     nothing can be said.
 
     Squares that are long and narrow cross fewer edges, and tell whether it is white; wide ones
-    know its size.
+    know its size. Noise whose deviation is told is alike over as much as neighbours miss of it.
+
+    Arguments:
+        cells: the samples.
+        told_m: deviation of the noise, where it is known [m].
     """
     narrow = _residuals(cells, wide=False)
     rise = max(narrow, default=0.0) / max([*narrow[:1], 1e-9])
-    if rise <= RISES[0]:
+    if told_m is None and rise <= RISES[0]:
         return None
     broad = _residuals(cells, wide=True)
-    if rise <= RISES[1] and max(broad, default=0.0) <= BROAD_RISE * narrow[0]:
+    spread = max(broad, default=0.0) / max([*narrow[:1], 1e-9])
+    if told_m is not None:
+        white = not narrow or (rise <= RISES[0] and spread <= BROAD_RISE)
+        return None if white else _alike(cells, narrow[0], told_m, _fitted(cells, broad, wide=True))
+    if rise <= RISES[1] and spread <= BROAD_RISE:
         return None
     noise = _fitted(cells, broad, wide=True)
     if noise is not None and noise.length_m <= LONGEST_M:
@@ -88,6 +100,45 @@ def correlated_noise(cells: GroundCells) -> Noise | None:
     if noise is None or noise.length_m > LONGEST_M or max(broad) > HILLS * noise.deviation_m:
         return None
     return noise
+
+
+def noise_of_residuals(labels: Labels, cells: GroundCells, noise_m: float) -> Noise:
+    """Noise that is taken for white, by what heights are off the planes of their surfaces: as alike
+    as neighbours are there, white where they are not.
+
+    Arguments:
+        labels: the surface of each cell, −1 for none, shape (n, m).
+        cells: the samples.
+        noise_m: its deviation [m].
+    """
+    rest = residuals(labels, cells)
+    both = squares = 0.0
+    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        within = (labels[one] == labels[other]) & (labels[one] >= 0)
+        within &= cells.known[one] & cells.known[other]
+        left, right = rest[one][within], rest[other][within]
+        both += float(left @ right)
+        squares += 0.5 * float(left @ left + right @ right)
+    if both <= NEIGHBOURS * squares:
+        return Noise(deviation_m=noise_m)
+    length_m = cells.spacing_m / float(np.sqrt(np.log(squares / both)))
+    return Noise(deviation_m=noise_m, length_m=length_m, correlated=1.0, near_m=noise_m)
+
+
+def _alike(cells: GroundCells, near_m: float, told_m: float, fitted: Noise | None) -> Noise | None:
+    """Noise of this deviation whose neighbours are off planes by so little; longer where the
+    deviations of wide squares say so. None where neighbours are off by all of it.
+    """
+    if near_m > WHOLE * told_m:
+        return None
+    left = np.array([_remaining(cells, (1, 1), length) for length in LENGTHS_M.tolist()])
+    length_m = float(LENGTHS_M[np.abs(np.log(left / (near_m / told_m) ** 2)).argmin()])
+    noise = Noise(deviation_m=told_m, length_m=length_m, correlated=1.0, near_m=near_m)
+    if fitted is None or fitted.length_m > LONGEST_M:
+        return noise
+    seen = replace(fitted, deviation_m=told_m)
+    per_m2 = cells.spacing_m**-2
+    return max(noise, seen, key=lambda each: each.samples_alike(per_m2))
 
 
 def _residuals(cells: GroundCells, *, wide: bool) -> list[float]:

@@ -4,13 +4,15 @@ it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
 
 from ..files.codec import Within, check_limits
+from .certainty import FOUND_SD_M
 from .patch import Patch
+from .polygon import clipped
 from .rung import held_on_both_sides
 
 SLOPE_RAD = 0.6
@@ -102,6 +104,21 @@ class TerrainPatch:
         return self.patch.with_friction(
             held_on_both_sides(friction, self.turn_rad) if self.turn_rad else friction
         )
+
+    @property
+    def found(self) -> TerrainPatch | None:
+        """The part whose ground feet find that come down until they feel; None where there is none."""
+        sure = self.patch.certainty
+        if sure is None or self.turn_rad:
+            return self
+        if (places := sure.known_within(FOUND_SD_M)) is None:
+            return None
+        corners, (origin, normal) = self.patch.vertices_m, (self.patch.centre_m, self.patch.normal)
+        left = clipped(corners[:, :2], *places)
+        if not len(left):
+            return None
+        heights = origin[2] - (left - origin[:2]) @ normal[:2] / normal[2]
+        return replace(self, patch=self.patch.with_vertices(np.column_stack([left, heights])))
 
     @property
     def area_m2(self) -> float:

@@ -31,7 +31,13 @@ samples' distances."""
 
 
 def certainties(
-    labels: Labels, cells: GroundCells, noise_m: float, margin_m: float, shape_m: float = 0.0
+    labels: Labels,
+    cells: GroundCells,
+    noise_m: float,
+    margin_m: float,
+    shape_m: float = 0.0,
+    *,
+    looked: bool = False,
 ) -> list[Certainty]:
     """The certainty of each surface.
 
@@ -45,7 +51,10 @@ def certainties(
         cells: the samples.
         noise_m: deviation of a sample [m].
         margin_m: of footholds from the borders [m].
-        shape_m: deviation of bumps that are a sensor's noise or the ground's shape [m].
+        shape_m: deviation of bumps that are a sensor's noise or the ground's shape, and of steps that are not seen
+            [m].
+        looked: whether what correlated noise may hide was looked for; else all of it may be the
+            ground's shape.
     """
     planes, _, _ = fitted(labels, cells)
     count = len(planes)
@@ -61,7 +70,8 @@ def certainties(
     mean_square = (KNOWN * noise_m**2 + squares) / (KNOWN + freedom)
     if cells.weight < 1.0:  # blocks are not wider than the noise is alike
         mean_square = np.maximum(mean_square, noise_m**2)
-    local = np.maximum(squares - freedom * noise_m**2, 0.0) / one
+    each = 1.0 if looked else 1.0 / cells.weight
+    local = np.maximum(each * squares - freedom * noise_m**2, 0.0) / (each * one)
     xx, xy, yy = spacing**2 * np.stack(
         [
             sums[3] - one * middle[0] ** 2,
@@ -91,9 +101,11 @@ def certainties(
     return result
 
 
-def excess_squares(labels: Labels, cells: GroundCells, noise_m: float) -> Array:
+def excess_squares(
+    labels: Labels, cells: GroundCells, noise_m: float, *, looked: bool = False
+) -> Array:
     """Squares of means over about a foot's path of each surface off its plane, less those of noise's means; and the
-    latter, shape (2, n, m) [m²].
+    latter, shape (2, n, m) [m²], 0 where what they hide was looked for.
     """
     planes = fitted(labels, cells)[0]
     a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
@@ -102,7 +114,7 @@ def excess_squares(labels: Labels, cells: GroundCells, noise_m: float) -> Array:
     count, off = boxed(np.stack([one, z - a * x - b * y - c * one]), side)
     count = np.maximum(count, cells.weight)
     chance = noise_m**2 / count
-    return np.stack([(off / count) ** 2 - chance, chance])
+    return np.stack([(off / count) ** 2 - chance, 0.0 * chance if looked else chance])
 
 
 def with_local(

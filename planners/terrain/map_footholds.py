@@ -26,7 +26,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from .cells import GroundCells, Labels, fitted, renumbered, solved
 from .certainty import Certainty
-from .correlation import Noise, correlated_noise
+from .correlation import Noise, correlated_noise, noise_of_residuals
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
@@ -34,7 +34,7 @@ from .map_certainty import certainties, excess_squares, with_local
 from .map_rungs import MapRung, map_rungs
 from .map_solids import ROOM, Overhead, box_patches, on_surfaces, standing_boxes
 from .mesh_footholds import standing_pieces
-from .noisy_surfaces import COARSE_SD_M, LARGEST_M, halves_of, noisy_surfaces
+from .noisy_surfaces import COARSE_SD_M, LARGEST_M, correlated_surfaces, halves_of, noisy_surfaces
 from .patch import Patch
 from .polygon import SMALLEST_M
 
@@ -52,6 +52,8 @@ OFF, ALONE = 2.5, 3.0
 to so many."""
 FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
+HIDDEN = 0.5
+"""A step that is not seen is this many of its deviations high, from place to place."""
 QUIET = 0.25
 """Noise below this share of the roughness is a part of it."""
 FLATTEST = 0.02
@@ -68,18 +70,15 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
     """
     over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
     if over is None:
-        footholds, rungs = _planes_of(terrain, limits, friction)
+        footholds, rungs, _ = _planes_of(terrain, limits, friction)
         return _with_boxes(footholds, _standing(terrain, footholds, rungs))
     ground, beside = (
         ElevationMap.of_points(points, terrain.spacing_m, terrain.name)
         for points in (over.ground_m, over.beside_m)
     )
-    footholds, rungs = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
+    footholds, rungs, noise = _planes_of(ground if over.share > ROOM else terrain, limits, friction)
     if over.share <= ROOM:
-        limits_here = (
-            limits if footholds.noise_length_m else replace(limits, noise_m=footholds.noise_m)
-        )
-        below, _ = _planes_of(beside, limits_here, friction)
+        below, _, _ = _planes_of(beside, limits, friction, noise)
         most = max((piece.surface for piece in footholds.pieces), default=-1) + 1
         more = [replace(piece, surface=piece.surface + most) for piece in below.pieces]
         footholds = replace(
@@ -117,19 +116,25 @@ def _with_boxes(found: Footholds, boxes_m: Array) -> Footholds:
 
 
 def _planes_of(
-    terrain: ElevationMap, limits: FootholdLimits, friction: float
-) -> tuple[Footholds, list[MapRung]]:
+    terrain: ElevationMap, limits: FootholdLimits, friction: float, heard: Noise | None = None
+) -> tuple[Footholds, list[MapRung], Noise]:
     """The footholds of the upper side of a map or a cloud, whose surfaces are those of the
-    footholds; and its rungs.
+    footholds; its rungs; and its noise, as ``heard`` in more of it where that is given.
     """
-    cells, noise = _cells_of(terrain, limits)
+    cells, noise = _cells_of(terrain, limits, heard)
     noise_m = noise.deviation_m
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
     noisy = cells.sparse or noise_m > QUIET * limits.roughness_m
-    if noisy:
-        near_m = max(noise.near_m, QUIET * limits.roughness_m) if noise.correlated else None
-        labels = noisy_surfaces(cells, limits, max(noise_m, QUIET * limits.roughness_m), near_m)
+    quiet_m = QUIET * limits.roughness_m
+    unseen_m = 0.0
+    if noise.correlated:
+        least = replace(noise, deviation_m=max(noise_m, quiet_m), near_m=max(noise.near_m, quiet_m))
+        labels, unseen_m = correlated_surfaces(cells, limits, least)
+    elif noisy:
+        labels = noisy_surfaces(cells, limits, max(noise_m, quiet_m))
+        noise = noise_of_residuals(labels, cells, noise_m)
+        cells = _counted(cells, noise)
     else:
         labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
         labels = np.where(
@@ -137,11 +142,11 @@ def _planes_of(
             -1,
             labels,
         )
-        strips = noisy_surfaces(
-            cells.only(known & (labels < 0)), limits, QUIET * limits.roughness_m
-        )
+        strips = noisy_surfaces(cells.only(known & (labels < 0)), limits, quiet_m)
         labels = np.where(strips >= 0, strips + labels.max() + 1, labels)
-    rungs = map_rungs(labels, cells, noise_m if noisy else 0.0, limits.slope_rad)
+    rungs = list[MapRung]()
+    if not noise.correlated:  # which is as wide as a rung, and as round
+        rungs = map_rungs(labels, cells, noise_m if noisy else 0.0, limits.slope_rad)
     barred = np.any([rung.cells for rung in rungs], axis=0) if rungs else np.zeros_like(known)
     if rungs:
         known = known & ~barred
@@ -164,13 +169,16 @@ def _planes_of(
         spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum()
     )
     refused["hole"] = float(spacing**2 * (~known & ~barred & (labels < 0)).sum())
-    shape_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
+    bumps_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
+    shape_m = float(np.hypot(bumps_m, HIDDEN * unseen_m))
     sure = (
-        certainties(labels, cells, noise_m, limits.margin_m, shape_m)
+        certainties(labels, cells, noise_m, limits.margin_m, shape_m, looked=unseen_m > 0.0)
         if noisy
         else [None] * len(planes)
     )
-    excess_m2 = excess_squares(labels, cells, noise_m) if noisy and len(planes) else np.zeros(0)
+    excess_m2 = np.zeros(0)
+    if noisy and len(planes):
+        excess_m2 = excess_squares(labels, cells, noise_m, looked=unseen_m > 0.0)
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
@@ -230,7 +238,7 @@ def _planes_of(
         noise_m=noise_m,
         noise_length_m=noise.length_m,
     )
-    return footholds, rungs
+    return footholds, rungs, noise
 
 
 def _inner_rms(labels: Labels, cells: GroundCells, rms: Array) -> Array:
@@ -277,28 +285,34 @@ def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray
     return narrow
 
 
-def _cells_of(terrain: ElevationMap, limits: FootholdLimits) -> tuple[GroundCells, Noise]:
+def _cells_of(
+    terrain: ElevationMap, limits: FootholdLimits, heard: Noise | None
+) -> tuple[GroundCells, Noise]:
     """The samples of a map or of its cloud, which count for less where their noise is correlated,
-    and their noise: as it is told, else as they show it.
+    and their noise: as it is heard or told, else as they show it.
     """
+    stated_m = limits.noise_m if heard is None else heard.deviation_m
     if terrain.points_m is None:
         cells = GroundCells.of_map(terrain)
-        noise_m = cells.noise_m() if limits.noise_m is None else limits.noise_m
+        noise_m = cells.noise_m() if stated_m is None else stated_m
     else:
-        spacing, stated_m = terrain.spacing_m, limits.noise_m
-        noise_m = stated_m or 0.0
+        spacing, noise_m = terrain.spacing_m, stated_m or 0.0
         if stated_m is None:  # the upper side is cut by the noise, so that it is estimated twice
             noise_m = GroundCells.of_points(terrain.points_m, spacing, 0.0).noise_m()
             noise_m = GroundCells.of_points(terrain.points_m, spacing, noise_m).noise_m()
         cells = GroundCells.of_points(terrain.points_m, spacing, noise_m)
-    noise = None if limits.noise_m == 0.0 else correlated_noise(cells)
-    least = QUIET * limits.roughness_m if limits.noise_m is None else 0.5 * limits.noise_m
-    if noise is None or noise.deviation_m < max(2.0 * QUIET * limits.roughness_m, least):
+    noise = heard
+    if noise is None and stated_m != 0.0:
+        noise = correlated_noise(cells, stated_m)
+    if noise is None or noise.deviation_m < 2.0 * QUIET * limits.roughness_m:
         return cells, Noise(deviation_m=noise_m)
-    if limits.noise_m is not None:
-        noise = replace(noise, deviation_m=limits.noise_m)
-    per_m2 = float(np.mean(cells.moments[0][cells.known])) / cells.spacing_m**2
-    return cells.weighed(1.0 / noise.samples_alike(per_m2)), noise
+    return _counted(cells, noise), noise
+
+
+def _counted(cells: GroundCells, noise: Noise) -> GroundCells:
+    """Samples that count for as little as their noise is alike."""
+    per_m2 = float(np.mean(cells.moments[0][cells.known])) / cells.weight / cells.spacing_m**2
+    return cells.weighed(1.0 / noise.samples_alike(per_m2))
 
 
 def _outline(

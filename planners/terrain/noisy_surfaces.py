@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -32,7 +33,9 @@ from .cells import (
     solved,
     sums_of,
 )
+from .correlation import Noise
 from .footholds import FootholdLimits
+from .hidden_edges import half_window, hidden_edges
 
 FINE_SD_M = 0.0035
 """Deviation that the height of a square's plane is to have at its middle; squares are as large as
@@ -73,37 +76,26 @@ round by round."""
 LUMPS, LUMP_SD, LUMP_ROUGH = (3, 5, 7), 3.5, 2.0
 """Sides of squares of cells whose means over a surface are looked at, and how far they may be off its plane: in
 deviations of the mean, and in times the roughness."""
+LOOKS = 4
+"""How often hidden edges are looked for, each time without those that were found."""
 CLOSED, MOST_VOTES, ALONE = 3, 5, 4.5
 """How often single cells are closed, how many of eight neighbours of one surface that takes, and
 how far off it they may be in deviations of the noise."""
 
 
-def noisy_surfaces(
-    cells: GroundCells, limits: FootholdLimits, noise_m: float, near_m: float | None = None
-) -> Labels:
+def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
     """The surface of every cell, −1 for none, shape (n, m).
 
     Arguments:
         cells: the samples.
         limits: for roughness and slope.
-        noise_m: deviation of a sample [m].
-        near_m: deviation of heights off planes through 3 × 3 cells, where it is less than that of
-            the noise, which is correlated; None where it is white [m].
+        noise_m: deviation of a sample, whose noise is white [m].
     """
     labels = np.full(cells.known.shape, -1)
     if np.count_nonzero(cells.known) < FEWEST:
         return labels
-    dense = max(float(np.mean(cells.moments[0][cells.known])), cells.weight)
-    largest = max(int(LARGEST_M / (3.0 * cells.spacing_m)), 1)
-    fine, coarse = (
-        int(np.clip(np.ceil(noise_m / (sd * 3.0 * np.sqrt(dense))), 1, largest))
-        for sd in (FINE_SD_M, COARSE_SD_M)
-    )
+    fine, coarse = (_side(cells, noise_m, sd) for sd in (FINE_SD_M, COARSE_SD_M))
     sides = sorted({fine, (fine + coarse) // 2, coarse}, reverse=True)
-    if near_m is not None:
-        labels = _parted(_between_edges(cells, near_m), cells, limits, noise_m, coarse)
-        labels = _bordered(_large_enough(labels, cells), cells, limits, noise_m)
-        return renumbered(_large_enough(_closed(labels, cells, noise_m), cells))
     for side in sides:
         left = cells.known & (labels < 0)
         if np.count_nonzero(left) < FEWEST:
@@ -127,6 +119,44 @@ def noisy_surfaces(
     labels = _large_enough(_closed(labels, cells, noise_m), cells)
     lumps = _lumps(labels, cells, limits, noise_m)
     return renumbered(_large_enough(np.where(lumps, -1, labels), cells) if lumps.any() else labels)
+
+
+def correlated_surfaces(
+    cells: GroundCells, limits: FootholdLimits, noise: Noise
+) -> tuple[Labels, float]:
+    """The surface of every cell, −1 for none, shape (n, m), of heights whose noise is correlated;
+    and the deviation of what a step would be that is not seen [m].
+
+    Arguments:
+        cells: the samples.
+        limits: for roughness and slope.
+        noise: correlated.
+    """
+    labels, noise_m = np.full(cells.known.shape, -1), noise.deviation_m
+    if np.count_nonzero(cells.known) < FEWEST:
+        return labels, noise_m
+    side, beside = _side(cells, noise_m, COARSE_SD_M), 2 * half_window(cells.spacing_m) + 1
+    whole = _between_edges(cells, noise.near_m)
+    hidden = np.zeros(labels.shape, dtype=bool)
+    for _ in range(LOOKS):
+        labels = _apart(np.where(maximum_filter(hidden, beside), -1, whole))
+        labels = _large_enough(_parted(labels, cells, limits, noise_m, side), cells)
+        labels = _closed(_bordered(labels, cells, limits, noise_m), cells, noise_m)
+        labels = renumbered(_large_enough(labels, cells))
+        found, unseen_m = hidden_edges(labels, cells, noise)
+        if not (found & ~hidden).any():
+            break
+        hidden |= found
+    return renumbered(_large_enough(np.where(found, -1, labels), cells)), unseen_m
+
+
+def _side(cells: GroundCells, noise_m: float, deviation_m: float) -> int:
+    """Side of the blocks, 3 × 3 of which have a plane whose height is known to this deviation, in
+    cells.
+    """
+    dense = max(float(np.mean(cells.moments[0][cells.known])), cells.weight)
+    largest = max(int(LARGEST_M / (3.0 * cells.spacing_m)), 1)
+    return int(np.clip(np.ceil(noise_m / (deviation_m * 3.0 * np.sqrt(dense))), 1, largest))
 
 
 def _lumps(

@@ -2,7 +2,8 @@
 and where the body is.
 
 Feet that should touch and do not are lowered. Where the body is measured, feet that have landed,
-early or late, stay where they are, and not where they should have landed; those in the air go to
+early or late, stay where they are, and not where they should have landed, until the path on which
+they are lifted is above them: one that begins below them would press them into the ground; those in the air go to
 their places in the world, or step to where the body falls. Until a foot bears it goes with the body
 as it is, not as it should be: joints that pull a body to its place with a foot that has no friction
 for it only make that foot slide.
@@ -120,6 +121,7 @@ class FootPlacement:
         self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
         self._depth, self._borne = np.zeros(len(first.feet_m)), np.ones(len(first.feet_m))
         self._listened, self._variance = 0.0, 0.0
+        self._leaves = np.zeros(len(first.feet_m), dtype=np.bool_)
         known = np.zeros(0) if touch_downs_m is None else touch_downs_m
         deepest = np.minimum(known + GIVES_M, feedback.seek_m)
         self._deepest = np.append(np.where(known > 0.0, deepest, feedback.seek_m), feedback.seek_m)
@@ -203,20 +205,23 @@ class FootPlacement:
         if seen is None:
             self.touched = stands
         else:
-            state, body = seen
+            (state, body), before = seen, self.touched | self._leaves
             landed = self._land(now, then, felt_n, state, rolled_m)
             self._settle(then, state, rolled_m)
             self._lean(then, landed)
             step = self._step(state, body, then)
-            self._stepped = np.where((stands | self.touched)[:, None], self._stepped, step)
-            placed = np.where(self.touched[:, None], self._landed, then.feet_m + self._stepped)
+            below = np.einsum("ij,ij->i", self._landed - then.feet_m, then.normals) > 0.0
+            self._leaves = before & below & ~stands & ~self.touched
+            held = self.touched | self._leaves
+            self._stepped = np.where((stands | held)[:, None], self._stepped, step)
+            placed = np.where(held[:, None], self._landed, then.feet_m + self._stepped)
             origin = body.origin_m + self.shift_m
             carried = (
                 origin + (placed - state.position_m) @ state.rotation @ body.rotation.T - placed
             )
-            shift = np.where(self.touched[:, None] | (self._step_s == 0.0), self.shift_m, 0.0)
-            goal = placed + self._free(carried, felt_n, then) - then.feet_m - shift
-            self._stay(then, early=self.touched & ~stands, landed=landed)
+            shift = np.where(held[:, None] | (self._step_s == 0.0), self.shift_m, 0.0)
+            goal = placed + self._free(carried, felt_n, then, held) - then.feet_m - shift
+            self._stay(then, early=held & ~stands, landed=landed)
         self._planned, self._heard = then.feet_m, True
         away = goal - self._depth[:, None] * then.normals - self.moved_m
         turns = (
@@ -256,15 +261,15 @@ class FootPlacement:
         self._aside = feet - then.feet_m
 
     def _stay(self, then: Samples, early: NDArray[np.bool_], landed: NDArray[np.bool_]) -> None:
-        """Feet that have landed early stop at once, although their path goes on: late, they would
-        push the ground.
+        """Feet that have landed early stop at once, although their path goes on, and those that
+        leave stay: late, they would push the ground.
         """
         self.moved_m = np.where(
             early[:, None], self.moved_m - (then.feet_m - self._planned), self.moved_m
         )
         self._drift = np.where((early & landed)[:, None], 0.0, self._drift)
 
-    def _free(self, carried: Array, felt: Array, then: Samples) -> Array:
+    def _free(self, carried: Array, felt: Array, then: Samples, held: NDArray[np.bool_]) -> Array:
         """Part that feet take of the way from their places to those for a body that is where it
         should be, (N, 3) [m].
 
@@ -273,14 +278,15 @@ class FootPlacement:
 
         Arguments:
             carried: that way, shape (N, 3).
+            held: which feet stay where they landed, shape (N,).
         """
         gone = np.minimum(np.maximum(felt / (BORNE * self._weight), 0.0), 1.0) - self._borne
-        self._borne = np.where(self.touched, self._borne + gone * self._period_s / BORNE_S, 0.0)
+        self._borne = np.where(held, self._borne + gone * self._period_s / BORNE_S, 0.0)
         bears = (1.0 - self._borne)[:, None] * carried
         if self._step_s == 0.0:
             return np.asarray(bears)
         up = np.einsum("ij,ij->i", carried, then.normals)[:, None] * then.normals
-        return np.asarray(np.where(self.touched[:, None], bears, LEVEL * up))
+        return np.asarray(np.where(held[:, None], bears, LEVEL * up))
 
     def _lean(self, then: Samples, landed: NDArray[np.bool_]) -> None:
         """Find ``shift_m``: a body that is pulled to its place over feet that stepped aside tips

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -183,3 +184,22 @@ def test_a_foot_on_noisy_ground_comes_down_as_far_as_its_ground_may_be_and_no_fa
     assert before == pytest.approx(0.0)
     lowered = ContactFeedback().seek_m_s * waited
     assert lowered == pytest.approx([0.02, 0.004 + GIVES_M, 0.012 + GIVES_M, 0.02], abs=2e-4)
+
+
+def test_a_foot_that_stands_higher_than_planned_is_not_pressed_down_as_it_lifts(
+    kinematics: Kinematics,
+) -> None:
+    angles, now = standing(kinematics)
+    first = np.eye(4)[:, :1] * [0.0, 0.0, 1.0]
+    fall, rise = np.linspace(0.002, -0.008, 40), np.linspace(-0.008, 0.02, 40)
+    path = [replace(now, feet_m=now.feet_m + height * first) for height in (*fall, *rise)]
+    air = [replace(each, foothold=np.array((-1, 1, 2, 3))) for each in path]
+    samples = [*air[:40], *[path[39]] * 100, *air[40:]]
+    felt, seen = np.array([60.0, 50.0, 50.0, 50.0]), (state(angles, np.zeros(3)), PLACE)
+    feet, commanded = of(kinematics, samples[0]), list[float]()
+    for last, then in pairwise(samples):
+        feet.follow(last, then, felt, NONE, seen)
+        commanded.append(float(then.feet_m[0, 2] + feet.moved_m[0, 2] - now.feet_m[0, 2]))
+    assert feet.touched.tolist() == [False, True, True, True]
+    assert min(commanded[130:]) > -3e-4  # it stood at 0, 8 mm above its place
+    assert commanded[-1] > 0.015

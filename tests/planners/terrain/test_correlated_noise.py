@@ -74,6 +74,48 @@ def test_noise_that_is_told_is_no_bumps_and_its_planes_are_off_by_what_they_say(
     assert min(p.patch.certainty.rough_m for p in untold.pieces) > 0.006
 
 
+@pytest.mark.parametrize("step_m", [0.018, 0.03])
+def test_a_step_lower_than_the_noise_is_under_no_foothold(step_m):
+    x_m, y_m = np.arange(-0.8, 0.8, 0.02), np.arange(-0.6, 0.6, 0.02)
+    noise = gaussian_filter(np.random.default_rng(5).standard_normal((80, 60)), 1.25)
+    heights = step_m * (x_m > 0.0)[:, None] + 0.02 * noise / noise.std()
+    terrain = ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="step")
+    found = footholds_of(terrain, FootholdLimits(noise_m=0.02))
+    ends = np.array(
+        [(p.patch.vertices_m[:, 0].min(), p.patch.vertices_m[:, 0].max()) for p in found.pieces]
+    )
+    assert not np.any((ends[:, 0] < -0.01) & (ends[:, 1] > 0.01))
+    assert found.area_m2 > 1.0
+    for piece in found.pieces:
+        corners = piece.patch.vertices_m
+        off = np.abs(corners[:, 2] - step_m * (corners[:, 0] > 0.0))
+        assert np.all(off < 3.0 * piece.patch.certainty.height_sd_m(corners[:, :2]))
+
+
+def test_neighbours_say_how_alike_noise_is_that_is_told():
+    beams = np.where(np.mod(np.arange(54), 13) < 5, 0.0, -0.25)
+    noise = gaussian_filter(
+        np.random.default_rng(4).standard_normal((80, 54)), 0.5 * LENGTH_M / 0.03
+    )
+    noise *= 0.03 / noise.std()
+    lines = np.arange(80) * 0.03, np.arange(54) * 0.03
+    terrain = ElevationMap(x_m=lines[0], y_m=lines[1], heights_m=beams + noise, name="beams")
+    told = footholds_of(terrain, FootholdLimits(noise_m=0.03))
+    assert told.noise_length_m == pytest.approx(LENGTH_M, rel=0.3)
+    white = np.random.default_rng(4).standard_normal((80, 54))
+    terrain = ElevationMap(x_m=lines[0], y_m=lines[1], heights_m=beams + 0.03 * white, name="beams")
+    assert footholds_of(terrain, FootholdLimits(noise_m=0.03)).noise_length_m == 0.0
+
+
+def test_what_samples_do_not_show_their_residuals_do():
+    told = footholds_of(stairs(0.02, 0.05), FootholdLimits(noise_m=0.02))
+    white = footholds_of(stairs(0.02, 0.05, length_m=0.0), FootholdLimits(noise_m=0.02))
+    assert told.noise_length_m == pytest.approx(LENGTH_M, rel=0.4)
+    assert white.noise_length_m == 0.0
+    surest = [min(p.height_sd_m for p in found.pieces) for found in (told, white)]
+    assert surest[0] > 1.3 * surest[1]
+
+
 def test_noise_over_ten_centimetres_may_be_told_as_well():
     found = footholds_of(stairs(0.02, length_m=0.1), FootholdLimits(noise_m=0.02))
     assert found.noise_length_m > 0.06

@@ -1,5 +1,6 @@
 """Footholds of noisy heights end at steps, strips are found, and each says how sure it is."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -7,10 +8,11 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.cells import GroundCells
-from stancekit.planners.terrain.certainty import Certainty
+from stancekit.planners.terrain.certainty import FOUND_SD_M, Certainty
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, TerrainPatch
+from stancekit.planners.terrain.polygon import surface_patch
 
 EDGES = (0.35, 0.65)
 
@@ -146,3 +148,21 @@ def test_points_of_the_next_step_in_the_outermost_cells_of_a_dense_cloud_refuse_
     found = footholds_of(ElevationMap.of_points(points, 0.01, "stairs"))
     levels = {round(float(piece.patch.centre_m[2]) / 0.08) for piece in found.pieces}
     assert levels >= {-1, 0}
+
+
+def test_the_part_of_a_piece_whose_ground_feet_find_is_known_well_enough_and_whole_where_it_is():
+    square = [[-0.4, -0.4, 0.08], [0.4, -0.4, -0.08], [0.4, 0.4, -0.08], [-0.4, 0.4, 0.08]]
+    patch = surface_patch(np.array(square), 0.8)
+    for slope_sd, share in ((0.0, 1.0), (0.02, 0.331), (0.2, 0.00331)):
+        covariance = np.array([[1e-5, 0.0, 0.0], [0.0, slope_sd**2, 0.0], [0.0, 0.0, slope_sd**2]])
+        sure = Certainty(about_m=np.array([0.1, 0.0]), covariance=covariance, rough_m=0.002)
+        whole = TerrainPatch(patch=patch.with_certainty(sure), rms_m=0.01, samples=9, surface=0)
+        part = whole.found
+        corners = part.patch.vertices_m
+        assert np.all(sure.height_sd_m(corners[:, :2]) <= FOUND_SD_M + 1e-9)
+        np.testing.assert_allclose(corners[:, 2], -0.2 * corners[:, 0], atol=1e-12)
+        assert part.area_m2 == pytest.approx(share * whole.area_m2, rel=0.04)
+        assert (part.area_m2 == pytest.approx(whole.area_m2)) == (slope_sd == 0.0)
+    rough = replace(sure, rough_m=0.007)
+    assert replace(whole, patch=patch.with_certainty(rough)).found is None
+    assert replace(whole, patch=patch).found.patch is patch
