@@ -34,25 +34,25 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world
 
-LIMIT_S = 400.0
-"""For bending a scene, by the clock."""
 UPRIGHT = 0.9
 """Least cosine of the tilt of a body that stands."""
 
 
-def plan(kind: str, robot: str, folder: Path, scenes: int, first: int) -> None:
+def plan(asked: Asked, kind: str, robot: str, folder: Path) -> None:
     """Solve and bend scenes, one line each in FOLDER/plans.jsonl."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = Lines(folder / "plans.jsonl", "seed")
-    for seed in range(first, first + scenes):
+    for seed in range(asked.first, asked.first + asked.scenes):
         if seed in lines.rows:
             continue
+        if sum(row["solved"] for row in lines.rows.values()) >= asked.solved:
+            break
         begin = time.process_time()
         leap = read_leap(f"{kind}:{seed}", robot).leap
         answer = find_leap(leap, LeapFinder(solves=50, proof=0))
         row: dict[str, Any] = {"solved": answer.solution is not None}
         if answer.solution is not None:
-            deadline = time.perf_counter() + LIMIT_S
+            deadline = time.perf_counter() + asked.limit_s
             judged = judged_answer(answer, programs_of_this_thread(), deadline=deadline)
             assert judged.report is not None
             assert judged.solution is not None
@@ -136,12 +136,16 @@ class Asked(Options):
     Arguments:
         scenes: how many are planned.
         first: the seed of the first.
+        solved: planning ends when so many are solved.
+        limit_s: for bending a scene, by the clock.
     """
 
     what: Annotated[Literal["plan", "run", "stop", "table"], tyro.conf.Positional]
     names: Annotated[tuple[str, ...], tyro.conf.Positional]
     scenes: int = 30
     first: int = 0
+    solved: float = np.inf
+    limit_s: float = 400.0
 
 
 def table(asked: Asked, folder: Path) -> None:
@@ -177,7 +181,7 @@ def main(asked: Asked) -> None:
     """Plan, run, stop or tell."""
     if asked.what == "plan":
         kind, robot, folder = asked.names
-        plan(kind, robot, Path(folder), asked.scenes, asked.first)
+        plan(asked, kind, robot, Path(folder))
     elif asked.what == "run":
         play(Path(asked.names[0]))
     elif asked.what == "stop":
