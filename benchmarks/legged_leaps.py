@@ -49,7 +49,7 @@ def plan(asked: Asked, kind: str, robot: str, folder: Path) -> None:
             break
         begin = time.process_time()
         leap = read_leap(f"{kind}:{seed}", robot).leap
-        answer = find_leap(leap, LeapFinder(solves=50, proof=0))
+        answer = find_leap(leap, LeapFinder(solves=asked.solves, proof=0))
         row: dict[str, Any] = {"solved": answer.solution is not None}
         if answer.solution is not None:
             deadline = time.perf_counter() + asked.limit_s
@@ -137,6 +137,7 @@ class Asked(Options):
         scenes: how many are planned.
         first: the seed of the first.
         solved: planning ends when so many are solved.
+        solves: convex problems at most that a scene's solution takes.
         limit_s: for bending a scene, by the clock.
     """
 
@@ -145,6 +146,7 @@ class Asked(Options):
     scenes: int = 30
     first: int = 0
     solved: float = np.inf
+    solves: int = 50
     limit_s: float = 400.0
 
 
