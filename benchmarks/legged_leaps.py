@@ -3,6 +3,7 @@ how many of these run in MuJoCo.
 
     python benchmarks/legged_leaps.py plan CLASS ROBOT FOLDER --scenes 30
     python benchmarks/legged_leaps.py run FOLDER
+    python benchmarks/legged_leaps.py perturbed FILE --runs 5
     python benchmarks/legged_leaps.py stop FILE
     python benchmarks/legged_leaps.py table FOLDER
 
@@ -33,7 +34,7 @@ from stancekit.planners.motion.crossing_motion import CrossingMotion
 from stancekit.planners.motion.leap_run import REST_S, LeapRun
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds import Imperfections, make_world
 
 HELD_S = 2.0
 """How long joints are held after a stop before the robot is looked at again."""
@@ -89,6 +90,31 @@ def play(folder: Path) -> None:
     for path in sorted(folder.glob("leap-*.json")):
         if path.name not in lines.rows:
             lines.add(path.name, outcome(run(path, "mujoco")))
+
+
+def perturbed(asked: Asked, path: Path) -> None:
+    """Run a leap or a crossing again and again, with all errors drawn evenly by seed: mass up to
+    3 % more or less, friction down to 90 %, joints up to 5 mrad off, delays of none or one period.
+    """
+    accepted, lines = Accepted.from_file(path), Lines(path.with_suffix(".runs.jsonl"), "run")
+    for number in range(asked.runs):
+        if number in lines.rows:
+            continue
+        rng = np.random.default_rng([asked.seed, number])
+        drawn = {
+            "mass_share": round(1.0 + rng.uniform(-0.03, 0.03), 3),
+            "offset_rad": round(rng.uniform(0.0, 5e-3), 4),
+            "delay_s": float(rng.choice([0.0, 5e-3])),
+        }
+        friction = round(1.0 - rng.uniform(0.0, 0.1), 3)
+        wrong = Imperfections(**drawn, seed=int(rng.integers(2**31)))
+        world = make_world("mujoco", accepted.robot, imperfections=wrong)
+        report = Runner(world).run(accepted, accepted.ground(friction))
+        lines.add(number, {**drawn, "friction": friction} | outcome(report))
+    rows = list(lines.rows.values())
+    for row in rows:
+        asked.say(row)
+    asked.say({"as planned": share(sum(row["succeeded"] for row in rows), len(rows))})
 
 
 def outcome(report: Any) -> dict[str, Any]:
@@ -171,16 +197,18 @@ class Asked(Options):
         first: the seed of the first.
         solved: planning ends when so many are solved.
         solves: convex problems at most that a scene's solution takes.
+        runs: with errors.
         instants: of e-stops.
         limit_s: for bending a scene, by the clock.
     """
 
-    what: Annotated[Literal["plan", "run", "stop", "table"], tyro.conf.Positional]
+    what: Annotated[Literal["plan", "run", "perturbed", "stop", "table"], tyro.conf.Positional]
     names: Annotated[tuple[str, ...], tyro.conf.Positional]
     scenes: int = 30
     first: int = 0
     solved: float = np.inf
     solves: int = 50
+    runs: int = 5
     instants: int = 20
     limit_s: float = 400.0
 
@@ -215,12 +243,14 @@ def table(asked: Asked, folder: Path) -> None:
 
 
 def main(asked: Asked) -> None:
-    """Plan, run, stop or tell."""
+    """Plan, run, perturb, stop or tell."""
     if asked.what == "plan":
         kind, robot, folder = asked.names
         plan(asked, kind, robot, Path(folder))
     elif asked.what == "run":
         play(Path(asked.names[0]))
+    elif asked.what == "perturbed":
+        perturbed(asked, Path(asked.names[0]))
     elif asked.what == "stop":
         stop(asked, Path(asked.names[-1]))
     else:

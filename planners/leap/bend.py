@@ -296,13 +296,21 @@ class LeapBender:
             start = plan if k == 0 else self._retimed(plan, before, flight, after)
             if start is None:
                 continue
-            begun = self._within_reach(first if k == 0 else self.judge(start))
-            for judged in self._rounds(begun):
+            for judged in self._from(first if k == 0 else self.judge(start)):
                 if judged.score < best.score:
                     best = judged
                 if judged.accepted:
                     return first, judged
         return first, best
+
+    def _from(self, begun: JudgedLeap) -> Iterator[JudgedLeap]:
+        """Plans of one timing: in rounds from the one that was judged, and from where its feet miss
+        less.
+        """
+        yield from self._rounds(begun)
+        again = self._within_reach(begun)
+        if again is not begun:
+            yield from self._rounds(again)
 
     def _within_reach(self, judged: JudgedLeap) -> JudgedLeap:
         """The leap begun anew with its reach shortened by what feet missed, while that helps: rounds
