@@ -3,16 +3,16 @@ how many of these run in MuJoCo.
 
     python benchmarks/legged_leaps.py plan CLASS ROBOT FOLDER --scenes 30
     python benchmarks/legged_leaps.py run FOLDER
-    python benchmarks/legged_leaps.py stop FOLDER FILE
+    python benchmarks/legged_leaps.py perturbed FILE --runs 5
+    python benchmarks/legged_leaps.py stop FILE
     python benchmarks/legged_leaps.py table FOLDER
 
-A scene is CLASS:SEED on the robot. A run of the benchmark that is stopped goes on. Shares have
+A scene is CLASS:SEED on the robot; FILE is of a leap or of a crossing. A run of the benchmark that is stopped goes on. Shares have
 Wilson's 95 % intervals; ``table`` takes ``--markdown`` and ``--json``.
 """
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -25,34 +25,38 @@ from _bench import Lines, Options, launch, share
 
 from stancekit.motions import run
 from stancekit.planners.answer.hindrance import LEAP_BODY
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.formats.leap_file import read_leap, write_leap
 from stancekit.planners.leap.bend import judged_answer
 from stancekit.planners.leap.finder import LeapFinder, find_leap
-from stancekit.planners.motion.leap_run import REST_S
+from stancekit.planners.motion.crossing_motion import CrossingMotion
+from stancekit.planners.motion.leap_run import REST_S, LeapRun
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds import Imperfections, make_world
 
-LIMIT_S = 400.0
-"""For bending a scene, by the clock."""
+HELD_S = 2.0
+"""How long joints are held after a stop before the robot is looked at again."""
 UPRIGHT = 0.9
 """Least cosine of the tilt of a body that stands."""
 
 
-def plan(kind: str, robot: str, folder: Path, scenes: int, first: int) -> None:
+def plan(asked: Asked, kind: str, robot: str, folder: Path) -> None:
     """Solve and bend scenes, one line each in FOLDER/plans.jsonl."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = Lines(folder / "plans.jsonl", "seed")
-    for seed in range(first, first + scenes):
+    for seed in range(asked.first, asked.first + asked.scenes):
         if seed in lines.rows:
             continue
+        if sum(row["solved"] for row in lines.rows.values()) >= asked.solved:
+            break
         begin = time.process_time()
         leap = read_leap(f"{kind}:{seed}", robot).leap
-        answer = find_leap(leap, LeapFinder(solves=50, proof=0))
+        answer = find_leap(leap, LeapFinder(solves=asked.solves, proof=0))
         row: dict[str, Any] = {"solved": answer.solution is not None}
         if answer.solution is not None:
-            deadline = time.perf_counter() + LIMIT_S
+            deadline = time.perf_counter() + asked.limit_s
             judged = judged_answer(answer, programs_of_this_thread(), deadline=deadline)
             assert judged.report is not None
             assert judged.solution is not None
@@ -88,6 +92,31 @@ def play(folder: Path) -> None:
             lines.add(path.name, outcome(run(path, "mujoco")))
 
 
+def perturbed(asked: Asked, path: Path) -> None:
+    """Run a leap or a crossing again and again, with all errors drawn evenly by seed: mass up to
+    3 % more or less, friction down to 90 %, joints up to 5 mrad off, delays of none or one period.
+    """
+    accepted, lines = Accepted.from_file(path), Lines(path.with_suffix(".runs.jsonl"), "run")
+    for number in range(asked.runs):
+        if number in lines.rows:
+            continue
+        rng = np.random.default_rng([asked.seed, number])
+        drawn = {
+            "mass_share": round(1.0 + rng.uniform(-0.03, 0.03), 3),
+            "offset_rad": round(rng.uniform(0.0, 5e-3), 4),
+            "delay_s": float(rng.choice([0.0, 5e-3])),
+        }
+        friction = round(1.0 - rng.uniform(0.0, 0.1), 3)
+        wrong = Imperfections(**drawn, seed=int(rng.integers(2**31)))
+        world = make_world("mujoco", accepted.robot, imperfections=wrong)
+        report = Runner(world).run(accepted, accepted.ground(friction))
+        lines.add(number, {**drawn, "friction": friction} | outcome(report))
+    rows = list(lines.rows.values())
+    for row in rows:
+        asked.say(row)
+    asked.say({"as planned": share(sum(row["succeeded"] for row in rows), len(rows))})
+
+
 def outcome(report: Any) -> dict[str, Any]:
     """What came of a run."""
     execution = report.execution
@@ -105,28 +134,58 @@ def outcome(report: Any) -> dict[str, Any]:
     }
 
 
-def stop(path: Path, times: int = 20) -> None:
-    """Press the e-stop at so many instants of a leap, spread evenly over it."""
-    plan = read_leap(path).plan
-    assert plan is not None
-    accepted = Accepted.verified(plan, str(path))
-    from stancekit.planners.motion.leap_run import LeapRun
+def stop(asked: Asked, path: Path) -> None:
+    """Press the e-stop at instants of the leap in a file, of a crossing, too, spread evenly over its
+    stances and its flight, and look at the robot again when its joints were held for a while.
+    """
+    accepted = Accepted.from_file(path)
+    leaps = isinstance(accepted.plan, LeapPlan)
+    motion = LeapRun(accepted.plan) if leaps else CrossingMotion(accepted.plan)
+    plan = next(p for p in (motion.parts if not leaps else [motion]) if isinstance(p, LeapRun))
+    begin = motion.committed_s[0][0] - plan.committed_s[0][0] + plan.settle_s
+    lines = Lines(path.with_suffix(".stops.jsonl"), "instant")
+    for k, at in enumerate(np.linspace(0.0, float(plan.plan.times_s[-1]), asked.instants)):
+        if k not in lines.rows:
+            lines.add(k, {"leap_s": round(float(at), 3)} | stopped(accepted, begin + float(at)))
+    rows = list(lines.rows.values())
+    for row in rows:
+        asked.say(row)
+    asked.say({"upright, held for a while": share(sum(row["upright"] for row in rows), len(rows))})
 
-    duration = LeapRun(plan).duration_s
-    for when in np.linspace(0.05, 0.95, times) * duration:
-        runners = list[Runner]()
 
-        def pressed(at: float = float(when), runners: list[Runner] = runners) -> str:
-            state = runners[0].state if runners else None
-            return "e-stop" if state is not None and state.time_s >= at else ""
+def stopped(accepted: Accepted[Any], when_s: float) -> dict[str, Any]:
+    """What comes of an e-stop at a time of the motion; upright: when its joints were held for HELD_S
+    after the run.
+    """
+    world, later = make_world("mujoco", accepted.robot), list[Any]()
+    close = world.close
 
-        runners.append(Runner(make_world("mujoco", accepted.robot), sources=(pressed,)))
-        report = runners[0].run(accepted)
-        row = {
-            "pressed_s": round(float(when), 3),
-            "ended_s": report.execution and report.execution.seconds,
-        }
-        print(json.dumps(row | outcome(report)), flush=True)
+    def held() -> None:
+        if not later:
+            later.append(
+                [world._advanced(world._sent) for _ in range(round(HELD_S * world.rate_hz))]
+            )
+        close()
+
+    world.close = held  # type: ignore[method-assign]
+    runner = Runner(world)
+    moves = list[float]()
+
+    def seen(target: Any, state: Any) -> None:
+        moves.append(float(target.sample.frame))
+        if moves[-1] >= when_s and not runner.latch.tripped:
+            runner.latch.trip("e-stop")
+
+    runner.check_body = seen  # type: ignore[method-assign]
+    report = runner.run(accepted)
+    last = later[0][-1]
+    return {
+        "went_on_s": round(moves[-1] - when_s, 3),
+        "upright": bool(last.rotation[2, 2] > UPRIGHT),
+        "feet_that_bear": int((np.linalg.norm(last.forces_n, axis=1) > 1.0).sum()),
+        "speed_m_s": round(float(np.linalg.norm(last.velocity[:3])), 4),
+        "message": report.message,
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,12 +195,22 @@ class Asked(Options):
     Arguments:
         scenes: how many are planned.
         first: the seed of the first.
+        solved: planning ends when so many are solved.
+        solves: convex problems at most that a scene's solution takes.
+        runs: with errors.
+        instants: of e-stops.
+        limit_s: for bending a scene, by the clock.
     """
 
-    what: Annotated[Literal["plan", "run", "stop", "table"], tyro.conf.Positional]
+    what: Annotated[Literal["plan", "run", "perturbed", "stop", "table"], tyro.conf.Positional]
     names: Annotated[tuple[str, ...], tyro.conf.Positional]
     scenes: int = 30
     first: int = 0
+    solved: float = np.inf
+    solves: int = 50
+    runs: int = 5
+    instants: int = 20
+    limit_s: float = 400.0
 
 
 def table(asked: Asked, folder: Path) -> None:
@@ -174,14 +243,16 @@ def table(asked: Asked, folder: Path) -> None:
 
 
 def main(asked: Asked) -> None:
-    """Plan, run, stop or tell."""
+    """Plan, run, perturb, stop or tell."""
     if asked.what == "plan":
         kind, robot, folder = asked.names
-        plan(kind, robot, Path(folder), asked.scenes, asked.first)
+        plan(asked, kind, robot, Path(folder))
     elif asked.what == "run":
         play(Path(asked.names[0]))
+    elif asked.what == "perturbed":
+        perturbed(asked, Path(asked.names[0]))
     elif asked.what == "stop":
-        stop(Path(asked.names[-1]))
+        stop(asked, Path(asked.names[-1]))
     else:
         table(asked, Path(asked.names[0]))
 

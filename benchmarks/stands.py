@@ -18,7 +18,7 @@ plans.jsonl with what was said and how long it took. What is there is not made a
 the command before. Limits are of wall-clock time, as the command's own: on a busy computer a line
 says starved, and --starved plans it again. play: every accepted plan of a folder in the referee,
 with and without feedback of the body, and by the package's own command ``run`` in MuJoCo; or files,
-plans and walks, with what is wrong with robot and ground. stood: not .12 m or .6 rad off on the
+plans, walks and leaps, with what is wrong with robot and ground. stood: not .12 m or .6 rad off on the
 way, nor .05 m or .2 rad at the end. --perturbed: every file once more, with all errors drawn from
 --seed: mass up to +10 %, friction down to 85 %, offsets up to .5 deg, delays up to 15 ms, soft
 contacts. push: stances of plans drawn by seed, each pushed at the base in eight directions until it

@@ -1,5 +1,5 @@
-"""Plan files (``stancekit/plan/2``, ``/3``) and walk files (``stancekit/gait/2``, ``/3``), read by
-their keys alone.
+"""Plan files (``stancekit/plan/2``, ``/3``), walk files (``stancekit/gait/2``, ``/3``) and leap
+files (``stancekit/leap/1``), read by their keys alone.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from .robots import Robot, robot_of
 Array = NDArray[np.float64]
 PLANS = ("stancekit/plan/2", "stancekit/plan/3")
 WALKS = ("stancekit/gait/2", "stancekit/gait/3")
+LEAPS = ("stancekit/leap/1",)
 GRAVITY_M_S2 = 9.81
 
 
@@ -101,12 +102,48 @@ class Samples:
     friction: float
 
 
+GATHER = (0.3, 0.8)
+"""How legs are drawn up in a leap that does not say it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Leap:
+    """A leap of M intervals of N limbs, with P footholds.
+
+    Attributes:
+        times_s: ends of the intervals, shape (M + 1,) [s].
+        com_m: centre of mass at these, shape (M + 1, 3) [m].
+        velocity_m_s: of it, shape (M + 1, 3).
+        rotation_rad: rotation vectors of the body, shape (M + 1, 3).
+        holds: which foothold each limb is on, -1 in the air, shape (M, N).
+        toes_m: where feet touch at each foothold, shape (P, 3) [m].
+        patches: under each foothold.
+        forces_n: on the feet, shape (M, N, 3) [N].
+        gather: of a flight, the share of it after which legs are drawn up, and of the shorter of
+            their lengths at its ends.
+        hips_m: of the legs, from the centre of mass, shape (N, 3) [m].
+        folded_m: least length of each leg, shape (N,) [m].
+    """
+
+    times_s: Array
+    com_m: Array
+    velocity_m_s: Array
+    rotation_rad: Array
+    holds: NDArray[np.int64]
+    toes_m: Array
+    patches: tuple[Patch, ...]
+    forces_n: Array
+    gather: tuple[float, float]
+    hips_m: Array
+    folded_m: Array
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Played:
-    """What a file asks for: a robot, and key frames or samples."""
+    """What a file asks for: a robot, and key frames, samples or a leap."""
 
     robot: Robot
-    motion: KeyFrames | Samples
+    motion: KeyFrames | Samples | Leap
 
     @property
     def gravity_m_s2(self) -> float:
@@ -115,7 +152,7 @@ class Played:
 
 
 def read(path: str | Path) -> Played:
-    """Read a plan or a walk. Raises BrokenFile, in one line, for whatever cannot be played."""
+    """Read a plan, a walk or a leap. Raises BrokenFile, in one line, for what cannot be played."""
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
         kind = data.get("format") if isinstance(data, dict) else type(data).__name__
@@ -123,9 +160,10 @@ def read(path: str | Path) -> Played:
             return _plan(data)
         if kind in WALKS:
             return _walk(data)
-        raise ValueError(
-            f"expected the format {', '.join((*PLANS, *WALKS))}, got {str(kind)[:80]!r}"
-        )
+        if kind in LEAPS:
+            return _leap(data)
+        known = ", ".join((*PLANS, *WALKS, *LEAPS))
+        raise ValueError(f"expected the format {known}, got {str(kind)[:80]!r}")
     except KeyError as error:
         raise BrokenFile(f"{path}: expected the key {error}, found nothing there") from None
     except (
@@ -237,6 +275,51 @@ def _walk(data: Mapping[str, Any]) -> Played:
             y_m=arrays["terrain_y_m"],
             heights_m=arrays["terrain_heights_m"],
             friction=float(data["friction"]),
+        ),
+    )
+
+
+def _leap(data: Mapping[str, Any]) -> Played:
+    plan, limbs = data["plan"], data["robot"]["limbs"]
+    names = [limb["name"] for limb in limbs]
+    number = {(each["limb"], each["phase"]): j for j, each in enumerate(data["footholds"])}
+    rows, before = list[list[int]](), [-1] * len(names)
+    for q, phase in enumerate(data["phases"]):
+        now = [number.get((name, q), before[i]) for i, name in enumerate(names)]
+        before = [j if names[i] in phase["limbs"] else -1 for i, j in enumerate(now)]
+        if any(j < 0 and names[i] in phase["limbs"] for i, j in enumerate(before)):
+            raise ValueError(f"footholds: expected one under every limb that stands in phase {q}")
+        rows += [before] * phase["intervals"]
+    lasts = [
+        seconds / phase["intervals"]
+        for seconds, phase in zip(data["timings_s"][plan["timing"]], data["phases"], strict=True)
+        for _ in range(phase["intervals"])
+    ]
+    count, places = len(rows), len(data["footholds"])
+    if len(plan["choice"]) != places:
+        raise ValueError(f"plan: choice: expected {places} numbers, got {len(plan['choice'])}")
+    shapes = {
+        **dict.fromkeys(("com_m", "velocity_m_s", "rotation_rad"), (count + 1, 3)),
+        "toes_m": (places, 3),
+        "forces_n": (count, len(names), 3),
+    }
+    arrays = {name: np.array(plan[name], dtype=float) for name in shapes}
+    _check(arrays, shapes)
+    legs = [limb["leg"] or {"hip_m": limb["shoulder_m"], "fold_m": 0.0} for limb in limbs]
+    edge, fold = plan.get("gather") or GATHER
+    return Played(
+        robot=robot_of(data["robot"], ()),
+        motion=Leap(
+            times_s=np.r_[0.0, np.cumsum(lasts)],
+            **arrays,
+            holds=np.array(rows),
+            patches=tuple(
+                _patch(each["candidates"][int(plan["choice"][j])])
+                for j, each in enumerate(data["footholds"])
+            ),
+            gather=(float(edge), float(fold)),
+            hips_m=np.array([leg["hip_m"] for leg in legs], dtype=float),
+            folded_m=np.array([leg["fold_m"] for leg in legs], dtype=float),
         ),
     )
 

@@ -1,5 +1,5 @@
-"""Where body and feet are to be, and what feet press with, every few milliseconds: from key frames
-or samples.
+"""Where body and feet are to be, and what feet press with, every few milliseconds: from key frames,
+samples or a leap.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from itertools import product
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from .files import KeyFrames, Samples
+from .files import KeyFrames, Leap, Samples
 from .ground import Solids, Surface
 from .settings import Settings
 
@@ -20,6 +21,9 @@ Array = NDArray[np.float64]
 HIGHER_M = (0.0, 0.02, 0.04, 0.07, 0.1, 0.14)
 """How much more than usual a foot may be lifted, and how much higher it may come down from."""
 ALONG = np.linspace(0.0, 1.0, 25)[:, None]
+LANDED_S, DRAWN_UP = 2.0, 1.1
+"""A leap is watched for so long after its end [s]; legs are drawn up to no less than so many of
+their least lengths."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -253,6 +257,71 @@ def of_walk(walk: Samples, surface: Surface, radii_m: Array, settings: Settings)
         dynamic=True,
         stances={},
     )
+
+
+def of_leap(leap: Leap, radii_m: Array, settings: Settings) -> Reference:
+    """The motion of a leap, at rest before and after; feet in the air begin and end at rest."""
+    end, rest = float(leap.times_s[-1]), settings.timing.rest_s
+    count = round((rest + end + LANDED_S) / settings.control_s)
+    now = np.clip(settings.control_s * np.arange(1, count + 1) - rest, 0.0, end)
+    k = np.clip(np.searchsorted(leap.times_s, now + 1e-9, side="right") - 1, 0, len(leap.holds) - 1)
+    since, lasts = (now - leap.times_s[k])[:, None], np.diff(leap.times_s)[:, None]
+    pull = np.diff(leap.velocity_m_s, axis=0) / lasts
+    vectors = leap.rotation_rad[k] + since / lasts[k] * np.diff(leap.rotation_rad, axis=0)[k]
+    com = leap.com_m[k] + since * leap.velocity_m_s[k] + 0.5 * since**2 * pull[k]
+    normals = np.array([patch.normal for patch in leap.patches])
+    friction = np.array([patch.friction for patch in leap.patches])
+    surface, centres = leap.holds[k], np.empty((count, len(radii_m), 3))
+    for foot, holds in enumerate(leap.holds.T):
+        stands = np.flatnonzero(holds >= 0)
+        centre = {j: leap.toes_m[j] + radii_m[foot] * normals[j] for j in set(holds[stands])}
+        for q in range(len(holds)):
+            here = k == q
+            if holds[q] >= 0:
+                centres[here, foot] = centre[holds[q]]
+                continue
+            first, last = stands[stands < q][-1] + 1, stands[stands > q][0]
+            ends = np.array([centre[holds[first - 1]], centre[holds[last]]])
+            path = _through_the_air(leap, foot, (int(first), int(last)), ends)
+            centres[here, foot] = com[here] + path(now[here])
+            surface[here, foot] = holds[last]
+    return Reference(
+        step_s=settings.control_s,
+        com_m=com,
+        turn=np.array([quaternion(vector) for vector in vectors]),
+        centres_m=centres,
+        forces_n=leap.forces_n[k],
+        stands=leap.holds[k] >= 0,
+        normals=normals[surface],
+        friction=friction[surface],
+        near={},
+        dynamic=True,
+        stances={},
+    )
+
+
+def _through_the_air(leap: Leap, foot: int, nodes: tuple[int, int], centres: Array) -> CubicSpline:
+    """A foot's way from the centre of mass between two ends of intervals, at rest in the world at
+    both: drawn up to its hip, as the file says.
+    """
+    (edge, fold), at = leap.gather, list(nodes)
+    ends = centres - leap.com_m[at]
+    hips = np.empty((2, 3))
+    for hip, vector in zip(hips, leap.rotation_rad[at], strict=True):
+        mujoco.mju_rotVecQuat(hip, leap.hips_m[foot], quaternion(vector))
+    shares = np.array([[edge], [1.0 - edge]])
+    straight, over = (pair[0] + shares * (pair[1] - pair[0]) for pair in (ends, hips))
+    short = max(
+        fold * float(np.linalg.norm(ends - hips, axis=1).min()), DRAWN_UP * leap.folded_m[foot]
+    )
+    away = straight - over
+    length = np.linalg.norm(away, axis=1, keepdims=True)
+    inner = over + np.minimum(short / np.maximum(length, 1e-9), 1.0) * away
+    begin, end = leap.times_s[at]
+    knots = begin + (end - begin) * np.array([0.0, edge, 1.0 - edge, 1.0])
+    moves = -leap.velocity_m_s[at]
+    places = np.vstack([ends[:1], inner, ends[1:]])
+    return CubicSpline(knots, places, bc_type=((1, moves[0]), (1, moves[1])))
 
 
 def quaternion(rotation: Sequence[float] | Array) -> Array:

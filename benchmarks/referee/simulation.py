@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from .body import Body, build
 from .feedback import shared, wrench
-from .files import BrokenFile, KeyFrames, Played, Samples, read
+from .files import BrokenFile, KeyFrames, Leap, Played, Samples, read
 from .ground import Surface, lay_heights, lay_patches
 from .joints import Commands, Solver, commands
-from .reference import Reference, cross, of_plan, of_walk, rotation_between
+from .reference import Reference, cross, of_leap, of_plan, of_walk, rotation_between
 from .settings import Bounds, Push, Settings, Wrong
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def play(
     """Play a file.
 
     Arguments:
-        path: a plan or a walk.
+        path: a plan, a walk or a leap.
         settings: the referee's.
         wrong: what is not as the file has it.
         push: instead of the motion, one of its stances is pushed until it falls.
@@ -125,7 +125,7 @@ def prepared(played: Played, settings: Settings, wrong: Wrong) -> tuple[Body, Re
     """The body that is simulated, and what it is commanded by whoever believes the file."""
     motion, contact = played.motion, wrong.contact(settings)
     lay: Callable[[Any], None]
-    if isinstance(motion, KeyFrames):
+    if not isinstance(motion, Samples):
         patches = motion.patches
 
         def lay(spec: Any) -> None:
@@ -138,11 +138,12 @@ def prepared(played: Played, settings: Settings, wrong: Wrong) -> tuple[Body, Re
 
     gravity = played.gravity_m_s2
     believed = build(played.robot, lambda _: None, settings, contact, gravity)
-    reference = (
-        of_plan(motion, believed.radii_m, settings)
-        if isinstance(motion, KeyFrames)
-        else of_walk(motion, surface, believed.radii_m, settings)
-    )
+    if isinstance(motion, KeyFrames):
+        reference = of_plan(motion, believed.radii_m, settings)
+    elif isinstance(motion, Leap):
+        reference = of_leap(motion, believed.radii_m, settings)
+    else:
+        reference = of_walk(motion, surface, believed.radii_m, settings)
     simulated = build(played.robot, lay, settings, contact, gravity, wrong.mass)
     return simulated, reference, commands(believed, reference)
 
@@ -155,6 +156,8 @@ def _pushed(
     push: Push,
 ) -> Row:
     """One stance, held still, pushed."""
+    if isinstance(played.motion, Leap):
+        raise ValueError("push: expected a plan or a walk, got a leap")
     reference = ready[1]
     if isinstance(played.motion, Samples):
         moment = round((push.stance + settings.timing.rest_s) / reference.step_s)

@@ -39,7 +39,7 @@ class LeapPlan:
         legs_turn_rad: by how much legs that swing turn the body in every interval, beside L, as far
             as that is known, shape (M, 3) [rad]; None where legs are taken to weigh nothing, as
             those of a robot that has limbs alone are.
-        gather: how legs are drawn up in flight, shape (2,): after which share of it, 0.05 to 0.5,
+        gather: how legs are drawn up in flight, shape (2,): after which share of it, 0.05 to 0.49,
             and how long they are then as a share of the shorter of their lengths at both ends, 0.1
             to 1; None for (0.3, 0.8).
         provenance: what made it, names to texts or numbers.

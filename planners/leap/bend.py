@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from ..files.arrays import Array
 from ..motion.leap_body import GATHER, LeapBody
 from ..motion.walk_joints import MovingBody
 from ..robot.leg_limits import no_motors
+from ..terrain.obstacles import Obstacles
 from ..verify.leap_whole_body import LeapBodyLimits, LeapBodyMeasurements
 from ..verify.leaps import check_leap
 from .numbers import JointRows, LeapGiven, LeapNumbers, LeapPoint
@@ -75,6 +76,9 @@ GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
 """Ways of drawing legs up in flight that are tried."""
 MORE_M, MOST_M = 0.003, 0.1
 """A reach that was too long is shortened by what it misses and this, and by no more in all [m]."""
+RESTARTS, FAR_OFF_M, MOST_SHORT_M = 3, 0.01, 0.2
+"""A timing begins anew so often at most, where feet miss more than this, with a reach that is
+shortened by no more than that [m]."""
 MOST_AIR_M = 0.03
 """What it misses in the air, just off a surface or just before one, counts for no more in a round
 [m]."""
@@ -153,9 +157,10 @@ class LeapBender:
         limits: LeapBodyLimits = LeapBodyLimits(),
         share: float = FRICTION_SHARE,
         deadline: float = np.inf,
+        obstacles: Obstacles | None = None,
     ) -> None:
         self._programs, self._limits, self._share = programs, limits, share
-        self._deadline = deadline
+        self._deadline, self._obstacles = deadline, obstacles
         self._body: MovingBody | None = None
         self.rounds = 0
 
@@ -178,18 +183,11 @@ class LeapBender:
         if air > EASY and ground < HARD:
             ways = [self._said(way) for way in self._gathered(measured)[:WAYS]]
             measured = ways[0]
-        groups = tuple(measured.groups(self._limits, bodies=False))
-        for way in ways:
-            wrong = {
-                g.name for g in way.groups(self._limits, bodies=False) if g.verdict == "violated"
-            }
-            if wrong - {"joint_speed", "torque"} or self._hard(way) > NEARLY:
-                continue
-            measured = LeapBodyMeasurements(LeapBody(way.leap_body.plan, body=self._body))
-            measured = self._finer(measured)
-            groups = tuple(measured.groups(self._limits))
-            if not any(group.verdict == "violated" for group in groups):
-                break
+        found = self._whole(ways)
+        if found is not None and len(ways) == 1 and _violated(found[1]) == {"bodies"}:
+            others = [self._said(way) for way in self._gathered(measured)[:WAYS]]
+            found = self._whole([*others, measured])
+        measured, groups = found or (measured, tuple(measured.groups(self._limits, bodies=False)))
         plan = measured.leap_body.plan
         none = np.zeros(len(plan.problem.robot.limbs))
         return JudgedLeap(
@@ -201,13 +199,30 @@ class LeapBender:
             share=share,
         )
 
+    def _whole(
+        self, ways: Sequence[LeapBodyMeasurements]
+    ) -> tuple[LeapBodyMeasurements, tuple[Group, ...]] | None:
+        """The first of some ways of drawing up legs that is accepted at all samples and with its
+        bodies, or else the last that comes near; None where none does.
+        """
+        found: tuple[LeapBodyMeasurements, tuple[Group, ...]] | None = None
+        for way in ways:
+            wrong = _violated(way.groups(self._limits, bodies=False))
+            if wrong - {"joint_speed", "torque"} or self._hard(way) > NEARLY:
+                continue
+            measured = LeapBodyMeasurements(LeapBody(way.leap_body.plan, body=self._body))
+            measured = self._finer(measured)
+            found = measured, tuple(measured.groups(self._limits, obstacles=self._obstacles))
+            if not _violated(found[1]):
+                break
+        return found
+
     def _said(self, measured: LeapBodyMeasurements) -> LeapBodyMeasurements:
         """The plan that says what legs make of its turning, where nothing but speeds and torques is
         violated beside it.
         """
         for _ in range(SAID):
-            groups = measured.groups(self._limits, bodies=False)
-            wrong = {group.name for group in groups if group.verdict == "violated"}
+            wrong = _violated(measured.groups(self._limits, bodies=False))
             if "legs_turn" not in wrong or wrong - {"legs_turn", "joint_speed", "torque"}:
                 break
             measured = self._measured(as_turned(measured))
@@ -281,12 +296,55 @@ class LeapBender:
             start = plan if k == 0 else self._retimed(plan, before, flight, after)
             if start is None:
                 continue
-            for judged in self._rounds(first if k == 0 else self.judge(start)):
+            for judged in self._from(first if k == 0 else self.judge(start)):
                 if judged.score < best.score:
                     best = judged
                 if judged.accepted:
                     return first, judged
         return first, best
+
+    def _from(self, begun: JudgedLeap) -> Iterator[JudgedLeap]:
+        """Plans of one timing: in rounds from the one that was judged, and from where its feet miss
+        less.
+        """
+        yield from self._rounds(begun)
+        again = self._within_reach(begun)
+        if again is not begun:
+            yield from self._rounds(again)
+
+    def _within_reach(self, judged: JudgedLeap) -> JudgedLeap:
+        """The leap begun anew with its reach shortened by what feet missed, while that helps: rounds
+        begin near what legs can do.
+        """
+        best = judged
+        for _ in range(RESTARTS):
+            missed_m = judged.body.off_toes().values.max(axis=0)
+            if missed_m.max() < FAR_OFF_M or time.perf_counter() > self._deadline:
+                break
+            short_m = np.minimum(judged.shortened_m + missed_m + MORE_M, MOST_SHORT_M)
+            plan = self._anew(judged.plan, short_m)
+            if plan is None:
+                break
+            judged = self.judge(plan, short_m)
+            best = judged if judged.score < best.score else best
+        return best
+
+    def _anew(self, plan: LeapPlan, shortened_m: Array | float = 0.0) -> LeapPlan | None:
+        """A leap over the contacts of a plan, in its timing, from the nominal motion; None where no
+        step solves it.
+        """
+        numbers = LeapNumbers.of(plan.problem, plan.timing)
+        attempted = attempt(
+            self._programs,
+            numbers,
+            plan.choice,
+            share=self._share,
+            stop=np.inf,
+            shortened_m=shortened_m,
+        )
+        if attempted.point is None or attempted.cost > 1e2 * HOLDS:
+            return None
+        return _plan_of(numbers, plan.choice, attempted.point, plan)
 
     def _retimed(
         self, plan: LeapPlan, before: float, flight: float, after: float
@@ -304,12 +362,8 @@ class LeapBender:
         ]
         times_s = leap.timings_s[plan.timing]
         timing = tuple(round(s * t, 4) for s, t in zip(stretch, times_s, strict=True))
-        leap = replace(leap, timings_s=(timing,))
-        numbers = LeapNumbers.of(leap)
-        attempted = attempt(self._programs, numbers, plan.choice, share=self._share, stop=np.inf)
-        if attempted.point is None or attempted.cost > 1e2 * HOLDS:
-            return None
-        return _plan_of(numbers, plan.choice, attempted.point, plan)
+        retimed = replace(plan, problem=replace(leap, timings_s=(timing,)), timing=0)
+        return self._anew(retimed)
 
     def _rounds(self, judged: JudgedLeap) -> Iterator[JudgedLeap]:
         """Plans of one timing, each judged, from one that was judged."""
@@ -358,6 +412,11 @@ class LeapBender:
             if cost_of(replace(data, joints=None), point) <= HOLDS:
                 return _plan_of(numbers, plan.choice, point, plan)
         return None
+
+
+def _violated(groups: Iterable[Group]) -> set[str]:
+    """Names of groups that do not hold."""
+    return {group.name for group in groups if group.verdict == "violated"}
 
 
 def as_turned(measured: LeapBodyMeasurements) -> LeapPlan:
@@ -513,16 +572,20 @@ def judged_answer(
     *,
     share: float = FRICTION_SHARE,
     deadline: float = np.inf,
+    obstacles: Obstacles | None = None,
 ) -> Answer[LeapPlan]:
     """An answer whose plan is judged on the robot's own body, and bent where it fails; undecided
     where legs cannot do the best of them.
 
     Raises InvalidInput for a robot whose joints have no limits.
+
+    Arguments:
+        obstacles: what bodies keep out of; the surfaces that are taken where nobody knows more.
     """
     plan = answer.solution
     if plan is None or not plan.problem.robot.source.own:
         return answer
-    bender = LeapBender(programs, share=share, deadline=deadline)
+    bender = LeapBender(programs, share=share, deadline=deadline, obstacles=obstacles)
     first, best = bender.bent(plan)
     report = best.report
     details = dict(answer.details) | {"bending_rounds": float(bender.rounds)}

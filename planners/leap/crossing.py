@@ -37,6 +37,7 @@ from ..robot.model import Robot
 from ..search.answer import Planner
 from ..search.plan_course import plan_course
 from ..search.plan_window import Standing, course_window
+from ..terrain.obstacles import Obstacles
 from ..terrain.patch import Patch
 from ..terrain.polygon import Surface, half_planes
 from ..terrain.terrain import Terrain
@@ -336,6 +337,7 @@ class _Crossing:
     ) -> tuple[LeapPlan, Effort] | str:
         """The leap from where the robot stands to a place along the way, judged with its legs."""
         why, effort = "no timing", Effort()
+        obstacles = Obstacles.of(self.terrain.patches)
         timings = self._timings(to_m - from_m)
         until = self._until(SHARES[1])
         for k, timing in enumerate(timings):
@@ -346,7 +348,9 @@ class _Crossing:
             share = now + 0.5 * (until - now) if k + 1 < len(timings) else until
             answer = find_leap(leap, self.finder, time_limit_s=max(share - now, 0.0))
             if answer.solution is not None:
-                answer = judged_answer(answer, programs_of_this_thread(), deadline=share)
+                answer = judged_answer(
+                    answer, programs_of_this_thread(), deadline=share, obstacles=obstacles
+                )
             effort = answer.effort
             if answer.status is Status.FEASIBLE and answer.solution is not None:
                 return answer.solution, effort

@@ -84,15 +84,18 @@ def attempt(
     share: float = FRICTION_SHARE,
     stop: float = STOP,
     steps: int = STEPS,
+    shortened_m: Array | float = 0.0,
 ) -> LeapAttempt:
     """Try one choice of contacts from the nominal motion.
 
     Arguments:
         share: of the friction.
+        shortened_m: what is kept of the reach of every limb besides, shape (N,) [m].
         stop: cost of the first step's slack above which there is no second one; inf never stops.
         steps: convex problems at most.
     """
     scaled = reserved(numbers, choice, share)
+    scaled = replace(scaled, reach=scaled.reach - shortened_m)
     quiet = GENTLE if numbers.leap.robot.source.own else 0.0
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still, 0, quiet)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])

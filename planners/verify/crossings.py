@@ -231,6 +231,7 @@ def _another_way(crossing: Crossing, problem: Any) -> str:
         return "another gravity"
     if np.linalg.norm(problem.com_nominal_m[0, :2] - first.com_nominal_m[0, :2]) > BODY_M:
         return "another start"
-    if isinstance(last, Problem) and np.linalg.norm(problem.goal_m[:2] - last.goal_m[:2]) > BODY_M:
+    goal_m = last.goal_m if isinstance(last, Problem) else last.goal.com_m
+    if np.linalg.norm(problem.goal_m[:2] - goal_m[:2]) > BODY_M:
         return "another goal"
     return ""

@@ -126,12 +126,17 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         return np.maximum(left, 0.0), np.maximum(lands, 0.0)
 
     def groups(
-        self, limits: LeapBodyLimits = LeapBodyLimits(), *, bodies: bool = True
+        self,
+        limits: LeapBodyLimits = LeapBodyLimits(),
+        *,
+        bodies: bool = True,
+        obstacles: Obstacles | None = None,
     ) -> Iterator[Group]:
         """The groups of ``LEAP_BODY``.
 
         Arguments:
             bodies: judge them, too.
+            obstacles: what they keep out of; the surfaces that are taken where nobody knows more.
         """
         feet, joints, times = self.path.feet, self.kinematics.joints, self.times_s
         off, left = self.off_toes(), self.dips()
@@ -156,14 +161,14 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         yield _group("take_off", left[0], feet, times, limits.dip_m, feet)
         yield _group("landing", left[1], feet, times, limits.dip_m, feet)
         if bodies:
-            yield self._bodies()
+            yield self._bodies(obstacles)
 
-    def _bodies(self) -> Group:
+    def _bodies(self, obstacles: Obstacles | None) -> Group:
         plan = self.leap_body.plan
         leap = plan.problem
         patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
         try:
-            return self.bodies(Obstacles.of(patches)).group("bodies")
+            return self.bodies(obstacles or Obstacles.of(patches)).group("bodies")
         except InvalidInput as error:  # no coal
             return Group("bodies", unit="m", message=str(error), verdict="not checked")
 

@@ -98,9 +98,11 @@ def _defect(plan: LeapPlan) -> str:
         if not np.all(np.isfinite(array)) or np.abs(array).max(initial=0.0) > 1e9:
             return f"{name}: expected finite numbers"
     if plan.gather is not None and not (
-        0.05 <= plan.gather[0] <= 0.5 and 0.1 <= plan.gather[1] <= 1.0
+        0.05 <= plan.gather[0] <= 0.49 and 0.1 <= plan.gather[1] <= 1.0
     ):
-        return f"gather: expected shares of 0.05 to 0.5 and of 0.1 to 1, got {plan.gather.tolist()}"
+        return (
+            f"gather: expected shares of 0.05 to 0.49 and of 0.1 to 1, got {plan.gather.tolist()}"
+        )
     if plan.legs_turn_rad is not None and not leap.robot.source.own:
         return (
             "legs_turn_rad: expected none of a robot that has limbs alone, whose legs weigh nothing"

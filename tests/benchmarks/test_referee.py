@@ -26,6 +26,7 @@ from benchmarks.referee.ground import Surface
 from benchmarks.referee.simulation import prepared
 
 ROOT = Path(__file__).resolve().parents[2]
+LEAP = ROOT / "tests" / "data" / "leap-hop-anymal.json"
 SETTINGS = read_settings()
 LEGS = ("LF", "RF", "LH", "RH")
 BENT = {"HAA": 0.0, "HFE": 0.7, "KFE": -1.4}
@@ -257,6 +258,52 @@ def test_a_walk_that_stands_on_heights_stands(tmp_path: Path) -> None:
     assert row.stood
     assert row.carried == pytest.approx(1.0, abs=2e-3)
     assert row.most_mm < 3.0
+
+
+def test_a_leap_lands_on_its_patches_and_stands() -> None:
+    row = play(LEAP, SETTINGS, Wrong(feedback=True))
+    assert row.stood
+    assert row.of_s == pytest.approx(SETTINGS.timing.rest_s + 1.78 + 2.0, abs=0.01)
+    assert row.carried == pytest.approx(1.0, abs=0.01)
+    assert row.missed_mm < 1.0
+
+
+def test_a_leap_on_ice_does_not_stand() -> None:
+    assert not play(LEAP, SETTINGS, Wrong(feedback=True, friction=0.02)).stood
+
+
+def test_the_referee_has_a_leap_as_the_package_has_it() -> None:
+    """Body, feet, contacts and forces, each by its own code from one file."""
+    from stancekit.planners.formats.leap_file import read_leap
+    from stancekit.planners.motion.leap_run import LeapRun
+
+    plan = read_leap(LEAP).plan
+    assert plan is not None
+    ours, reference = (
+        LeapRun(plan, settle_s=SETTINGS.timing.rest_s),
+        prepared(read(LEAP), SETTINGS, Wrong())[1],
+    )
+    times = SETTINGS.control_s * np.arange(1, len(reference.com_m) + 1)
+    sample = ours.at(times)
+    np.testing.assert_allclose(reference.com_m, sample.com_m, atol=1e-6)
+    np.testing.assert_allclose(reference.centres_m, sample.feet_m, atol=5e-3)
+    assert (reference.stands == (sample.foothold >= 0)).mean() > 0.99
+    flies = ~reference.stands.any(axis=1)
+    assert np.count_nonzero(flies) > 30
+    assert not reference.forces_n[flies].any()
+
+
+def test_a_leap_without_footholds_gives_one_line(tmp_path: Path) -> None:
+    data = json.loads(LEAP.read_text())
+    path = tmp_path / "leap.json"
+    path.write_text(json.dumps(data | {"footholds": data["footholds"][:-1]}))
+    with pytest.raises(BrokenFile, match=r"footholds: expected one under every limb that stands"):
+        read(path)
+
+
+def test_no_stance_of_a_leap_is_pushed() -> None:
+    with pytest.raises(BrokenFile, match="push: expected a plan or a walk, got a leap"):
+        play(LEAP, SETTINGS, push=Push(most_n=10.0))
 
 
 def test_heights_go_through_their_points_and_on_straight() -> None:
