@@ -147,7 +147,7 @@ def _peaks(plan: Attempts, index: int) -> tuple[float | None, float | None]:
 
 
 def words(plan: Attempts) -> list[str]:
-    """A line an attempt."""
+    """One line of text for each attempt."""
     lines = []
     for index, one in enumerate(plan.attempts):
         phases, (before, after) = _phases(plan, one), _peaks(plan, index)

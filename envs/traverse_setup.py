@@ -170,7 +170,7 @@ def course_source(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Perturbed:
-    """A source of one of these courses at a time, perturbed; each is as likely."""
+    """A source that draws one of these courses, each as likely, and perturbs it."""
 
     specs: tuple[CourseSpec, ...]
     amount: float

@@ -89,7 +89,7 @@ class PlanView(View):
 
     @cached_property
     def friction(self) -> ScalarMappable:
-        """Colours of the surfaces."""
+        """Colours of the surfaces, by their friction."""
         course = self.plan.problem
         terrain = course.terrain or tuple(foothold.candidates[0] for foothold in course.footholds)
         return friction_colours([patch.friction for patch in terrain])

@@ -234,7 +234,7 @@ class Counts:
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """Sum of the four counts."""
         return sum(astuple(self))
 
     def __add__(self, other: Counts) -> Counts:

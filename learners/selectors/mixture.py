@@ -119,7 +119,7 @@ def membership(mixture: GaussianMixture, points: Array) -> Array:
 def _mixture(flat: Array, clusters: int, seed: int) -> GaussianMixture:
     if clusters > len(flat):
         raise InvalidInput(
-            f"clusters: expected at most {len(flat)}, one a solution, got {clusters}"
+            f"clusters: expected at most {len(flat)}, one for each solution, got {clusters}"
         )
     return GaussianMixture(clusters, covariance_type="full", reg_covar=1e-5, random_state=seed).fit(
         flat

@@ -105,7 +105,7 @@ class Surrogate:
 
     @cached_property
     def seer(self) -> Seer:
-        """Features of the problems of its class."""
+        """The function that turns problems of its class into features."""
         return Seer.of(self.like)
 
     def thresholds(self, error: float) -> tuple[float, float]:

@@ -117,9 +117,9 @@ class LeapLift:
         body.limits()
 
     def solve(self, given: LeapGiven) -> ConicSolution:
-        """Is there a point of the relaxation?
+        """Look for a point of the relaxation.
 
-        ``dual`` of an answer that is infeasible is a ray.
+        Where there is none, ``dual`` of the answer is a ray that proves it.
         """
         return self.rows.solve(given)
 

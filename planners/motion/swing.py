@@ -47,7 +47,7 @@ class Swing:
 
     @property
     def corners(self) -> tuple[Array, Array, Array, Array]:
-        """Ends of the three lines."""
+        """End points of the three straight lines, in order."""
         return self.start, self.lifted, self.lowered, self.end
 
 

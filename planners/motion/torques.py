@@ -41,8 +41,8 @@ def path_torques(plan: Plan, solver: Kinematics) -> Array:
 
 
 def support_forces(plan: Plan, forces_n: Array, frame: int, support: tuple[int, ...]) -> Array:
-    """Forces at a frame with these limbs only, shape (N, 3) [N]; where none are for them, as where
-    all stand, the mean of what there is.
+    """Forces at a frame while only these limbs stand, shape (N, 3) [N]. Where the plan has no stance
+    of just these limbs, the mean over all stances of the frame.
 
     Arguments:
         forces_n: of the plan's stances, shape (S, N, 3).

@@ -94,7 +94,7 @@ class Flat(TerrainSpec):
     width_m: Positive = 0.7
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
-        """One rectangle."""
+        """One level rectangle under the whole path."""
         low, high = path_m[:, 0].min() - BEYOND_M, path_m[:, 0].max() + BEYOND_M
         return Terrain(
             (_level(low, high, -self.width_m, self.width_m, 0.0, self.friction),), (True,)
@@ -179,7 +179,7 @@ class Walls(TerrainSpec):
         """Rectangles of the walls, which lean about the height of the start.
 
         Arguments:
-            panels: of each the side, x from and to, z from and to.
+            panels: for each panel its side, its two ends along x and its two ends along z.
         """
         corners = np.array([self._corners(*panel, about) for panel in panels]).reshape(-1, 4, 3)
         middles = [

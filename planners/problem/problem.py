@@ -184,7 +184,8 @@ class Problem:
             set_field(self, "standing_m", read_only(self.standing_m, shape, "standing_m"))
         elif self.weights is not None and self.weights.stance > 0.0:
             raise InvalidInput(
-                "standing_m: expected where toes are as the robot stands, with weights.stance, got none"
+                "standing_m: expected the places of the toes as the robot stands, which weights.stance "
+                "needs, got none"
             )
         self.robot.check_limbs()
         if self.force_scale_n is None:

@@ -240,11 +240,11 @@ def with_balls(
     mounts: Mapping[str, Mount],
     indices: Sequence[int],
 ) -> tuple[str, tuple[str, ...]]:
-    """The URDF with a sphere for every foot that is a ball and that it has no shape of, and the
-    links that have them now: in place of the mesh that is the ball, beside other shapes where a
-    person says what touches.
+    """The URDF with a sphere added for every foot that is a ball and has no sphere in the file, and
+    the links that got one.
 
-    The text is empty where nothing changes.
+    The sphere replaces the mesh that shows the ball. Where a person said what touches the ground,
+    it stands beside the other shapes. The text is empty where nothing changes.
 
     Arguments:
         indices: for every leg the number of the shape that touches, −1 for none.

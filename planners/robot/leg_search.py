@@ -274,8 +274,8 @@ class _Tree:
         )
 
     def leg(self, name: str, end: _End, contact: FootContact | None = None) -> tuple[Leg, int]:
-        """The leg of a chain's end, its stance the middle of its limits; and the number of the
-        shape that touches.
+        """The leg that ends at this link, with the middle of its joint limits as its stance; and
+        the number of the shape with which it touches the ground.
 
         Arguments:
             contact: contact shape, if a YAML file gives one.

@@ -205,8 +205,8 @@ class RobotModel:
 
     @property
     def carried_nm(self) -> float:
-        """Torque that holds the robot's weight at the length of a leg: the unit of what its drives
-        are guessed by.
+        """Torque that holds the robot's whole weight at the end of one leg [Nm]. Guesses of what its
+        drives can do are shares of it.
         """
         length_m = float(np.mean([leg.chain.length_m for leg in self.legs]))
         return self.body.mass_kg * GRAVITY_M_S2 * length_m

@@ -39,7 +39,7 @@ def workspaces_of(robot: RobotModel, *, cached: bool = True) -> tuple[Workspace,
             folder that cannot be written to keeps none.
 
     Raises:
-        InvalidInput: for a leg without a workspace that has an inside.
+        InvalidInput: for a leg that reaches no volume, as one with a single joint.
     """
     return tuple(_kept(leg) if cached else workspace_of(leg) for leg in robot.legs)
 

@@ -191,9 +191,7 @@ def _firmer(
 
 
 def _part_of_time(deadline: float) -> float:
-    """When a try has to end that is not to use up the time of those after it
-    (``time.perf_counter()``).
-    """
+    """Time at which a try ends, so that later tries have time, too (``time.perf_counter()``)."""
     now = time.perf_counter()
     return now + EACH * (deadline - now)
 

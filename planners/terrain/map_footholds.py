@@ -271,8 +271,8 @@ def _check_noise(name: str, cells: GroundCells, limits: FootholdLimits) -> None:
 
 
 def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray[np.bool_]:
-    """Cells without a surface that go on straight to both sides along a line, and so are strips too
-    narrow to fit.
+    """Cells without a fitted surface whose ground goes on straight to both sides along a line: strips
+    that are too narrow to fit a plane to.
     """
     n, m = heights.shape
     padded = np.pad(np.where(left, heights, np.nan), 1, constant_values=np.nan)

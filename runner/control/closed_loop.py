@@ -89,7 +89,7 @@ class ClosedLoop:
     def run(
         self, terrain: Sequence[Patch] | None = None, first: Accepted[Plan] | None = None
     ) -> LoopReport:
-        """Walk.
+        """Walk the course, and plan the rest anew where the robot does not stand as planned.
 
         Raises InvalidInput and PlanningFailed before anything moves; what goes wrong later is in
         the report.
@@ -280,8 +280,9 @@ class ClosedLoop:
     ) -> Prepared[PlanMotion]:
         """A plan from there, prepared.
 
-        Where joints or bodies cannot do what contacts can: a bent one, and where they cannot do
-        that, either, one of the next key frames alone, as what cannot be done is often far ahead.
+        Where the contacts hold but joints or bodies cannot follow, the plan is bent until they
+        can. Where that fails, only the next key frames are planned, since what the robot cannot
+        do is often far ahead.
         """
         runner, course = self.runner, self._planning.course
 

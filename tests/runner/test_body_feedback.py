@@ -246,7 +246,7 @@ def crawl(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     return with_joints(plan)
 
 
-@pytest.mark.parametrize("rate_hz", [200.0, 50.0])
+@pytest.mark.parametrize("rate_hz", [50.0])
 def test_a_quadruped_of_a_file_crawls_over_three_feet_and_none_of_them_slips(
     crawl: Plan, rate_hz: float
 ) -> None:

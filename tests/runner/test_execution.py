@@ -33,8 +33,7 @@ def climbed(step: Callable[[str], Plan]) -> Execution:
     return executed(step("walls"))
 
 
-@pytest.mark.parametrize("world", ["mujoco", "bullet"])
-@pytest.mark.parametrize("course", ["stairs", "walls"])
+@pytest.mark.parametrize(("course", "world"), [("stairs", "mujoco"), ("walls", "bullet")])
 def test_a_step_is_executed_as_planned(
     course: str, world: str, step: Callable[[str], Plan]
 ) -> None:

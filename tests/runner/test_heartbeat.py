@@ -53,8 +53,7 @@ def until(true: Callable[[], bool], limit_s: float) -> float:
     return time.monotonic() - begin
 
 
-@pytest.mark.parametrize("ros", [1, 2])
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize(("ros", "number"), [(1, signal.SIGSTOP), (2, signal.SIGKILL)])
 def test_a_goal_whose_host_is_killed_or_stands_still_is_cancelled(
     ros: Literal[1, 2], number: signal.Signals
 ) -> None:

@@ -29,9 +29,9 @@ ANT = Path(stancekit.__file__).parent / "configs" / "demo" / "ant.yaml"
 STAIRS = """\
 name: small-stairs
 robot: {ant}
-frames: 3
+frames: 2
 start_m: [0.0, 0.0]
-goal_m: [0.11, 0.0, 0.19]
+goal_m: [0.06, 0.0, 0.19]
 terrain: {{kind: stairs, friction: 0.7, first_m: 0.3, run_m: 0.4, rises_m: [0.04]}}
 """
 

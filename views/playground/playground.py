@@ -76,7 +76,7 @@ class Playground:
     # the page
 
     def _set_up(self, course: Problem) -> None:
-        """Lights, and from where the scene is seen first."""
+        """Set the lights and the first view of the scene."""
         set_up(self._server)
         path, answer = course.com_nominal_m, self._answer
         reach = max(limb.reach_m for limb in course.robot.limbs)

@@ -25,7 +25,9 @@ def still_start(structure: Structure) -> Constraint:
 
 
 def still_end(structure: Structure) -> Constraint | None:
-    """The last three are equal, where the settings ask for an end at rest."""
+    """The last three coefficients of the torso's spline are equal: velocity and acceleration are 0
+    at the end. None where the settings do not ask for an end at rest.
+    """
     return (
         _still(structure, "still end", structure.layout.torso[-3:])
         if structure.settings.still_end

@@ -120,7 +120,7 @@ def strip(corners: NDArray[np.int64], most: int) -> Triangles:
 
 
 def joined(pieces: Iterable[Surface]) -> Surface:
-    """Several surfaces as one."""
+    """Join several surfaces to one."""
     corners, triangles, start = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int_)], 0
     for points, faces in pieces:
         corners.append(points)

@@ -25,7 +25,7 @@ SILENT = logging.NullHandler()
 
 
 def roslibpy() -> Any:
-    """The module.
+    """The module ``roslibpy``, imported.
 
     Raises InvalidInput where it is not installed.
     """

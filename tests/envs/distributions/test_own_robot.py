@@ -28,7 +28,7 @@ from tests.planners.robot.small_urdfs import leg, quadruped, robot
 pytest.importorskip("pinocchio")
 pytest.importorskip("trimesh")
 
-GROUNDS = ["stairs:0.3:7", "ramps:0.3:7"]
+GROUNDS = ["stairs:0.3:7"]
 PLANE = "v -2 -2 {0}\nv 2 -2 {1}\nv 2 2 {1}\nv -2 2 {0}\nf 1 2 3\nf 1 3 4\n"
 
 
