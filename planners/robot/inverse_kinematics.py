@@ -11,10 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .leg import Leg
@@ -94,15 +96,19 @@ class Seeds:
     """Postures of one leg to start from: those whose feet are nearest to a target."""
 
     def __init__(self, leg: Leg, angles: Array, *, tries: int = TRIES) -> None:
-        """A tree of the feet of many postures.
+        """Seeds of the feet of many postures.
 
         Arguments:
             angles: postures all over the workspace, shape (K, n).
         """
+        self.leg, self.angles, self.tries = leg, angles, min(tries, len(angles))
+
+    @cached_property
+    def _tree(self) -> Any:
+        """The tree, where a foot asks for it that no near posture brings to its target."""
         from scipy.spatial import cKDTree  # slow to import
 
-        self.leg, self.angles, self.tries = leg, angles, min(tries, len(angles))
-        self._tree = cKDTree(leg.chain.feet(angles), balanced_tree=False, compact_nodes=False)
+        return cKDTree(self.leg.chain.feet(self.angles), balanced_tree=False, compact_nodes=False)
 
     def solve(self, feet: ArrayLike, near: ArrayLike | None = None) -> tuple[Array, Array]:
         """Angles, shape (K, n), and errors, shape (K,) [m], of feet p_BF of shape (K, 3) [m].
@@ -112,18 +118,21 @@ class Seeds:
                 not get there.
         """
         target = np.asarray(feet, dtype=np.float64)
-        nearest = np.asarray(self._tree.query(target, k=np.arange(1, self.tries + 1))[1])
-        starts = [self.angles[nearest[:, k]] for k in range(self.tries)]
+        best, error = np.zeros((len(target), self.leg.chain.joints)), np.full(len(target), np.inf)
         if near is not None:
-            starts.insert(0, np.asarray(near, dtype=np.float64))
-        best, error = descend(self.leg, target, starts[0])
-        for start in starts[1:]:
-            missed = np.flatnonzero(error > REACHED_M)
-            if not len(missed):
+            best, error = descend(self.leg, target, near)
+        missed = np.flatnonzero(error > REACHED_M)
+        if not len(missed):
+            return best, error
+        nearest = np.asarray(self._tree.query(target[missed], k=np.arange(1, self.tries + 1))[1])
+        for start in self.angles[nearest.T]:
+            left = np.flatnonzero(error[missed] > REACHED_M)
+            if not len(left):
                 break
-            again, far = descend(self.leg, target[missed], start[missed])
-            closer = far < error[missed]
-            best[missed[closer]], error[missed[closer]] = again[closer], far[closer]
+            at = missed[left]
+            again, far = descend(self.leg, target[at], start[left])
+            closer = far < error[at]
+            best[at[closer]], error[at[closer]] = again[closer], far[closer]
         return best, error
 
 

@@ -37,7 +37,15 @@ class LinksInGround:
     ) -> None:
         self.ground, self._feet = ground, np.array(feet)
         self._patches_m = np.sqrt(2.0 * radii_m * PATCH_M) + PATCH_M
-        self._surfaces = [surface_points(each, APART_M) for each in points]
+        self._points, self._surfaces = points, dict[int, Array]()
+
+    def _surface(self, shape: int) -> Array:
+        """Points all over a shape that comes near to the ground, in its own frame, shape (P, 3)
+        [m].
+        """
+        if shape not in self._surfaces:
+            self._surfaces[shape] = surface_points(self._points[shape], APART_M)
+        return self._surfaces[shape]
 
     def depths(
         self, turns: Array, origins: Array, low: Array, high: Array, bodies: WholeBody
@@ -50,7 +58,7 @@ class LinksInGround:
         for shape in np.flatnonzero(near.any(axis=0)).tolist():
             moments, limb = np.flatnonzero(near[:, shape]), int(self._feet[shape])
             points = (
-                self._surfaces[shape] @ np.swapaxes(turns[moments, shape], 1, 2)
+                self._surface(shape) @ np.swapaxes(turns[moments, shape], 1, 2)
                 + origins[moments, shape, None]
             )
             depths = self.ground.depth_inside(points)
@@ -66,5 +74,5 @@ class LinksInGround:
     def depth(self, turns: Array, origins: Array, shape: int) -> float:
         """Depth of a shape in the ground [m]."""
         return float(
-            self.ground.depth(self._surfaces[shape] @ turns[shape].T + origins[shape]).max()
+            self.ground.depth(self._surface(shape) @ turns[shape].T + origins[shape]).max()
         )
