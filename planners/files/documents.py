@@ -186,7 +186,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     from .yaml_text import value_of  # slow to import
 
     try:
-        data = value_of(text)
+        data = value_of(text, deepest=DEEPEST, most=MOST_YAML_VALUES)
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     except Exception as error:  # PyYAML's constructors raise whatever struck them

@@ -1,4 +1,4 @@
-"""Values of YAML texts, in the bounds of ``documents``: PyYAML is imported where there is one."""
+"""Values of YAML texts: PyYAML is imported where there is one."""
 
 from __future__ import annotations
 
@@ -7,24 +7,28 @@ from typing import Any
 import yaml
 
 from ..errors import InvalidInput
-from .documents import DEEPEST, MOST_YAML_VALUES, TOO_DEEP
 
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def value_of(text: str) -> Any:
-    """The value of a document; raises InvalidInput beyond the limits, and whatever PyYAML raises."""
-    _check_growth(text)
+def value_of(text: str, *, deepest: int, most: int) -> Any:
+    """The value of a document; raises InvalidInput beyond the limits, and whatever PyYAML raises.
+
+    Arguments:
+        deepest: greatest number of levels of nesting.
+        most: greatest number of values, once aliases are replaced.
+    """
+    _check_growth(text, deepest, most)
     return yaml.load(text, Loader=_Once)
 
 
-def _check_growth(text: str) -> None:
+def _check_growth(text: str, deepest: int, most: int) -> None:
     """Raise InvalidInput where the document is too deep or holds too many values once its aliases
     are replaced.
     """
     count, sizes = 0, dict[str, tuple[int, int]]()  # values and depth of what an anchor stands for
     stack = list[tuple[str | None, int]]()
-    deepest = [0]  # below each open collection
+    depths = [0]  # below each open collection
     for event in yaml.parse(text, Loader=_Parser):
         depth = 0
         if isinstance(event, yaml.AliasEvent):
@@ -38,21 +42,19 @@ def _check_growth(text: str) -> None:
                 sizes[event.anchor] = 1, 0
         elif isinstance(event, yaml.CollectionStartEvent):
             stack.append((event.anchor, count))
-            deepest.append(0)
+            depths.append(0)
             count += 1
             if event.anchor is not None:
                 sizes.pop(event.anchor, None)
         elif isinstance(event, yaml.CollectionEndEvent):
-            (anchor, begun), depth = stack.pop(), deepest.pop() + 1
+            (anchor, begun), depth = stack.pop(), depths.pop() + 1
             if anchor is not None:
                 sizes[anchor] = count - begun, depth
-        deepest[-1] = max(deepest[-1], depth)
-        if len(stack) + deepest[-1] > DEEPEST:
-            raise InvalidInput(TOO_DEEP)
-        if count > MOST_YAML_VALUES:
-            raise InvalidInput(
-                f"expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more"
-            )
+        depths[-1] = max(depths[-1], depth)
+        if len(stack) + depths[-1] > deepest:
+            raise InvalidInput(f"expected {deepest} levels of nesting or fewer, got more")
+        if count > most:
+            raise InvalidInput(f"expected {most} values or fewer, aliases replaced, got more")
 
 
 class _Once(_Parser):  # type: ignore[misc]
