@@ -56,7 +56,9 @@ class Play:
     (extra kin); it begins with the first one, and walks with anymal where none is named."""
     frames: OptionalInt = None
     """Number of key frames to begin with, where not the course's own."""
-    between: Annotated[Between, tyro.conf.OmitArgPrefixes] = field(default_factory=Between)
+    between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(
+        default_factory=Between
+    )
     """From where to where over a terrain's file."""
     folder: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path()
     """Where the page saves."""
