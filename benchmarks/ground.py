@@ -310,7 +310,7 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
     if tilts:
         squares = np.array(list(tilts.values()))
         errors |= {
-            "tilt_rms": round(float(np.sqrt(np.mean(squares) / 2.0)), 3),
+            "tilt_rms": round(float(np.sqrt(max(np.mean(squares), 0.0) / 2.0)), 3),
             "tilt_beyond_3": round(float(np.mean(squares > TILT_3)), 4),
         }
     return errors | {

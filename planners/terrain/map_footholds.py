@@ -133,8 +133,6 @@ def _planes_of(
         labels, unseen_m = correlated_surfaces(cells, limits, least)
     elif noisy:
         labels = noisy_surfaces(cells, limits, max(noise_m, quiet_m))
-        noise = noise_of_residuals(labels, cells, noise_m)
-        cells = _counted(cells, noise)
     else:
         labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
         labels = np.where(
@@ -151,6 +149,9 @@ def _planes_of(
     if rungs:
         known = known & ~barred
         labels = renumbered(np.where(barred, -1, labels))
+    if noisy and not noise.correlated:
+        noise = noise_of_residuals(labels, cells, noise_m)
+        cells = _counted(cells, noise)
     most_rms = float(np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0))
     planes, rms, count = fitted(labels, cells)
     area = np.bincount(labels[labels >= 0], minlength=len(planes))
