@@ -54,7 +54,8 @@ class FileTerrain(TerrainSpec):
         if frictions := sorted({patch.friction for patch in patches})[1:]:
             least = min(patch.friction for patch in patches)
             raise InvalidInput(
-                f"{footholds.name}: expected one friction for the whole terrain, got frictions from {least:g} to {frictions[-1]:g}"
+                f"{footholds.name}: expected one friction for the whole terrain, got frictions "
+                f"from {least:g} to {frictions[-1]:g}"
             )
         try:
             made = cls(
@@ -106,6 +107,7 @@ class FileTerrain(TerrainSpec):
         if len(found.surfaces) + len(found.pieces) > MOST_PATCHES:
             raise InvalidInput(
                 f"{self.file}: expected at most {MOST_PATCHES} surfaces and footholds, got "
-                f"{len(found.surfaces) + len(found.pieces)}; crop_m takes a part, spacing_m a coarser map"
+                f"{len(found.surfaces) + len(found.pieces)}; crop_m takes a part, spacing_m a "
+                "coarser map"
             )
         return found
