@@ -73,8 +73,8 @@ class FileTerrain(TerrainSpec):
         footholds = self._found
         if footholds is None:
             footholds = self._found = self.read(folder)
-        found = [piece.found for piece in footholds.pieces]
-        standing = [piece for piece in found if piece is not None] or footholds.pieces
+        sources = [piece.found for piece in footholds.pieces]
+        standing = [piece for piece in sources if piece is not None] or footholds.pieces
         pieces = tuple(piece.on(self.friction) for piece in standing)
         lines = [patch for patch, piece in zip(pieces, standing, strict=True) if piece.turn_rad]
         each = [*(patch.with_friction(self.friction) for patch in footholds.surfaces), *lines]
