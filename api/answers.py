@@ -213,7 +213,8 @@ def verify(
             return check_rows(subject, tolerance=tolerance)
     came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
     raise InvalidInput(
-        f"verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got {came}"
+        "verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got "
+        f"{came}"
     )
 
 
@@ -239,6 +240,7 @@ def _evidence(answer: Answer[Any]) -> Any:
         return proof
     if answer.solution is None:
         raise InvalidInput(
-            f"verify: expected an answer with a solution or a proof, got one that is {answer.status}"
+            "verify: expected an answer with a solution or a proof, got one that is "
+            f"{answer.status}"
         )
     return answer.solution

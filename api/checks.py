@@ -119,7 +119,8 @@ def check_file(
         if robot is not None:
             raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
         wanted = (
-            "expected a data set folder, a plan, a proof or a gait; beside posture problems, the file "
+            "expected a data set folder, a plan, a proof or a gait; beside posture problems, the "
+            "file "
             "of their answers (stancekit solve PROBLEMS --certificate --out ANSWERS)"
         )
         raise InvalidInput(f"{name}: {wanted}")

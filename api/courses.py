@@ -430,7 +430,8 @@ def _of_problem(course: Problem, frames: int | None, robot: Robot | str | Path |
         )
     if frames not in (None, course.frames):
         raise InvalidInput(
-            f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}"
+            f"frames: expected none with a course that is laid out, of {course.frames}, got "
+            f"{frames}"
         )
     return course
 

@@ -280,7 +280,8 @@ def _drawn(
     family, height, first = read_draw(level, "export")
     if level.count(":") > f"{family}".count(":") + 1:
         raise InvalidInput(
-            f"export: expected FAMILY:LEVEL with count, whose seeds are drawn, got {level} of seed {first}"
+            f"export: expected FAMILY:LEVEL with count, whose seeds are drawn, got {level} of seed "
+            f"{first}"
         )
     folder = out or Path(f"{level.replace(':', '-').replace('/', '-')}-{to}")
     try:
@@ -314,7 +315,8 @@ def _drawn(
     refused = Counter(line["refused"] for line in lines if "refused" in line)
     if len(done) < count:
         raise InvalidInput(
-            f"{level}: expected {count} motions, got {len(done)} of {len(lines)} draws: {dict(refused)}"
+            f"{level}: expected {count} motions, got {len(done)} of {len(lines)} draws: "
+            f"{dict(refused)}"
         )
     return ExportedMotions(paths=tuple(done), refused=dict(refused))
 
@@ -327,7 +329,8 @@ def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]
     if not path.exists():
         if any(path.parent.iterdir()):
             raise InvalidInput(
-                f"{path.parent}: expected a new folder, an empty one or one of drawn motions, found files in it"
+                f"{path.parent}: expected a new folder, an empty one or one of drawn motions, "
+                "found files in it"
             )
         return
     head, *rest = [parse_json(line, str(path)) for line in read_text(path).splitlines()] or [None]
@@ -337,16 +340,19 @@ def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]
             "",
         )
         raise InvalidInput(
-            f"{path}: {different}: expected {asked[different]!r}, found motions of another one there"
+            f"{path}: {different}: expected {asked[different]!r}, found motions of another one "
+            "there"
         )
     for number, line in enumerate(rest, 2):
         if not isinstance(line, dict) or not isinstance(line.get("file", line.get("refused")), str):
             raise InvalidInput(
-                f"{path}: line {number}: expected a ground with its file or a reason, got {shown(line)}"
+                f"{path}: line {number}: expected a ground with its file or a reason, got "
+                f"{shown(line)}"
             )
         if "file" in line and not (path.parent / line["file"]).exists():
             raise InvalidInput(
-                f"{path.parent / line['file']}: expected the motion that {LEDGER} names, found nothing"
+                f"{path.parent / line['file']}: expected the motion that {LEDGER} names, found "
+                "nothing"
             )
         yield line
 

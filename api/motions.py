@@ -196,7 +196,8 @@ def check_run(
         ),
         (
             settings.blind and (led or not simulated),
-            f"blind: expected a plan or a gait in a simulated world with it, got {'a policy' if led else name}",
+            "blind: expected a plan or a gait in a simulated world with it, got "
+            f"{'a policy' if led else name}",
         ),
         (
             led and kind == "recording",
@@ -208,7 +209,8 @@ def check_run(
         ),
         (
             _called(asked) in ("leap", "crossing") and settings.least_push != LEAST_PUSH,
-            f"least_push: expected a plan of key frames, got a {_called(asked)}, which bears nothing in the air",
+            f"least_push: expected a plan of key frames, got a {_called(asked)}, which bears "
+            "nothing in the air",
         ),
     ):
         if wrong:

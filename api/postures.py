@@ -82,7 +82,8 @@ def solve(
     for name, value in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
         if value not in (None, "rows"):
             raise InvalidInput(
-                f"{name}: expected none for a planner that was made before, which has no use for it, got {value!r}"
+                f"{name}: expected none for a planner that was made before, which has no use for "
+                f"it, got {value!r}"
             )
     return through_verifier(method, of).solve(problem)
 

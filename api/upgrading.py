@@ -26,7 +26,8 @@ def old_arguments(
     for name in old:
         if name not in new:
             raise TypeError(
-                f"stancekit.{function}: got an unexpected keyword argument {name!r}; it takes {', '.join(beside)}"
+                f"stancekit.{function}: got an unexpected keyword argument {name!r}; it takes "
+                f"{', '.join(beside)}"
             )
         warnings.warn(
             f"{function}({name}=...) is old: {new[name]}", DeprecationWarning, stacklevel=4

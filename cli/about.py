@@ -77,8 +77,10 @@ def _lines(found: dict[str, Any]) -> list[str]:
             else "does NOT keep up: stop other work before a run on it"
         )
         lines.append(
-            f"servo bus  emulated at {bus['time_share']:.0%} of its pace; answers in {1e3 * bus['usual_s']:.1f} ms, "
-            f"{1e3 * bus['worst_s']:.1f} at most, with a period of {1e3 * bus['period_s']:g}: {verdict}"
+            f"servo bus  emulated at {bus['time_share']:.0%} of its pace; answers in "
+            f"{1e3 * bus['usual_s']:.1f} ms, "
+            f"{1e3 * bus['worst_s']:.1f} at most, with a period of {1e3 * bus['period_s']:g}: "
+            f"{verdict}"
         )
     return lines
 

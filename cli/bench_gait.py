@@ -177,7 +177,8 @@ def speed_table(records: list[dict[str, Any]]) -> Table:
     return _table(
         records,
         "Iterations and CPU time",
-        "of cells that succeeded: median, lower and upper quartile; solver: share of the CPU time in IPOPT and MUMPS, "
+        "of cells that succeeded: median, lower and upper quartile; solver: share of the CPU time "
+        "in IPOPT and MUMPS, "
         "the rest is evaluation; a portfolio's time is of all its phases",
         {
             "iterations": "iterations",
@@ -194,7 +195,8 @@ def motion_table(records: list[dict[str, Any]]) -> Table:
     return _table(
         records,
         "Between the nodes",
-        "of cells that succeeded: median, lower and upper quartile; left cone: cells with standing samples outside the "
+        "of cells that succeeded: median, lower and upper quartile; left cone: cells with standing "
+        "samples outside the "
         "true cone; outside: their share; before: a portfolio's first feasible point",
         {
             "left_cone": "left cone",
@@ -249,7 +251,8 @@ def comparisons(rows: list[dict[str, Any]]) -> list[str]:
             continue
         shares = {name: ratios(rows, method, name) for name in ("iterations", "cpu_s")}
         message = [
-            f"{terrain} {shares['iterations'][terrain]:.2f} × iterations, {shares['cpu_s'][terrain]:.2f} × time"
+            f"{terrain} {shares['iterations'][terrain]:.2f} × iterations, "
+            f"{shares['cpu_s'][terrain]:.2f} × time"
             for terrain in shares["iterations"]
         ]
         if message:
@@ -279,7 +282,8 @@ def products(records: list[dict[str, Any]]) -> list[str]:
             )
         if METHODS[method].portfolio:
             message = [
-                f"{one['terrain']} {one['verified_cpu_s'][1]:.1f} CPU-s, peak {one['peak_before_g'][1]:.2f} → "
+                f"{one['terrain']} {one['verified_cpu_s'][1]:.1f} CPU-s, peak "
+                f"{one['peak_before_g'][1]:.2f} → "
                 f"{one['peak_g'][1]:.2f} g"
                 for one in successes
                 if one["verified_cpu_s"] and one["peak_before_g"]

@@ -74,7 +74,8 @@ class BenchLeaps:
             return 0
         Console(width=max(out.width, WIDTH), soft_wrap=True).print(_table(lines, self.distribution))
         out.print(
-            f"of {proofs['unsolved']} scenes that nobody solves {proofs['proved']} are proved infeasible"
+            f"of {proofs['unsolved']} scenes that nobody solves {proofs['proved']} are proved "
+            "infeasible"
         )
         out.print(f"rows: {self.out}")
         return 0

@@ -87,7 +87,8 @@ def table(rows: list[dict[str, Any]]) -> Table:
     grid = Table(
         title="Table II",
         caption="* to a relative gap, the others to the first point; / solver: planning, without verifying, over "
-        "Clarabel's own time; |m-pf|: most in a cell of the grid; moments: what the grid's point leaves of them",
+        "Clarabel's own time; |m-pf|: most in a cell of the grid; moments: what the grid's point "
+        "leaves of them",
     )
     names = (
         "method",
@@ -148,7 +149,8 @@ def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
         if sign is not None:
             message = " *" if optimised else ""
             lines.append(
-                f"{method}{message}, M = {frames}: {sign}{plain['cpu_s'] / max(row['cpu_s'], 1e-9):.1f} ×"
+                f"{method}{message}, M = {frames}: "
+                f"{sign}{plain['cpu_s'] / max(row['cpu_s'], 1e-9):.1f} ×"
             )
     return lines
 

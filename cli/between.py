@@ -61,7 +61,8 @@ class Between:
         if self.start is None and self.goal is None:
             if suffix in SUFFIXES:
                 raise InvalidInput(
-                    f"--start: expected --start X,Y and --goal X,Y with the terrain {name}, got none"
+                    f"--start: expected --start X,Y and --goal X,Y with the terrain {name}, got "
+                    "none"
                 )
             self._check_unused(name)
             return name if reach is None else read_course(name, frames, robot, reach=reach)

@@ -158,7 +158,8 @@ class Lines:
             self._said_s = now_s
             with suppress(OSError, ValueError):  # nobody is there to read it, or not any more
                 err.print(
-                    f"{self._title}: {', '.join(filter(None, (where, f'{now_s - self._began_s:.0f} s')))}"
+                    f"{self._title}: "
+                    f"{', '.join(filter(None, (where, f'{now_s - self._began_s:.0f} s')))}"
                 )
 
 

@@ -46,8 +46,10 @@ class Demo:
         out.print()
         for line in (
             f"Made: a plan, its verdict, its run in MuJoCo, three pictures and a page, in {folder}",
-            f"Look: open {folder / 'climb.html'} in a browser and turn it; posture.png, climb.png, run.png",
-            "Next: stancekit play walls; yours: stancekit plan MESH --robot URDF --start X,Y --goal X,Y --html FILE",
+            f"Look: open {folder / 'climb.html'} in a browser and turn it; posture.png, climb.png, "
+            "run.png",
+            "Next: stancekit play walls; yours: stancekit plan MESH --robot URDF --start X,Y "
+            "--goal X,Y --html FILE",
         ):
             out.print(line, highlight=False)
         return 0

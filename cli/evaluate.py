@@ -88,7 +88,8 @@ class Evaluate:
             PROJECTIONS.get(name)
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput(
-                "--envelope, --selector: expected one or more files to compare, or the lift, got none"
+                "--envelope, --selector: expected one or more files to compare, or the lift, got "
+                "none"
             )
         rows = rows_of(self.dataset, self.part, self.robot, self.terrain)
         if self.theorem:

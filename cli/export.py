@@ -107,7 +107,8 @@ class Export:
             emit({**asdict(done), "root": str(done.root), "read_back": int(there)})
         else:
             out.print(
-                f"{done.root}: {there} episodes of {done.dataset_id}, mean reward {done.mean_reward:.3f}, "
+                f"{done.root}: {there} episodes of {done.dataset_id}, mean reward "
+                f"{done.mean_reward:.3f}, "
                 f"P1 over the expert's box agrees with the label in {100.0 * done.agreement:.1f} %"
             )
         return 0 if there == done.episodes else 1

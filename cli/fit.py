@@ -198,7 +198,8 @@ class Fit:
         ]
         out.print(f"{self.out}: a surrogate for {surrogate.problem_class}, from {counts[0]} rows")
         out.print(
-            f"  calibrated on {counts[1]} others: errors of {100 * surrogate.least_error:.2g} % and more can be "
+            f"  calibrated on {counts[1]} others: errors of {100 * surrogate.least_error:.2g} % "
+            "and more can be "
             "stated of one answer at least",
             highlight=False,
         )

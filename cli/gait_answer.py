@@ -200,9 +200,12 @@ def doubt(task: Walk, total_s: float) -> None:
     if slope > task.friction and not any(task.adhesive):
         names = ",".join(task.robot.limb_names[:2])
         err.print(
-            f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest on the way, and friction "
-            f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°: there may be no walk. The "
-            f"search ends after {total_s:g} s of CPU time; feet that stick may help: --adhesive {names}"
+            f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest on the "
+            "way, and friction "
+            f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°: there may be "
+            "no walk. The "
+            f"search ends after {total_s:g} s of CPU time; feet that stick may help: --adhesive "
+            f"{names}"
         )
 
 
@@ -215,7 +218,8 @@ def advise(one: Attempted) -> None:
     wrong = {group.name for group in one.report.refused}
     if wrong and wrong <= set(WHOLE_BODY):
         err.print(
-            "only the robot's own legs cannot do it: more time (--duration-s), a walk in place of a trot (--gait walk) "
+            "only the robot's own legs cannot do it: more time (--duration-s), a walk in place of "
+            "a trot (--gait walk) "
             "or a smoother map (--smooth-m) may help"
         )
     elif one.solution.program.settings.footing:

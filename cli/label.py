@@ -162,7 +162,8 @@ class LabelPostures:
         if summary.screened is not None:
             remarks += [
                 f"screened: {count} draws passed over that the surrogate calls {kind}; at most "
-                f"{100 * (summary.screen_error or 0.0):.3g} % of the other kind's rows are among them"
+                f"{100 * (summary.screen_error or 0.0):.3g} % of the other kind's rows are among "
+                "them"
                 for kind, count in vars(summary.screened).items()
                 if count
             ]

@@ -57,7 +57,8 @@ def plan_leap(
         emit(_record(leap, outcome, reason))
     else:
         out.print(
-            f"{leap.name}: {outcome.status.value}, {outcome.effort.tries} tries, {outcome.effort.solves} solves, "
+            f"{leap.name}: {outcome.status.value}, {outcome.effort.tries} tries, "
+            f"{outcome.effort.solves} solves, "
             f"{1e3 * outcome.effort.seconds:.0f} ms",
             highlight=False,
         )

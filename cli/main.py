@@ -170,7 +170,8 @@ def parse(arguments: Sequence[str]) -> Command:
     for name, count in Counter(filter(None, map(_option, arguments[1:]))).items():
         if count > 1:  # else the last one would silently count alone
             complain(
-                f"stancekit: error: {name}: expected once, got it {count} times; see stancekit {arguments[0]} --help"
+                f"stancekit: error: {name}: expected once, got it {count} times; see stancekit "
+                f"{arguments[0]} --help"
             )
             sys.exit(2)
     asks, command = bool({"-h", "--help"} & set(arguments)), _command(arguments[0])

@@ -89,7 +89,8 @@ class MapTerrain:
             check_writable(self.out)
         if not 0.0 < self.time_limit_s <= LONGEST_S:
             raise InvalidInput(
-                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
+                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got "
+                f"{self.time_limit_s:g}"
             )
         checkpoint = self.out if self.out is not None and self.out.suffix == ".npz" else None
         names = (
@@ -168,7 +169,8 @@ def _table(found: StandingMap) -> Table:
     if found.error is not None and found.confidence is not None:
         table.add_row(
             "likely",
-            f"each wrong with a chance of {100 * found.error:.3g} % at most, at a confidence of {100 * found.confidence:.0f} %",
+            f"each wrong with a chance of {100 * found.error:.3g} % at most, at a confidence of "
+            f"{100 * found.confidence:.0f} %",
         )
     if found.in_the_way():
         text = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())

@@ -241,7 +241,8 @@ class PlanCourse:
                 out.print(line, highlight=False)
         if report is None:
             complain(
-                f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}"
+                f"stancekit: no plan: {course.name}: "
+                f"{message or outcome.claim or outcome.status.value}"
             )
             if self.proof is not None:
                 complain(

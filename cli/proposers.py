@@ -87,6 +87,7 @@ class TrainProposers:
         else:
             summary = ", ".join(f"{name} settle {share:.1%}" for name, share in shares.items())
             out.print(
-                f"{self.out}: proposers for {proposers.problem_class}; of held scenes {summary}; {seconds:.0f} CPU-s"
+                f"{self.out}: proposers for {proposers.problem_class}; of held scenes {summary}; "
+                f"{seconds:.0f} CPU-s"
             )
         return 0

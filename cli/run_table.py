@@ -54,16 +54,19 @@ def run_table(report: RunReport) -> Table:
         run = report.execution
         table.add_row(
             "body",
-            f"{1e3 * run.com_final_m:.1f} mm from the plan at the end, {1e3 * run.com_worst_m:.1f} mm at most",
+            f"{1e3 * run.com_final_m:.1f} mm from the plan at the end, {1e3 * run.com_worst_m:.1f} "
+            "mm at most",
         )
         table.add_row(
             "",
-            f"its origin {1e3 * run.body_rms_m:.1f} mm (RMS), {1e3 * run.body_worst_m:.1f} mm at most",
+            f"its origin {1e3 * run.body_rms_m:.1f} mm (RMS), {1e3 * run.body_worst_m:.1f} mm at "
+            "most",
         )
         late_ms = 1e3 * float(run.late_s.max())
         table.add_row(
             "feet",
-            f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most, touched up to {late_ms:.0f} ms late",
+            f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most, touched up to {late_ms:.0f} ms "
+            "late",
         )
         table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
         if abs(report.loop_share - 1.0) > 0.05:
@@ -78,7 +81,8 @@ def run_table(report: RunReport) -> Table:
     if report.message and not report.dry and report.load > BUSY:
         table.add_row(
             "computer",
-            f"{report.load:.1f} processes for each processor: a run that comes too late may stop for that",
+            f"{report.load:.1f} processes for each processor: a run that comes too late may stop "
+            "for that",
         )
     return table
 

@@ -80,7 +80,8 @@ class Simulate:
         accepted = self._accepted()
         if accepted is None:
             complain(
-                f"stancekit: failed: {self.plan}: the verifier rejected this plan; it is not executed"
+                f"stancekit: failed: {self.plan}: the verifier rejected this plan; it is not "
+                "executed"
             )
             return 1
         timing = Timing().at_pace(self.pace)
@@ -189,7 +190,8 @@ def _table(report: RunReport, run: Execution) -> Table:
     table.add_row("joints", f"{torques}; inverse kinematics within {error:.2g} mm")
     table.add_row(
         "body",
-        f"turned {run.tilt_worst_rad:.3f} rad from the plan; its origin {shift:.1f} mm from the centre of mass",
+        f"turned {run.tilt_worst_rad:.3f} rad from the plan; its origin {shift:.1f} mm from the "
+        "centre of mass",
     )
     if run.bump_s > 0.0:
         table.add_row("terrain", f"touched something other than a foot for {run.bump_s:.2f} s")

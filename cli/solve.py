@@ -141,7 +141,8 @@ class SolvePostures:
         check_planner(self, "method", METHODS, "postures")
         if self.method in METHODS and self.method not in LIMITED and self.time_limit_s is not None:
             raise InvalidInput(
-                f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got {self.method}"
+                f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got "
+                f"{self.method}"
             )
 
     def _answer(

@@ -101,7 +101,8 @@ def _table(report: MapReport) -> Table:
         ("method", f"{report.method}, {' × '.join(map(str, report.cells))} cells"),
         (
             "time",
-            f"{report.cpu_s:.2f} CPU-s, {len(report.energy) - 1} iterations, {report.evaluations} evaluations",
+            f"{report.cpu_s:.2f} CPU-s, {len(report.energy) - 1} iterations, {report.evaluations} "
+            "evaluations",
         ),
         ("min det J", f"{report.least_det:.3f} at ({where}) m{folded}"),
         (
@@ -110,7 +111,8 @@ def _table(report: MapReport) -> Table:
         ),
         (
             "before the snap",
-            f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm rms",
+            f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm "
+            "rms",
         ),
         ("conformal error", percent.format(**record["ground_error"])),
         ("  0.5 m above", percent.format(**record["torso_error"])),

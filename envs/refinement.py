@@ -167,7 +167,8 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             scaled = scene.scaled
             if scaled.size != (self._count, VERTICES):
                 raise InvalidInput(
-                    f"scene: expected {self._count} contacts on triangles, got the size {scaled.size}"
+                    f"scene: expected {self._count} contacts on triangles, got the size "
+                    f"{scaled.size}"
                 )
             search = BoxSearch(
                 scene.problem,

@@ -39,7 +39,8 @@ class SceneSettings:
             and not self.balanced
         ):
             raise InvalidInput(
-                "balanced: expected True beside a source of scenes, which draws as it likes, got False"
+                "balanced: expected True beside a source of scenes, which draws as it likes, got "
+                "False"
             )
 
     def kind(self, problem: ProblemSource) -> Distribution | SceneKind:

@@ -91,12 +91,14 @@ class SelectionSettings(SceneSettings):
         relaxation = RELAXATIONS.get(self.relaxation)
         if not relaxation.over_boxes:
             raise InvalidInput(
-                f"relaxation: expected one over boxes, which an action chooses, got {self.relaxation}"
+                "relaxation: expected one over boxes, which an action chooses, got "
+                f"{self.relaxation}"
             )
         if relaxation.about_points and (self.boxes, self.library) != (1, None):
             got = f"{self.boxes} boxes and {'no' if self.library is None else 'a'} library"
             raise InvalidInput(
-                f"relaxation: expected {self.relaxation} over one box without a library, got it with {got}"
+                f"relaxation: expected {self.relaxation} over one box without a library, got it "
+                f"with {got}"
             )
 
     @property
@@ -164,7 +166,8 @@ class SelectionTask:
             )
         if self._boxes != 1:
             raise InvalidInput(
-                f"boxes: expected 1 with a library, whose envelopes are chosen one by one, got {self._boxes}"
+                "boxes: expected 1 with a library, whose envelopes are chosen one by one, got "
+                f"{self._boxes}"
             )
         return spaces.Discrete(len(self._library.envelopes))
 
@@ -173,7 +176,8 @@ class SelectionTask:
         size = scene.scaled.size
         if size != (self._count, VERTICES):
             raise InvalidInput(
-                f"scene: expected {self._count} contacts on triangles, got {size[0]} contacts on patches "
+                f"scene: expected {self._count} contacts on triangles, got {size[0]} contacts on "
+                "patches "
                 f"of up to {size[1]} corners"
             )
 

@@ -149,7 +149,8 @@ def course_source(
     if not isinstance(courses, Sequence):
         if settings.regions is None:
             raise InvalidInput(
-                "regions: expected the most candidates of a toe where courses is a function, got None"
+                "regions: expected the most candidates of a toe where courses is a function, got "
+                "None"
             )
         if robot is not None or terrain is not None:
             raise InvalidInput(

@@ -314,7 +314,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         ):
             limits = f"(0–{len(self._charts) - 1}, 0–{len(HEIGHTS) - 1}, 0–{len(NOISES) - 1})"
             raise InvalidInput(
-                f"action: expected three indices in {limits}, got {shown(np.asarray(action).tolist())}"
+                f"action: expected three indices in {limits}, got "
+                f"{shown(np.asarray(action).tolist())}"
             )
         chart, heights, noise = (int(index) for index in action)
         return chart, heights, noise

@@ -65,7 +65,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             hints, arguments = _hints(function), signature.bind(*args, **kwargs).arguments
         except TypeError as error:
             raise TypeError(
-                f"stancekit.{function.__name__}: {error}; it takes {', '.join(signature.parameters)}"
+                f"stancekit.{function.__name__}: {error}; it takes "
+                f"{', '.join(signature.parameters)}"
             ) from None
         for name in single:
             if name in arguments:

@@ -84,7 +84,8 @@ class Accepted(Generic[S]):
             gait = Accepted.verified(record.trajectory, source)
             if gait.digest != record.verdict.get("digest"):
                 raise InvalidInput(
-                    f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise"
+                    f"{path}: expected the gait that its verdict is of, got one edited or judged "
+                    "otherwise"
                 )
             return gait
         plan, header = read_plan(path)
@@ -218,7 +219,8 @@ def _leap(plan: LeapPlan, source: str) -> str:
     if report.unchecked:
         left = ", ".join(report.unchecked)
         raise InvalidInput(
-            f"{source}: expected a leap that was judged with legs, {left} not checked: plan it with --robot FILE"
+            f"{source}: expected a leap that was judged with legs, {left} not checked: plan it "
+            "with --robot FILE"
         )
     return report.digest
 
@@ -274,8 +276,8 @@ def check_joints(source: str, robot: Robot, world: World, gravity_m_s2: float) -
             if names
         )
         raise InvalidInput(
-            f"{source}: expected world {world.name} to have the robot's {len(wanted)} joints in their order"
-            + (f": {differences}" if differences else ", it has them in another")
+            f"{source}: expected world {world.name} to have the robot's {len(wanted)} joints in "
+            "their order" + (f": {differences}" if differences else ", it has them in another")
         )
     wrong = _differs(robot, world.robot)
     if wrong:
@@ -285,7 +287,8 @@ def check_joints(source: str, robot: Robot, world: World, gravity_m_s2: float) -
     pulls = getattr(world, "gravity_m_s2", None)
     if pulls is not None and not np.isclose(pulls, gravity_m_s2, rtol=1e-6):
         raise InvalidInput(
-            f"{source}: expected the world's gravity, {pulls:g} m/s², the plan is for another: {gravity_m_s2:g} m/s²"
+            f"{source}: expected the world's gravity, {pulls:g} m/s², the plan is for another: "
+            f"{gravity_m_s2:g} m/s²"
         )
 
 

@@ -193,5 +193,6 @@ def _not_found(stances: Sequence[str], trace: Trace, touch_downs_m: Array) -> li
     first = int(missed[0])
     more = f", nor did {len(missed) - 1} others" if len(missed) > 1 else ""
     return [
-        f"{stances[first]} found no ground within {1e3 * touch_downs_m[first]:.0f} mm of its place{more}"
+        f"{stances[first]} found no ground within {1e3 * touch_downs_m[first]:.0f} mm of its "
+        f"place{more}"
     ]

@@ -100,7 +100,8 @@ class JointNeeds:
         worst = int(np.nanargmax(self.heat))
         rms, share = f"{self.rms_nm[worst]:.3g} Nm (RMS)", f"{self.share_of_continuous[worst]:.0%}"
         return (
-            f"{result}; {rms}, {share} of {self.joints[worst]}'s continuous torque, {self.heat[worst]:.2f} of the heat "
+            f"{result}; {rms}, {share} of {self.joints[worst]}'s continuous torque, "
+            f"{self.heat[worst]:.2f} of the heat "
             "that it bears"
         )
 

@@ -383,7 +383,8 @@ def _check_leaps(settings: RunSettings, world: SafeWorld) -> None:
         (settings.hung, "hung: expected a plan or a gait, got a leap"),
         (
             world.real and not world.dry,
-            f"world: expected a simulation for a leap, whose stop in the air lands first, got {world.name}",
+            "world: expected a simulation for a leap, whose stop in the air lands first, got "
+            f"{world.name}",
         ),
     ):
         if wrong:

@@ -395,7 +395,8 @@ class Runner:
         )
         if away > limits.body_m or turned > limits.body_rad:
             self.world.trip(
-                f"body: {1e3 * away:.0f} mm and {turned:.2f} rad from the plan at {target.sample.frame:.1f} {counted}, "
+                f"body: {1e3 * away:.0f} mm and {turned:.2f} rad from the plan at "
+                f"{target.sample.frame:.1f} {counted}, "
                 f"limits {1e3 * limits.body_m:.0f} mm and {limits.body_rad:g} rad"
             )
 

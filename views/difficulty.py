@@ -38,7 +38,8 @@ def difficulty_curves(rows: Sequence[Mapping[str, Any]], size_px: Size = SIZE_PX
     headline(
         figure,
         "How hard is a level?",
-        f"{min(scenes)} to {max(scenes)} scenes a level; at most {100.0 * worst:.1f} % of a level's undecided",
+        f"{min(scenes)} to {max(scenes)} scenes a level; at most {100.0 * worst:.1f} % of a "
+        "level's undecided",
     )
     grid = figure.add_gridspec(
         -(-len(families) // COLUMNS),

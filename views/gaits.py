@@ -100,7 +100,8 @@ class GaitView(View):
             note=(
                 f"body {1e3 * execution.body_rms_m:.1f} mm from the plan (RMS)   ·   "
                 f"feet slid {1e3 * execution.slip_m.max():.1f} mm at most   ·   "
-                f"{execution.torque_share.max():.0%} of a joint's torque at most   ·   grid {GRID_M:g} m"
+                f"{execution.torque_share.max():.0%} of a joint's torque at most   ·   grid "
+                f"{GRID_M:g} m"
             ),
         )
 

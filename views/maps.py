@@ -126,8 +126,10 @@ def draw_map_convergence(
 def summary(report: MapReport) -> str:
     """One line: cost and quality of a map."""
     return (
-        f"{report.method}, {' × '.join(map(str, report.cells))} cells, {report.cpu_s:.2f} CPU-s; min det J "
-        f"{report.least_det:.2f}; match {1e3 * report.match_m[0]:.2f} mm at most; conformal error at the ground "
+        f"{report.method}, {' × '.join(map(str, report.cells))} cells, {report.cpu_s:.2f} CPU-s; "
+        "min det J "
+        f"{report.least_det:.2f}; match {1e3 * report.match_m[0]:.2f} mm at most; conformal error "
+        "at the ground "
         f"{100.0 * float(report.ground_error.mean()):.0f} % on average"
     )
 

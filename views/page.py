@@ -88,7 +88,8 @@ def _titled(text: str, motion: Animation) -> str:
         for colour, words in motion.legend
     )
     style = (
-        "position:fixed;right:16px;top:16px;z-index:10;pointer-events:none;padding:10px 14px;border-radius:6px;"
+        "position:fixed;right:16px;top:16px;z-index:10;pointer-events:none;padding:10px "
+        "14px;border-radius:6px;"
         f"background:rgba(255,255,255,.85);font:13px/1.6 system-ui,sans-serif;color:{INK}"
     )
     title, note = html.escape(motion.title), html.escape(motion.note)

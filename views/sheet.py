@@ -159,7 +159,8 @@ def check_picture(path: str | os.PathLike[str]) -> Path:
     if target.suffix.lower() not in UNDATED:
         ends = ", ".join(UNDATED)
         raise InvalidInput(
-            f"{path}: expected a name that ends in {ends}, got {target.suffix.lower() or 'no suffix'}"
+            f"{path}: expected a name that ends in {ends}, got "
+            f"{target.suffix.lower() or 'no suffix'}"
         )
     return check_writable(target)
 

@@ -102,7 +102,8 @@ def draw_standing_map(found: StandingMap) -> Figure:
     error = "" if found.error is None else f"; likely at an error of {100 * found.error:.3g} %"
     proved = found.shares()["proved"]
     figure.suptitle(
-        f"{found.robot} on {found.terrain}, friction {found.friction:g}: {100 * proved:.0f} % proved{error}",
+        f"{found.robot} on {found.terrain}, friction {found.friction:g}: {100 * proved:.0f} % "
+        f"proved{error}",
         fontsize=10,
         color=INK,
     )

@@ -139,7 +139,8 @@ def draw_tracking(recorded: Recorded) -> Figure:
     headline(
         figure,
         f"{plan['course']} on {plan.get('world', '?')}",
-        f"joints within {1e3 * summary['joint_worst_rad']:.1f} mrad of the plan, {1e3 * summary['joint_rms_rad']:.1f} mrad "
+        f"joints within {1e3 * summary['joint_worst_rad']:.1f} mrad of the plan, "
+        f"{1e3 * summary['joint_rms_rad']:.1f} mrad "
         f"(RMS){end}",
     )
     return figure

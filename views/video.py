@@ -71,7 +71,8 @@ def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
             or min(pixels.shape) < 2
         ):
             raise InvalidInput(
-                f"frames[{index}]: expected uint8 of shape (H, W, 3), got {pixels.dtype} {pixels.shape}"
+                f"frames[{index}]: expected uint8 of shape (H, W, 3), got {pixels.dtype} "
+                f"{pixels.shape}"
             )
         if shape is not None and pixels.shape != shape:
             raise InvalidInput(

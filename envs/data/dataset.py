@@ -219,7 +219,8 @@ class Dataset:
         """
         if not fractions or min(fractions) <= 0.0 or sum(fractions) > 1.0 + 1e-9:
             raise InvalidInput(
-                f"fractions: expected positive numbers that add up to 1 at most, got {list(fractions)}"
+                "fractions: expected positive numbers that add up to 1 at most, got "
+                f"{list(fractions)}"
             )
         kinds = [np.flatnonzero(self._kinds == kind) for kind in np.unique(self._kinds)]
         parts = []

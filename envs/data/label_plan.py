@@ -54,7 +54,8 @@ class RowPlan(ABC):
                 )
         if self.rows > MOST_ROWS or self.shards > MOST_SHARDS:
             raise InvalidInput(
-                f"{', '.join(self.counted)}: expected {MOST_ROWS:.0e} rows, {MOST_SHARDS:.0e} shards or fewer, "
+                f"{', '.join(self.counted)}: expected {MOST_ROWS:.0e} rows, {MOST_SHARDS:.0e} "
+                "shards or fewer, "
                 f"got {self.rows} in {self.shards}"
             )
 

@@ -290,7 +290,8 @@ class Ledger:
         if not isinstance(ledger.header, kind):
             wanted = kind.model_fields["format"].default
             raise InvalidInput(
-                f"{ledger.folder / HEADER}: format: expected {wanted!r}, got {ledger.header.format!r}"
+                f"{ledger.folder / HEADER}: format: expected {wanted!r}, got "
+                f"{ledger.header.format!r}"
             )
         if ledger.missing:
             first, count = shard_name(ledger.missing[0]), len(ledger.missing)

@@ -85,7 +85,8 @@ class ScenePool:
         if (dataset.problem_class, tuple(dataset.header.legs)) != (of, tuple(legs)):
             got = f"{dataset.problem_class} on the legs {', '.join(dataset.header.legs)}"
             raise InvalidInput(
-                f"{folder}: expected scenes of {of} on the legs {', '.join(legs)}, got some of {got}"
+                f"{folder}: expected scenes of {of} on the legs {', '.join(legs)}, got some of "
+                f"{got}"
             )
         return cls(dataset.only(part), balanced=balanced)
 

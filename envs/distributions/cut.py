@@ -221,7 +221,8 @@ class CutDistribution:
                 break
         else:
             raise InvalidInput(
-                f"{self.name}: expected footholds for {', '.join(self.legs)} about some body over the terrain, "
+                f"{self.name}: expected footholds for {', '.join(self.legs)} about some body over "
+                "the terrain, "
                 f"found none in {TRIES} tries"
             )
         low, high = self.stance.circumradius_m

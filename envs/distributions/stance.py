@@ -158,7 +158,8 @@ class StandingRobot:
         if count > len(names):
             legs = ", ".join(names)
             raise InvalidInput(
-                f"{name}: expected a robot of {count} legs or more, got {self.robot.name} with {legs}"
+                f"{name}: expected a robot of {count} legs or more, got {self.robot.name} with "
+                f"{legs}"
             )
         if self.paper and count in PAPER_LEGS:
             return PAPER_LEGS[count]
@@ -220,7 +221,8 @@ def _set_of(limb: Limb) -> Polytope:
 
     if limb.reach_rows is None:
         raise InvalidInput(
-            f"robot: expected legs with half-spaces of reach, as a robot file has them, got {limb.name} with none"
+            "robot: expected legs with half-spaces of reach, as a robot file has them, got "
+            f"{limb.name} with none"
         )
     return Polytope(normals=limb.reach_rows.normals, offsets_m=limb.reach_rows.bounds_m)
 

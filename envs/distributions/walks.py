@@ -60,7 +60,8 @@ class SampledTasks:
         )
         if self.terrain not in (*known, *OLD) and ".py:" not in self.terrain:
             raise InvalidInput(
-                f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got {self.terrain!r}"
+                f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got "
+                f"{self.terrain!r}"
             )
         if not self._families:
             TERRAINS.get(self.terrain)

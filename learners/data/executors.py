@@ -24,7 +24,8 @@ def executor(kind: Kind = "processes", *, workers: int = 1, address: str | None 
     if kind == "processes":
         if address is not None:
             raise InvalidInput(
-                f"address: expected none for processes, got {address!r}; use it with the executor ray"
+                f"address: expected none for processes, got {address!r}; use it with the executor "
+                "ray"
             )
         return processes(workers)
     if kind == "ray":

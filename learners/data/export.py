@@ -237,8 +237,10 @@ def _spec(plan: LabelPlan) -> gymnasium.envs.registration.EnvSpec:
 def _description(dataset: Dataset, room: float) -> str:
     plan = dataset.header.plan
     return (
-        f"One-step episodes of {ENVIRONMENT}, {dataset.problem_class}, seed {plan.seed}: the action is the smallest "
-        f"box around the exact planner's [p, f], every side moved out by {room:g}; around an answer without the moment "
+        f"One-step episodes of {ENVIRONMENT}, {dataset.problem_class}, seed {plan.seed}: the "
+        "action is the smallest "
+        f"box around the exact planner's [p, f], every side moved out by {room:g}; around an "
+        "answer without the moment "
         f"balance where the posture is infeasible. Source data set {dataset.header.digest[:16]}."
     )
 

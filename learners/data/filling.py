@@ -131,7 +131,8 @@ def begin(folder: Path, header: H) -> H:
     if isinstance(there, Header) and isinstance(header, Header):
         if there.witness != header.witness and ledger.Ledger.open(folder).missing:
             raise InvalidInput(
-                f"{where}: witness: expected {header.witness!r} to go on with, got {there.witness!r}"
+                f"{where}: witness: expected {header.witness!r} to go on with, got "
+                f"{there.witness!r}"
             )
         same = header.model_copy(update={"witness": there.witness})
     if there.digest != same.digest:

@@ -46,7 +46,8 @@ WITNESS: Literal["canonical/1"] = "canonical/1"
 """Choice of postures and points now (``search.canonical``); another choice gets another name."""
 
 INNER = (
-    "feasible: of the robot, whose feet reach the inner sets of its legs; infeasible: of these inner sets and a level "
+    "feasible: of the robot, whose feet reach the inner sets of its legs; infeasible: of these "
+    "inner sets and a level "
     "body, which proves nothing of the robot"
 )
 """Note on a data set whose legs are half-spaces, see ``planners.robot.contact_robot``."""

@@ -77,6 +77,7 @@ def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) ->
             else f"draws of the same seed, {dataset.header.plan.seed}"
         )
         raise InvalidInput(
-            f"{where}: expected rows that it was not trained on, got {origin}: {dataset.ledger.folder}; fit it to "
+            f"{where}: expected rows that it was not trained on, got {origin}: "
+            f"{dataset.ledger.folder}; fit it to "
             "--part train and evaluate it on --part test, or label with another seed"
         )

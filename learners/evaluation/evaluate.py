@@ -317,7 +317,8 @@ def check_same_class(dataset: Dataset, problem_class: str, where: str) -> None:
     """Raise InvalidInput where envelopes and data set were made for different problems."""
     if problem_class not in (dataset.problem_class, ANY):
         raise InvalidInput(
-            f"{where}: expected envelopes learned for {dataset.problem_class}, got some learned for {problem_class}"
+            f"{where}: expected envelopes learned for {dataset.problem_class}, got some learned "
+            f"for {problem_class}"
         )
 
 

@@ -81,7 +81,8 @@ class GaitBenchSettings:
             unknown = sorted(set(getattr(self, name)) - set(known))
             if unknown or not getattr(self, name):
                 raise InvalidInput(
-                    f"{name}: expected some of {', '.join(known)}, got {', '.join(unknown) or 'none'}"
+                    f"{name}: expected some of {', '.join(known)}, got "
+                    f"{', '.join(unknown) or 'none'}"
                 )
         check_fields(self)
 

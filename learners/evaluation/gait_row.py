@@ -62,7 +62,8 @@ def checked_row(row: Any, cell: Mapping[str, Any], where: str) -> dict[str, Any]
     for name, value in cell.items():
         if row.get(name) != value:
             raise InvalidInput(
-                f"{where}: row: {name}: expected {value!r} by the file's name, got {shown(row.get(name))}"
+                f"{where}: row: {name}: expected {value!r} by the file's name, got "
+                f"{shown(row.get(name))}"
             )
     solved = row.get("success") is not False or "violations" in row
     validated(_Solved if solved else _Failed, row, f"{where}: row")

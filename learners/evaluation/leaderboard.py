@@ -141,7 +141,9 @@ def _cards(records: Sequence[Mapping[str, Any]]) -> list[str]:
     return [
         *lines,
         "",
-        "A selector is for the class, the robot and the terrain of its row: it is refused for others. Nothing that it",
-        "says has to be believed: postures and certificates are verified. Settings are those of the experiment's file,",
+        "A selector is for the class, the robot and the terrain of its row: it is refused for "
+        "others. Nothing that it",
+        "says has to be believed: postures and certificates are verified. Settings are those of "
+        "the experiment's file,",
         "seeds those above; seconds are of the wall clock.",
     ]

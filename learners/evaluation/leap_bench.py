@@ -291,7 +291,8 @@ def _finder(method: str, seed: int) -> LeapFinder:
         scorer = LeapScorer.read(method)
         if scorer.origin.get("seed") == seed:
             raise InvalidInput(
-                f"seed: expected another one than that of the scenes which {method} learned from, {seed}"
+                f"seed: expected another one than that of the scenes which {method} learned from, "
+                f"{seed}"
             )
         return LeapFinder(order="finder", rule=scorer, solves=MANY)
     return {**FINDERS, **TUNED, **dict(AGAIN.values())}[method]

@@ -213,7 +213,8 @@ def page(rows: list[dict[str, Any]], settings: SceneBenchSettings) -> str:
     lines += ["|---|---|---|---|---|---|---|---|---|"]
     for row in rows:
         lines.append(
-            f"| {row['scene']} | {row.get('steps', '')} | {row['method']} | {_yes(row['success'])} | "
+            f"| {row['scene']} | {row.get('steps', '')} | {row['method']} | {_yes(row['success'])} "
+            "| "
             f"{_yes(row.get('as_planned'))} | {_yes(row['verified'])} | {row['status']} | "
             f"{_number(row.get('cpu_s'))} | {_number(row.get('goal_m'))} |"
         )
@@ -223,7 +224,8 @@ def page(rows: list[dict[str, Any]], settings: SceneBenchSettings) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {s['method']} | {s['scenes']} | {s['success']} | {s['as_planned']} | {s['verified']} | {s['refuted']} | "
+        f"| {s['method']} | {s['scenes']} | {s['success']} | {s['as_planned']} | {s['verified']} | "
+        f"{s['refuted']} | "
         f"{_number(s['cpu_s'])} |"
         for s in shares(list(rows))
     ]

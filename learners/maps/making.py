@@ -230,7 +230,8 @@ def make_map(
             other = ["height of the body"]
         if other:
             raise InvalidInput(
-                f"{checkpoint}: expected a map of the same question to go on from, got one of another "
+                f"{checkpoint}: expected a map of the same question to go on from, got one of "
+                "another "
                 f"{', '.join(other)}"
             )
         maker.take(earlier)

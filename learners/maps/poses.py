@@ -96,12 +96,14 @@ class Poses:
         counts = np.floor((high - low) / spacing_m + 1e-9)
         if not (counts >= 1.0).all():
             raise InvalidInput(
-                f"spacing_m: expected a grid of one cell or more over {high[0] - low[0]:.3g} × {high[1] - low[1]:.3g} m "
+                f"spacing_m: expected a grid of one cell or more over {high[0] - low[0]:.3g} × "
+                f"{high[1] - low[1]:.3g} m "
                 f"of footholds, got none with {spacing_m:g} m"
             )
         if float(np.prod(counts)) * headings > MOST_POSES:
             raise InvalidInput(
-                f"spacing_m, headings: expected {MOST_POSES} poses or fewer, got {float(np.prod(counts)) * headings:.3g}"
+                f"spacing_m, headings: expected {MOST_POSES} poses or fewer, got "
+                f"{float(np.prod(counts)) * headings:.3g}"
             )
         number = int(counts[0]), int(counts[1])
         corner = low + 0.5 * (high - low - spacing_m * (counts - 1.0))

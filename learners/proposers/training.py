@@ -202,7 +202,8 @@ def _check(batch: PostureBatch) -> None:
     corners = batch.vertices_m.shape[2]
     if corners != CORNERS:
         raise InvalidInput(
-            f"problems: expected patches of {CORNERS} corners to learn proposals from, got {corners}"
+            f"problems: expected patches of {CORNERS} corners to learn proposals from, got "
+            f"{corners}"
         )
 
 

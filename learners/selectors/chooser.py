@@ -107,7 +107,8 @@ class Chooser(MemorylessPolicy):
             raise InvalidInput(f"{path}: {error}") from None
         if problem_class not in (None, envelopes.problem_class):
             raise InvalidInput(
-                f"{path}: expected a chooser for {problem_class}, got one for {envelopes.problem_class}"
+                f"{path}: expected a chooser for {problem_class}, got one for "
+                f"{envelopes.problem_class}"
             )
         with torch.device("meta"):
             network = ChoiceNetwork(raw.architecture, len(envelopes.envelopes))

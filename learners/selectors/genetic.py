@@ -78,11 +78,13 @@ class GeneticSettings:
         check_fields(self)
         if self.elites >= self.population:
             raise InvalidInput(
-                f"elites: expected fewer than the population of {self.population}, got {self.elites}"
+                f"elites: expected fewer than the population of {self.population}, got "
+                f"{self.elites}"
             )
         if not 0.0 < self.mutation_end <= self.mutation_start <= 1.0:
             raise InvalidInput(
-                f"mutation_start, mutation_end: expected 1 >= start >= end > 0, got {self.mutation_start!r} and "
+                "mutation_start, mutation_end: expected 1 >= start >= end > 0, got "
+                f"{self.mutation_start!r} and "
                 f"{self.mutation_end!r}"
             )
 

@@ -98,7 +98,8 @@ class SceneTensors:
             size = int(np.prod(shape))
             if values.ndim not in (1, 2) or values.shape[-1] != size:
                 raise InvalidInput(
-                    f"observation {name!r}: expected {size} numbers a scene for {contacts} contacts, "
+                    f"observation {name!r}: expected {size} numbers a scene for {contacts} "
+                    "contacts, "
                     f"got shape {values.shape}"
                 )
             tensors[name] = torch.from_numpy(values.reshape(-1, *shape).copy())

@@ -290,7 +290,8 @@ class Trainer:
         header, tensors = read_tensors(self._checkpoint, CHECKPOINT)
         if header.get("run") != self._run or not header.get("history"):
             raise InvalidInput(
-                f"{self._checkpoint}: expected a checkpoint of these settings and rows, got another's"
+                f"{self._checkpoint}: expected a checkpoint of these settings and rows, got "
+                "another's"
             )
         self.history = list(header["history"])
         self._stage = self.history[-1]["stage"]

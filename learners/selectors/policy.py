@@ -269,7 +269,8 @@ class TrainedPolicy:
             or not isinstance(provenance, dict)
         ):
             raise InvalidInput(
-                f"{path}: expected steps, a whole number, and provenance, an object; got {shown(steps)}"
+                f"{path}: expected steps, a whole number, and provenance, an object; got "
+                f"{shown(steps)}"
             )
         shape = validated(PolicyShape, header["shape"], str(path))
         if problem is not None and shape.problem != problem:
@@ -327,5 +328,6 @@ def check_shapes(
     odd = sorted(name for name in {**wanted, **shapes} if wanted.get(name) != shapes.get(name))
     if odd:
         raise InvalidInput(
-            f"{path}: tensor {odd[0]}: expected shape {wanted.get(odd[0])}, got {shapes.get(odd[0])}"
+            f"{path}: tensor {odd[0]}: expected shape {wanted.get(odd[0])}, got "
+            f"{shapes.get(odd[0])}"
         )

@@ -70,7 +70,8 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
     format_name = header.pop("format", None) if isinstance(header, dict) else None
     if format_name != kind:
         raise InvalidInput(
-            f"{path}: expected format {kind}, got {'none' if format_name is None else str(format_name)[:60]}"
+            f"{path}: expected format {kind}, got "
+            f"{'none' if format_name is None else str(format_name)[:60]}"
         )
     for name, tensor in tensors.items():
         if tensor.ndim > 8:
@@ -79,7 +80,8 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
             )
         if tensor.dtype not in DTYPES:
             raise InvalidInput(
-                f"{path}: tensor {name}: expected half, single or double precision, got {tensor.dtype}"
+                f"{path}: tensor {name}: expected half, single or double precision, got "
+                f"{tensor.dtype}"
             )
         if not bool(torch.isfinite(tensor).all()):
             raise InvalidInput(f"{path}: tensor {name}: expected finite numbers")

@@ -122,7 +122,8 @@ def check_alike(datasets: Sequence[Dataset]) -> None:
                 )
         if other.header.legs != first.header.legs:
             raise InvalidInput(
-                f"data sets: expected rows of the same legs, got {first.header.legs} and {other.header.legs}"
+                f"data sets: expected rows of the same legs, got {first.header.legs} and "
+                f"{other.header.legs}"
             )
 
 

@@ -162,7 +162,8 @@ class Surrogate:
             return answered
         kinds = [kind for kind in KINDS if len(self.calibration[kind])]
         shifted = (
-            f"problems: expected draws of {self.problem_class}, with any share of {', '.join(kinds)} ones, got "
+            f"problems: expected draws of {self.problem_class}, with any share of "
+            f"{', '.join(kinds)} ones, got "
             f"others: {self._name_of(worst)} differ most, p < {max(unlike, 1e-99):.0e}"
         )
         return replace(answered, answers=np.full(len(batch), "ask"), shifted=shifted)

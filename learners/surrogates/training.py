@@ -87,7 +87,8 @@ def fit_surrogate(
         held = LabelledBatch.of([calibration])
         if held.screened is not None:
             raise InvalidInput(
-                f"calibration: expected rows as they are drawn, got screened ones of {calibration.ledger.folder}"
+                "calibration: expected rows as they are drawn, got screened ones of "
+                f"{calibration.ledger.folder}"
             )
         held = held.without(rows)
         origin.append(calibration.origin)
@@ -101,7 +102,8 @@ def fit_surrogate(
     )
     if not any(map(len, surrogate.calibration.values())):
         raise InvalidInput(
-            "calibration: expected rows as they are drawn, not screened ones, to calibrate on, got none of "
+            "calibration: expected rows as they are drawn, not screened ones, to calibrate on, got "
+            "none of "
             f"{len(rows)}: a larger share, or a data set for it"
         )
     return surrogate
@@ -129,7 +131,8 @@ def fit_rows(
     learned, held_out = _parts(rows, settings.calibration, settings.seed)
     if len(set((rows.kinds[learned] == "feasible").tolist())) < 2:
         raise InvalidInput(
-            f"calibration: expected a share that leaves feasible and infeasible rows to learn from, got "
+            "calibration: expected a share that leaves feasible and infeasible rows to learn "
+            "from, got "
             f"{settings.calibration:g} of {len(rows)} rows"
         )
     seer = Seer.of(rows.batch.like)

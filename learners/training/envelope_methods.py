@@ -53,7 +53,8 @@ def fit(
     checked_choice(method, "method", ENVELOPES)
     if len(dataset.feasible) < 2 or (method.startswith("gmm") and len(dataset.infeasible) < 2):
         raise InvalidInput(
-            f"data set: expected two or more rows of each label, got {len(dataset.feasible)} feasible and "
+            f"data set: expected two or more rows of each label, got {len(dataset.feasible)} "
+            "feasible and "
             f"{len(dataset.infeasible)} infeasible"
         )
     if method == "heuristic":

@@ -142,7 +142,8 @@ class FitSettings:
         for name in fixed:
             if name in self.rl:
                 raise InvalidInput(
-                    f"rl.{name}: expected no value, since the data set gives it, got {self.rl[name]!r}"
+                    f"rl.{name}: expected no value, since the data set gives it, got "
+                    f"{self.rl[name]!r}"
                 )
         return typed(TrainConfig, {**self.rl, **fixed}, "rl")
 

@@ -108,7 +108,8 @@ class TrainingScenes:
             if not left:
                 wanted = quota.feasible + quota.infeasible
                 raise InvalidInput(
-                    f"{name}: expected scenes that need cuts, found none among {wanted}: ask for more"
+                    f"{name}: expected scenes that need cuts, found none among {wanted}: ask for "
+                    "more"
                 )
         return cls(train=cut[0], held_out=cut[1], base=np.zeros(0), rows=sets[0])
 

@@ -193,7 +193,8 @@ def _logger(folder: Path, tensorboard: bool) -> Logger:
     """TensorBoard's log where it is wanted and installed, else none: the curve is kept anyway."""
     if tensorboard and importlib.util.find_spec("tensorboard") is None:
         _log.warning(
-            "tensorboard is not installed (pip install tensorboard): training goes on without its logs"
+            "tensorboard is not installed (pip install tensorboard): training goes on without its "
+            "logs"
         )
         tensorboard = False
     return (

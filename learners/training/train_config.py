@@ -114,7 +114,8 @@ class TrainConfig:
     def __post_init__(self) -> None:
         if self.train.seed == self.held_out.seed:
             raise InvalidInput(
-                f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for both"
+                f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for "
+                "both"
             )
         if self.method == "paired" and not self.environment.endswith("EnvelopeSelection-v0"):
             raise InvalidInput(f"method: expected ppo for {self.environment}, got paired")

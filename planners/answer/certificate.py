@@ -106,7 +106,8 @@ class Certificate:
         """
         if self.problem is None:
             raise InvalidInput(
-                "certificate: expected one that knows its problem, as certificate.of(problem), got none"
+                "certificate: expected one that knows its problem, as certificate.of(problem), got "
+                "none"
             )
         return self.problem
 
@@ -126,7 +127,8 @@ class Certificate:
         """
         if tree.ndim != 2 or tree.shape[1] not in (2, 4, 5) or multipliers.ndim != 2:
             raise InvalidInput(
-                f"certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, count), "
+                "certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, "
+                "count), "
                 f"got {tree.shape} and {multipliers.shape}"
             )
         rows, nothing = np.asarray(tree, dtype=np.float64), np.zeros(len(tree))

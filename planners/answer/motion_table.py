@@ -76,7 +76,8 @@ class MotionTable:
             if not np.isfinite(array).all():
                 row = int(np.argwhere(~np.isfinite(array))[0, 0])
                 raise InvalidInput(
-                    f"{name}: row {row}: expected finite numbers, got {array[row][~np.isfinite(array[row])][0]}"
+                    f"{name}: row {row}: expected finite numbers, got "
+                    f"{array[row][~np.isfinite(array[row])][0]}"
                     if array.ndim > 1
                     else f"{name}: row {row}: expected a finite number, got {array[row]}"
                 )
@@ -144,14 +145,16 @@ def check_times(times_s: Array) -> None:
     if not float(steps.min()) > 0.0:
         row = int(steps.argmin())
         raise InvalidInput(
-            f"time_s: row {row + 1}: expected times that increase, got {times_s[row]:g} s then {times_s[row + 1]:g} s"
+            f"time_s: row {row + 1}: expected times that increase, got {times_s[row]:g} s then "
+            f"{times_s[row + 1]:g} s"
         )
     usual = float(np.median(steps))
     off = np.abs(steps - usual)
     if float(off.max()) > EVEN * usual:
         row = int(off.argmax())
         raise InvalidInput(
-            f"time_s: row {row + 1}: expected a uniform grid, got a gap of {steps[row]:.6g} s at {times_s[row]:g} s "
+            f"time_s: row {row + 1}: expected a uniform grid, got a gap of {steps[row]:.6g} s at "
+            f"{times_s[row]:g} s "
             f"where others are {usual:.6g} s"
         )
 

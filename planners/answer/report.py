@@ -326,14 +326,19 @@ class Report(Generic[S]):
         at, weight_n = margin.figures, cast("Plan", self.answer).problem.weight_n
         if not self._of_course:
             return (
-                f"it bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the weight); the centre of "
-                f"mass is {1e3 * at['support_m']:.0f} mm inside; {1.0 - at['friction_left']:.0%} of the friction would "
+                f"it bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the "
+                "weight); the centre of "
+                f"mass is {1e3 * at['support_m']:.0f} mm inside; {1.0 - at['friction_left']:.0%} "
+                "of the friction would "
                 "be enough"
             )
         return (
-            f"every stance bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the weight, least at "
-            f"frame {at['push_frame']}); the centre of mass is {1e3 * at['support_m']:.0f} mm inside (frame "
-            f"{at['support_frame']}); {1.0 - at['friction_left']:.0%} of the friction would be enough (frame "
+            f"every stance bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of "
+            "the weight, least at "
+            f"frame {at['push_frame']}); the centre of mass is {1e3 * at['support_m']:.0f} mm "
+            "inside (frame "
+            f"{at['support_frame']}); {1.0 - at['friction_left']:.0%} of the friction would be "
+            "enough (frame "
             f"{at['friction_frame']})"
         )
 

@@ -35,7 +35,8 @@ def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Ar
         array = plain_numbers(value)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(
-            f"{where}: expected {f'numbers of shape {_shape_text(shape)}' if shape else 'a number'}, "
+            f"{where}: expected "
+            f"{f'numbers of shape {_shape_text(shape)}' if shape else 'a number'}, "
             f"got {shown(value, 80)}"
         ) from None
     if array.ndim != len(shape) or any(

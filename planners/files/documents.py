@@ -148,7 +148,8 @@ def parse_json(text: str, where: str) -> Any:
             json.dumps(value, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
         raise InvalidInput(
-            f"{where}: expected JSON, broken at line {error.lineno} column {error.colno}: {error.msg}"
+            f"{where}: expected JSON, broken at line {error.lineno} column {error.colno}: "
+            f"{error.msg}"
         ) from None
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None

@@ -103,7 +103,8 @@ def typed(kind: type[Value], given: Mapping[str, Any], where: str) -> Value:
         if name not in known:
             wanted = f"one of {', '.join(known)}"
             raise InvalidInput(
-                f"{prefix}{name}: expected {wanted}, got an unknown key{neighbour(str(name), known)}"
+                f"{prefix}{name}: expected {wanted}, got an unknown "
+                f"key{neighbour(str(name), known)}"
             )
     return validated(kind, dict(given), key=prefix)
 

@@ -37,7 +37,8 @@ def write_crossing(path: str | Path, crossing: Crossing) -> None:
     """
     if Path(path).suffix != ".json":
         raise InvalidInput(
-            f"{path}: expected a crossing's name to end in .json, got {Path(path).suffix or 'no suffix'}"
+            f"{path}: expected a crossing's name to end in .json, got "
+            f"{Path(path).suffix or 'no suffix'}"
         )
     proof = crossing.certificate
     content = {

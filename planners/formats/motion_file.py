@@ -237,7 +237,8 @@ def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str
                 "force.NAME.x",
             )
             raise InvalidInput(
-                f"{where}: expected columns as t, q.JOINT, force.LIMB.x, got {name!r:.60}{neighbour(name, known)}"
+                f"{where}: expected columns as t, q.JOINT, force.LIMB.x, got "
+                f"{name!r:.60}{neighbour(name, known)}"
             )
     return tuple(joints), tuple(limbs)
 

@@ -135,7 +135,8 @@ def check_name(path: str | Path) -> Path:
     """
     if Path(path).suffix != ".json":
         raise InvalidInput(
-            f"{path}: expected a plan's name to end in .json, got {Path(path).suffix or 'no suffix'}"
+            f"{path}: expected a plan's name to end in .json, got "
+            f"{Path(path).suffix or 'no suffix'}"
         )
     check_writable(path)
     return Path(path)
@@ -194,7 +195,8 @@ def plan_from(
         )
     if plan_digest(plan, verdict["tolerance"], verdict["accepted"], checked) != verdict["digest"]:
         raise InvalidInput(
-            f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier saw"
+            f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier "
+            "saw"
         )
     return plan if course is written else replace(plan, problem=course), header
 
@@ -225,7 +227,8 @@ def check_file(
     ):
         got = "legs or numbers of its own" if legs.own else "no legs in its file"
         raise InvalidInput(
-            f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.problem.robot.name} "
+            f"{path}: expected a plan for the robot {robot.name} as its file is, got one for "
+            f"{plan.problem.robot.name} "
             f"with {got}"
         )
     if course is not None and (
@@ -383,7 +386,8 @@ def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Prob
         if array.shape != shapes[name] or array.dtype.kind != kind:
             message = "whole numbers" if kind == "i" else "numbers"
             raise InvalidInput(
-                f"{path}: {name}: expected {message} of shape {shapes[name]}, got {array.dtype} of shape {array.shape}"
+                f"{path}: {name}: expected {message} of shape {shapes[name]}, got {array.dtype} of "
+                f"shape {array.shape}"
             )
         if not np.isfinite(array).all():
             raise InvalidInput(f"{path}: {name}: expected finite numbers")

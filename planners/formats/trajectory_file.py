@@ -120,7 +120,8 @@ def read_trajectory(path: str | Path) -> WalkRecord:
         raise InvalidInput(f"{samples}: {error}") from None
     if trajectory.digest != header.trajectory:
         raise InvalidInput(
-            f"{samples}: these samples do not belong to {path.name}: changed since they were written"
+            f"{samples}: these samples do not belong to {path.name}: changed since they were "
+            "written"
         )
     return WalkRecord(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
 
@@ -137,7 +138,8 @@ def check_file(path: str | Path, *, robot: Robot | None = None) -> Report[Trajec
     trajectory = read_trajectory(path).trajectory
     if robot is not None and (other := _difference(trajectory.robot, robot)):
         raise InvalidInput(
-            f"{path}: expected a walk of the robot {robot.name} as its file is, got one of {trajectory.robot.name} "
+            f"{path}: expected a walk of the robot {robot.name} as its file is, got one of "
+            f"{trajectory.robot.name} "
             f"with numbers of its own: {other}"
         )
     return check_trajectory(trajectory)

@@ -46,7 +46,8 @@ def forbidden(task: Walk, settings: GaitSettings) -> str:
         normals = boxes.normals(xy, _reach_m(task) + 3e-3)
         if len(normals) and _tips_over(normals, task.friction + FRICTION_ROOM, _pull(task)):
             return (
-                f"at rest at the {name} ({xy[0]:g}, {xy[1]:g}) no stance carries the weight: all ground within "
+                f"at rest at the {name} ({xy[0]:g}, {xy[1]:g}) no stance carries the weight: all "
+                "ground within "
                 f"{_reach_m(task):.2f} m is steeper one way than friction {task.friction:g}"
                 f"{_suction(task)} holds"
             )
@@ -147,8 +148,10 @@ def _too_far(task: Walk, boxes: GradientBoxes, settings: GaitSettings) -> str:
     if away <= bounds.min():
         return ""
     return (
-        f"from rest to rest in {task.duration_s:g} s friction {task.friction:g}{_suction(task)} brings the body no "
-        f"farther than {bounds.min():.2f} m, the goal is {away:.2f} m away: what it can push ahead, it has to brake"
+        f"from rest to rest in {task.duration_s:g} s friction {task.friction:g}{_suction(task)} "
+        "brings the body no "
+        f"farther than {bounds.min():.2f} m, the goal is {away:.2f} m away: what it can push "
+        "ahead, it has to brake"
     )
 
 

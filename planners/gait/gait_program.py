@@ -139,7 +139,8 @@ class GaitProgram:
         checked(height_factor, "height_factor", least=0.0)
         if height_factor != 1.0 and not self.structure.chart.scales:
             raise InvalidInput(
-                f"height_factor: expected 1 in the chart {self.settings.chart}, whose map is for one terrain, "
+                f"height_factor: expected 1 in the chart {self.settings.chart}, whose map is for "
+                "one terrain, "
                 f"got {height_factor:g}"
             )
         start = self.guess if guess is None else read_only(guess, (self.size,), "guess")

@@ -116,7 +116,8 @@ class PlanPath:
         self._names = course.robot.limb_names
         if course.uncarried and not uncarried:
             raise InvalidInput(
-                f"frame {course.uncarried[0]}: expected limbs that stay and carry the robot, got a schedule that lifts "
+                f"frame {course.uncarried[0]}: expected limbs that stay and carry the robot, got a "
+                "schedule that lifts "
                 "all of them at once: no position control can execute that"
             )
         self.solids = solids_of(course.terrain)

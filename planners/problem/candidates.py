@@ -222,6 +222,7 @@ class CandidatePatches:
             message = ", which other terrain hides" if faces else ", which faces away"
         place = ", ".join(f"{value:.3g}" for value in shoulder_m)
         return (
-            f"{where}: expected a surface within its reach of {limb.reach_m:g} m of its shoulder at ({place}), the "
+            f"{where}: expected a surface within its reach of {limb.reach_m:g} m of its shoulder "
+            f"at ({place}), the "
             f"nearest is {gaps[best]:.3g} m away ({self.names[best]}{message})"
         )

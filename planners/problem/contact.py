@@ -72,7 +72,8 @@ class Contact:
         )
         if np.any(self.force_min > self.force_max):
             raise InvalidInput(
-                f"force_min: expected at most force_max {self.force_max.tolist()}, got {self.force_min.tolist()}"
+                f"force_min: expected at most force_max {self.force_max.tolist()}, got "
+                f"{self.force_min.tolist()}"
             )
         set_field(self, "yaw_rad", checked(self.yaw_rad, "yaw_rad"))
         if self.sole_m is not None:

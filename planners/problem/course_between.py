@@ -94,7 +94,8 @@ def course_between(
         raise InvalidInput(f"standing: expected a map of {theirs}, got one of {mine}")
     if standing is not None and terrain.friction > standing.friction:
         raise InvalidInput(
-            f"standing: expected a map at a friction of {terrain.friction:g} or more, got {standing.friction:g}: what "
+            f"standing: expected a map at a friction of {terrain.friction:g} or more, got "
+            f"{standing.friction:g}: what "
             "cannot be stood on there may be here"
         )
     if straight:
@@ -110,7 +111,8 @@ def course_between(
     wanted = max(2, int(np.ceil(length / stride)) + 1) if frames is None else frames
     if wanted > MOST_FRAMES:
         raise InvalidInput(
-            f"goal: expected a way of at most {stride * (MOST_FRAMES - 1):.3g} m ({MOST_FRAMES} frames), got "
+            f"goal: expected a way of at most {stride * (MOST_FRAMES - 1):.3g} m ({MOST_FRAMES} "
+            "frames), got "
             f"{length:.3g} m; plan it in parts"
         )
     last = max(
@@ -155,7 +157,8 @@ def _body_height(terrain: Terrain, toes_m: Array, place_m: Array) -> float:
             heights.append(max(known) - toe[2])
     if not heights:
         raise InvalidInput(
-            f"goal: expected ground under some toe, got ({place_m[0]:.3g}, {place_m[1]:.3g}) with none"
+            f"goal: expected ground under some toe, got ({place_m[0]:.3g}, {place_m[1]:.3g}) with "
+            "none"
         )
     return float(np.mean(heights))
 

@@ -60,7 +60,8 @@ def read_course(
     if Path(course).suffix in (".json", ".jsonl"):
         if frames is not None:
             raise InvalidInput(
-                f"{course}: expected no other number of frames for a course whose footholds are fixed"
+                f"{course}: expected no other number of frames for a course whose footholds are "
+                "fixed"
             )
         if reach is not None:
             raise InvalidInput(
@@ -88,7 +89,8 @@ def read_course(
 
         if alternative != AS_ASKED:
             raise InvalidInput(
-                f"{course}: expected no other layout of a published scene, got {alternative.message}"
+                f"{course}: expected no other layout of a published scene, got "
+                f"{alternative.message}"
             )
         return read_scene(course, data, frames, robot, sets, reach)
     spec = _spec(course, data, robot)

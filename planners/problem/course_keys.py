@@ -113,7 +113,8 @@ class RobotSpec(_Keys):
                 more = [key for key in ("sole_m", "reach_rows") if getattr(limb, key) is not None]
                 if more:
                     raise InvalidInput(
-                        f"legs: expected limbs of a ball of reach and a point foot, got {more[0]} of limb {name}"
+                        f"legs: expected limbs of a ball of reach and a point foot, got {more[0]} "
+                        f"of limb {name}"
                     )
         return self
 

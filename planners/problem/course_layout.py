@@ -108,7 +108,8 @@ def _wrench(spec: CourseSpec) -> Array | None:
         frames = range(spec.frames) if each.frames is None else each.frames
         if max(frames) >= spec.frames:
             raise InvalidInput(
-                f"wrench[{index}].frames: expected key frames from 0 to {spec.frames - 1}, got {max(frames)}"
+                f"wrench[{index}].frames: expected key frames from 0 to {spec.frames - 1}, got "
+                f"{max(frames)}"
             )
         total[list(set(frames))] += at_point(each.force_n, each.moment_nm, each.at_m)
     return total if total.any() else None
@@ -146,7 +147,8 @@ def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:
         ]
         if not under:
             raise InvalidInput(
-                f"start_m: expected ground under every toe, or a height beside x and y; there is none under limb "
+                "start_m: expected ground under every toe, or a height beside x and y; there is "
+                "none under limb "
                 f"{limb.name} at ({toe[0]:.3g}, {toe[1]:.3g})"
             )
         heights.append(max(under) - toe[2])
@@ -201,7 +203,8 @@ def _footholds(
                 and footing.surfaces[index].width_m < TOE_M
             ):
                 raise InvalidInput(
-                    f"frame {frame}, limbs {other} and {limb.name}: expected room for two toes, got nothing but "
+                    f"frame {frame}, limbs {other} and {limb.name}: expected room for two toes, "
+                    "got nothing but "
                     f"{footing.names[index]}, {1e3 * footing.surfaces[index].width_m:.3g} mm wide"
                 )
         if len(everywhere) == 1:
@@ -241,7 +244,8 @@ def _with_yaws(
         result.append((patch, yaw))
     if not result:
         raise InvalidInput(
-            f"frame {frame}, limb {limb.name}: expected room for its sole at one of {len(yaws)} yaws on the surfaces "
+            f"frame {frame}, limb {limb.name}: expected room for its sole at one of {len(yaws)} "
+            "yaws on the surfaces "
             f"within reach, got none on {len(patches)}"
         )
     return Foothold(
@@ -297,19 +301,23 @@ def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
     )
     if far > most + 1e-9:
         raise InvalidInput(
-            f"goal_m: expected a goal within {most:.3g} m ({spec.frames - 1} steps of up to {spec.steps.com_m:g} m "
-            f"and the radii about start and goal), got one {far:.3g} m away: {far - most:.3g} m too far"
+            f"goal_m: expected a goal within {most:.3g} m ({spec.frames - 1} steps of up to "
+            f"{spec.steps.com_m:g} m "
+            f"and the radii about start and goal), got one {far:.3g} m away: {far - most:.3g} m "
+            "too far"
         )
     for k, gap in enumerate(gaps, 1):
         room = radius[k - 1] + radius[k]
         if gap > spec.steps.com_m + room + 1e-9:
             raise InvalidInput(
-                f"frame {k}: expected a nominal step of at most steps.com_m = {spec.steps.com_m:g} m plus {room:.3g} m "
+                f"frame {k}: expected a nominal step of at most steps.com_m = {spec.steps.com_m:g} "
+                f"m plus {room:.3g} m "
                 f"of radius, got {gap:.3g} m: {gap - spec.steps.com_m - room:.3g} m too far"
             )
         if gap > 1e-9 and spec.steps.progress_m > gap + room + 1e-9:
             raise InvalidInput(
-                f"steps.progress_m: expected at most {gap + room:.3g} m, the nominal step to frame {k} plus the radii, "
+                f"steps.progress_m: expected at most {gap + room:.3g} m, the nominal step to frame "
+                f"{k} plus the radii, "
                 f"got {spec.steps.progress_m:g}"
             )
 
@@ -325,7 +333,8 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
         for index, moving in enumerate(gait):
             if len(set(moving)) != len(moving) or not set(moving) <= set(names):
                 raise InvalidInput(
-                    f"gait[{index}]: expected limbs among {', '.join(names)}, each once, got {moving}"
+                    f"gait[{index}]: expected limbs among {', '.join(names)}, each once, got "
+                    f"{moving}"
                 )
         return tuple(tuple(name for name in names if name in moving) for moving in gait)
     if gait == "all":
@@ -336,7 +345,8 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
         return _with_shifts([(name,) for name in order], places)
     if len(names) < 4 or len(names) % 2:
         raise InvalidInput(
-            f"gait: expected an even number of limbs, four or more, for a tripod gait, got {len(names)}"
+            "gait: expected an even number of limbs, four or more, for a tripod gait, got "
+            f"{len(names)}"
         )
     around = sorted(names, key=lambda name: np.arctan2(places[name][1], places[name][0]))
     return tuple(tuple(name for name in names if name in around[first::2]) for first in (0, 1))

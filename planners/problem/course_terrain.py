@@ -306,7 +306,8 @@ class Bars(TerrainSpec):
         half = 0.5 * self.bar_m
         if half <= self.margin_m:
             raise InvalidInput(
-                f"terrain.bar_m: expected more than {2.0 * self.margin_m:g} m, twice margin_m, got {self.bar_m:g}"
+                f"terrain.bar_m: expected more than {2.0 * self.margin_m:g} m, twice margin_m, got "
+                f"{self.bar_m:g}"
             )
         bars = tuple(
             _level(x - half, x + half, -self.width_m, self.width_m, 0.0, self.friction)

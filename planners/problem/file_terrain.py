@@ -54,7 +54,8 @@ class FileTerrain(TerrainSpec):
         if frictions := sorted({patch.friction for patch in patches})[1:]:
             least = min(patch.friction for patch in patches)
             raise InvalidInput(
-                f"{footholds.name}: expected one friction for the whole terrain, got frictions from {least:g} to {frictions[-1]:g}"
+                f"{footholds.name}: expected one friction for the whole terrain, got frictions "
+                f"from {least:g} to {frictions[-1]:g}"
             )
         try:
             made = cls(
@@ -72,8 +73,8 @@ class FileTerrain(TerrainSpec):
         footholds = self._found
         if footholds is None:
             footholds = self._found = self.read(folder)
-        found = [piece.found for piece in footholds.pieces]
-        standing = [piece for piece in found if piece is not None] or footholds.pieces
+        sources = [piece.found for piece in footholds.pieces]
+        standing = [piece for piece in sources if piece is not None] or footholds.pieces
         pieces = tuple(piece.on(self.friction) for piece in standing)
         lines = [patch for patch, piece in zip(pieces, standing, strict=True) if piece.turn_rad]
         each = [*(patch.with_friction(self.friction) for patch in footholds.surfaces), *lines]
@@ -106,6 +107,7 @@ class FileTerrain(TerrainSpec):
         if len(found.surfaces) + len(found.pieces) > MOST_PATCHES:
             raise InvalidInput(
                 f"{self.file}: expected at most {MOST_PATCHES} surfaces and footholds, got "
-                f"{len(found.surfaces) + len(found.pieces)}; crop_m takes a part, spacing_m a coarser map"
+                f"{len(found.surfaces) + len(found.pieces)}; crop_m takes a part, spacing_m a "
+                "coarser map"
             )
         return found

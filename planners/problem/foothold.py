@@ -40,7 +40,8 @@ class Foothold:
             yaws = read_only(self.yaws_rad, (None,), f"{where}: yaws_rad")
             if len(yaws) != len(self.candidates):
                 raise InvalidInput(
-                    f"{where}: yaws_rad: expected {len(self.candidates)}, one a candidate, got {len(yaws)}"
+                    f"{where}: yaws_rad: expected {len(self.candidates)}, one a candidate, got "
+                    f"{len(yaws)}"
                 )
             object.__setattr__(self, "yaws_rad", tuple(yaws.tolist()))
         if not self.candidates:
@@ -52,7 +53,8 @@ class Foothold:
             object.__setattr__(self, "toe_m", read_only(self.toe_m, (3,), f"{where}: toe_m"))
             if len(self.candidates) != 1:
                 raise InvalidInput(
-                    f"{where}: expected one patch under a toe that stands, got {len(self.candidates)}"
+                    f"{where}: expected one patch under a toe that stands, got "
+                    f"{len(self.candidates)}"
                 )
         if self.force_min is None and self.force_max is None:
             return
@@ -66,7 +68,8 @@ class Foothold:
         )
         if np.any(low > high):
             raise InvalidInput(
-                f"{where}: force_min: expected at most force_max {high.tolist()}, got {low.tolist()}"
+                f"{where}: force_min: expected at most force_max {high.tolist()}, got "
+                f"{low.tolist()}"
             )
         object.__setattr__(self, "force_min", low)
         object.__setattr__(self, "force_max", high)

@@ -158,7 +158,8 @@ def schedule(
     """
     if len(gait.offsets) != len(feet):
         raise InvalidInput(
-            f"gait: expected one for {len(feet)} feet, got {gait.name}, which is for {len(gait.offsets)}"
+            f"gait: expected one for {len(feet)} feet, got {gait.name}, which is for "
+            f"{len(gait.offsets)}"
         )
     if gait.cycle_s < SHORTEST * step_s - 1e-9:
         raise InvalidInput(
@@ -172,7 +173,8 @@ def schedule(
     if cycles < 1:
         needed = gait.cycle_s + tail + 2.0 * SHORTEST_STAND_S
         raise InvalidInput(
-            f"duration_s: expected {needed:g} s or more for one cycle of the {gait.name}, got {duration_s:g} s"
+            f"duration_s: expected {needed:g} s or more for one cycle of the {gait.name}, got "
+            f"{duration_s:g} s"
         )
     lead = 0.5 * (duration_s - cycles * gait.cycle_s - tail)
     lead = step_s * np.floor(lead / step_s + 1e-9)

@@ -383,7 +383,8 @@ class _Lattice:
         if ends[0] == ends[1]:
             gap = float(np.linalg.norm(goal - start))
             raise InvalidInput(
-                f"goal: expected a place {self.spacing_m:.2g} m or more from the start, got {gap:.2g} m"
+                f"goal: expected a place {self.spacing_m:.2g} m or more from the start, got "
+                f"{gap:.2g} m"
             )
         worth = self.worth
         for place in avoid_m:
@@ -398,7 +399,8 @@ class _Lattice:
         path = self._cheapest(ends, free, worth)
         if path is None and standing is not None and self._cheapest(ends, self.free, worth):
             raise PlanningFailed(
-                f"no way from ({start[0]:g}, {start[1]:g}) to ({goal[0]:g}, {goal[1]:g}): every one goes over places "
+                f"no way from ({start[0]:g}, {start[1]:g}) to ({goal[0]:g}, {goal[1]:g}): every "
+                "one goes over places "
                 f"of the map where {standing.robot} cannot stand, facing along x"
             )
         if path is None:
@@ -486,7 +488,8 @@ class _Lattice:
         beyond = float(np.linalg.norm(np.maximum(low - place, 0.0) + np.maximum(place - high, 0.0)))
         if beyond > 0.0:
             raise InvalidInput(  # whatever the stance
-                f"{name}: expected a place on the terrain, got ({place[0]:g}, {place[1]:g}), {beyond:.3g} m "
+                f"{name}: expected a place on the terrain, got ({place[0]:g}, {place[1]:g}), "
+                f"{beyond:.3g} m "
                 "beyond its border"
             )
         if inside and self.free[tuple(at)]:
@@ -498,7 +501,8 @@ class _Lattice:
             # over one that is higher than legs are long nobody stands, however wide or high
             refused = InvalidInput if solid_m > self.footprint.reach_m else NoPlace
             raise refused(
-                f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in the "
+                f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in "
+                "the "
                 f"solid that is {solid_m:.3g} m high; {nearest}"
             )
         if inside and np.isfinite(self.z_m[tuple(at)]):

@@ -250,7 +250,8 @@ class Leap:
             ):
                 known = ", ".join(self.robot.limb_names)
                 raise InvalidInput(
-                    f"{where}phases[{q}].limbs: expected some of {known}, each once, got {', '.join(phase.limbs)}"
+                    f"{where}phases[{q}].limbs: expected some of {known}, each once, got "
+                    f"{', '.join(phase.limbs)}"
                 )
 
     def _check_timings(self, where: str) -> None:
@@ -259,15 +260,18 @@ class Leap:
         for k, timing in enumerate(self.timings_s):
             if len(timing) != len(self.phases):
                 raise InvalidInput(
-                    f"{where}timings_s[{k}]: expected {len(self.phases)} durations, one per phase, got {len(timing)}"
+                    f"{where}timings_s[{k}]: expected {len(self.phases)} durations, one per phase, "
+                    f"got {len(timing)}"
                 )
             if not all(0.0 < s < 60.0 for s in timing):
                 raise InvalidInput(
-                    f"{where}timings_s[{k}]: expected durations above 0 and below 60 s, got {list(timing)}"
+                    f"{where}timings_s[{k}]: expected durations above 0 and below 60 s, got "
+                    f"{list(timing)}"
                 )
             if self.duration_s is not None and abs(sum(timing) - self.duration_s) > SUM_S:
                 raise InvalidInput(
-                    f"{where}timings_s[{k}]: expected durations that add up to duration_s, {self.duration_s:g} s, got "
+                    f"{where}timings_s[{k}]: expected durations that add up to duration_s, "
+                    f"{self.duration_s:g} s, got "
                     f"{sum(timing):g} s"
                 )
 
@@ -286,6 +290,7 @@ class Leap:
         for j, one in enumerate(pairs):
             if one not in wanted or pairs.index(one) != j:
                 raise InvalidInput(
-                    f"{where}footholds[{j}]: expected one per limb and phase in which it begins to stand, got another "
+                    f"{where}footholds[{j}]: expected one per limb and phase in which it begins to "
+                    "stand, got another "
                     f"of {one[0]} in phase {one[1]}"
                 )

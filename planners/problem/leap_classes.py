@@ -150,7 +150,8 @@ class LeapClass(BaseModel):
                 ]
                 return self._leap(name, robot, footholds, first[0], last[0])
         raise InvalidInput(
-            f"{name}: expected scenes of {self.terrain} with footholds for every toe, drew {DRAWS} without"
+            f"{name}: expected scenes of {self.terrain} with footholds for every toe, drew {DRAWS} "
+            "without"
         )
 
     def _place(

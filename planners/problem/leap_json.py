@@ -83,7 +83,8 @@ def leap_from_keys(data: Mapping[str, Any], where: str) -> Leap:
         return kind.draw(np.random.default_rng(draw.seed), f"{draw.distribution}-{draw.seed}")
     if not isinstance(data.get("robot", ""), str | Mapping):
         raise InvalidInput(
-            f"{where}: robot: expected a name, a file, or a robot's keys, got {shown(data['robot'])}"
+            f"{where}: robot: expected a name, a file, or a robot's keys, got "
+            f"{shown(data['robot'])}"
         )
     if isinstance(data.get("robot"), Mapping):  # or a message names what the union is of
         validated(keys_of(Robot, whole=False), data["robot"], where, key="robot.")

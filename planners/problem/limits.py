@@ -63,7 +63,8 @@ class StepLimits:
             came, limit = getattr(self, least), getattr(self, most)
             if came > limit:
                 raise InvalidInput(
-                    f"{least}: expected at most steps.{most} = {limit:g}, the largest step, got {came:g}"
+                    f"{least}: expected at most steps.{most} = {limit:g}, the largest step, got "
+                    f"{came:g}"
                 )
 
     @property

@@ -105,7 +105,8 @@ class PostureBatch:
         for index, problem in enumerate(problems):
             if _without_patches(problem) != _without_patches(first):
                 raise InvalidInput(
-                    f"problems[{index}]: expected body, limbs, limits and shear references of the first"
+                    f"problems[{index}]: expected body, limbs, limits and shear references of the "
+                    "first"
                 )
         corners = {len(patch.vertices_m) for row in patches for patch in row}
         if len(corners) != 1:

@@ -184,7 +184,8 @@ class Problem:
             set_field(self, "standing_m", read_only(self.standing_m, shape, "standing_m"))
         elif self.weights is not None and self.weights.stance > 0.0:
             raise InvalidInput(
-                "standing_m: expected the places of the toes as the robot stands, which weights.stance "
+                "standing_m: expected the places of the toes as the robot stands, which "
+                "weights.stance "
                 "needs, got none"
             )
         self.robot.check_limbs()
@@ -543,7 +544,8 @@ class Problem:
                     )
                 except InvalidInput as error:
                     raise InvalidInput(
-                        f"placements[{index}]: frame {foothold.frame}, limb {foothold.limb}: {error}"
+                        f"placements[{index}]: frame {foothold.frame}, limb {foothold.limb}: "
+                        f"{error}"
                     ) from None
             result.append(regions)
         return tuple(result)
@@ -716,7 +718,8 @@ class Problem:
         )
         if len(self.lifts) > 1 or self.next_lift or not plain:
             raise InvalidInput(
-                "weights: expected the weights of an objective, got none: a posture problem has one frame, after which "
+                "weights: expected the weights of an objective, got none: a posture problem has "
+                "one frame, after which "
                 "nobody moves, and one candidate for every toe"
             )
 
@@ -725,7 +728,8 @@ class Problem:
         names = self.robot.limb_names
         if self.lifts[0]:
             raise InvalidInput(
-                f"lifts[0]: expected nobody to move before the first frame, got {list(self.lifts[0])}"
+                "lifts[0]: expected nobody to move before the first frame, got "
+                f"{list(self.lifts[0])}"
             )
         placed = {(foothold.frame, foothold.limb) for foothold in self.footholds}
         if len(placed) != len(self.footholds):
@@ -779,7 +783,8 @@ def _check_bounds(low: Array, high: Array, where: str) -> None:
     """
     if np.any(low[1:] > 0.0) or np.any(high < np.maximum(low, 0.0)):
         raise InvalidInput(
-            f"{where}force_min, force_max: expected bounds that admit forces along the normals alone"
+            f"{where}force_min, force_max: expected bounds that admit forces along the normals "
+            "alone"
         )
 
 

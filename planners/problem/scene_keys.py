@@ -135,7 +135,8 @@ class SceneSpec(_Keys):
         if isinstance(phase.moving, str):
             if lists or not self.ours.order:
                 raise InvalidInput(
-                    f"{where}: expected ours.order and one list of surfaces where any one limb moves"
+                    f"{where}: expected ours.order and one list of surfaces where any one limb "
+                    "moves"
                 )
         elif not set(phase.moving) <= set(self.limbs) or len(lists) != len(phase.moving):
             raise InvalidInput(

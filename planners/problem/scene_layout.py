@@ -84,7 +84,8 @@ def _patches(spec: SceneSpec) -> tuple[Patch, ...]:
         off = (corners - middle) @ normal
         if float(np.abs(off).max()) > BENT_M:
             raise InvalidInput(
-                f"surfaces[{index}]: expected a plane, got corners {1e3 * np.abs(off).max():.3g} mm off"
+                f"surfaces[{index}]: expected a plane, got corners {1e3 * np.abs(off).max():.3g} "
+                "mm off"
             )
         flat = corners - off[:, None] * normal
         try:
@@ -201,7 +202,8 @@ def _standing(spec: SceneSpec, limb: Limb, toe_m: Array, patches: Sequence[Patch
     off, place, patch = min(rooms, key=lambda room: room[0])
     if off > OFF_M and spec.ours.start == "published":
         raise InvalidInput(
-            f"initial_contacts.{limb.name}: expected a toe on a surface, got one {1e3 * off:.3g} mm off the nearest "
+            f"initial_contacts.{limb.name}: expected a toe on a surface, got one {1e3 * off:.3g} "
+            "mm off the nearest "
             "(ours.start: nearest moves it there)"
         )
     return Foothold(

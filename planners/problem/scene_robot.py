@@ -103,7 +103,8 @@ def _matched(spec: SceneSpec, robot: Robot) -> dict[str, str]:
     }
     if any(len(legs) != 1 for legs in matches.values()) or len(robot.limbs) != len(spec.limbs):
         raise InvalidInput(
-            f"robot: expected legs whose names begin as {', '.join(spec.limbs)}, got {', '.join(robot.limb_names)}"
+            f"robot: expected legs whose names begin as {', '.join(spec.limbs)}, got "
+            f"{', '.join(robot.limb_names)}"
         )
     return {limb: legs[0] for limb, legs in matches.items()}
 

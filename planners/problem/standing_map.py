@@ -271,7 +271,8 @@ class StandingMap:
             return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
         except DAMAGED as error:
             raise InvalidInput(
-                f"{path}: expected a map of `stancekit map` ({FORMAT}): {' '.join(str(error).split()):.200}"
+                f"{path}: expected a map of `stancekit map` ({FORMAT}): "
+                f"{' '.join(str(error).split()):.200}"
             ) from None
 
 

@@ -81,7 +81,8 @@ class Walk:
         feet = len(self.robot.feet)
         if not feet:
             raise InvalidInput(
-                f"robot: expected one with feet, which Walk.over measures, got {self.robot.name} without"
+                f"robot: expected one with feet, which Walk.over measures, got {self.robot.name} "
+                "without"
             )
         object.__setattr__(
             self, "adhesive", tuple(bool(sticks) for sticks in self.adhesive) or (False,) * feet
@@ -190,13 +191,15 @@ class Walk:
         if not np.all(self.terrain.contains(np.vstack([feet[:, :2], xy]))):
             (x0, x1), (y0, y1) = self.terrain.domain_m
             raise InvalidInput(
-                f"{which}_xy_m: expected torso and feet over the terrain, [{x0:g}, {x1:g}] × [{y0:g}, {y1:g}] m, "
+                f"{which}_xy_m: expected torso and feet over the terrain, [{x0:g}, {x1:g}] × "
+                f"[{y0:g}, {y1:g}] m, "
                 f"got ({xy[0]:g}, {xy[1]:g})"
             )
         slope = float(np.linalg.norm(self.terrain.gradient(xy)))
         if slope > max(STEEPEST, self.friction):
             raise InvalidInput(
-                f"{which}_xy_m: expected ground to stand on, got a wall of {np.rad2deg(np.arctan(slope)):.0f}° "
+                f"{which}_xy_m: expected ground to stand on, got a wall of "
+                f"{np.rad2deg(np.arctan(slope)):.0f}° "
                 f"at ({xy[0]:g}, {xy[1]:g})"
             )
         self._check_reach(which, feet, yaw)
@@ -234,7 +237,8 @@ class Walk:
         )
         if not any(self._stands(xy, yaw_rad, share * slope) for share in (0.0, 0.5, 1.0)):
             raise InvalidInput(
-                f"{which}_xy_m: expected ground that all feet reach, got heights from {feet[:, 2].min():.2f} to "
+                f"{which}_xy_m: expected ground that all feet reach, got heights from "
+                f"{feet[:, 2].min():.2f} to "
                 f"{feet[:, 2].max():.2f} m under the feet at ({xy[0]:g}, {xy[1]:g})"
             )
 

@@ -45,7 +45,8 @@ def checked_wrench(
         largest = float(np.linalg.norm(part, axis=-1).max())
         if largest > most:
             raise InvalidInput(
-                f"wrench: expected a {what} of at most {most:.4g} {unit}, {MOST_WEIGHTS:g} times the weight and beyond "
+                f"wrench: expected a {what} of at most {most:.4g} {unit}, {MOST_WEIGHTS:g} times "
+                "the weight and beyond "
                 f"any posture, got {largest:.4g} {unit}"
             )
     return wrench
@@ -65,7 +66,8 @@ def wrench_of(value: ArrayLike) -> Array:
     )
     if size not in ((3,), (6,)) or isinstance(value, str):
         raise InvalidInput(
-            f"wrench: expected 3 numbers, a force [N], or 6, a force and a moment about the centre of mass [Nm], "
+            "wrench: expected 3 numbers, a force [N], or 6, a force and a moment about the centre "
+            "of mass [Nm], "
             f"got {shown(value)}"
         )
     part = read_only(value, size, "wrench")

@@ -176,8 +176,10 @@ def _check_one_frame(course: Problem, limb: int, foothold: int) -> None:
     frames = np.array([patch.frame for patch in stood_on.candidates])
     if np.abs(frames - frames[0]).max() > 1e-6:
         raise InvalidInput(
-            f"frame {stood_on.frame}, limb {course.robot.limb_names[limb]}: expected candidate patches that share one "
-            "contact frame, for boxes on the forces in it; got several: use boxes in world axes, or one candidate"
+            f"frame {stood_on.frame}, limb {course.robot.limb_names[limb]}: expected candidate "
+            "patches that share one "
+            "contact frame, for boxes on the forces in it; got several: use boxes in world axes, "
+            "or one candidate"
         )
 
 
@@ -202,7 +204,8 @@ def _check(course: Problem, stance: Stance, envelopes: EnvelopeSet, axes: Axes) 
             patch = stood_on.candidates[min(option, len(stood_on.candidates) - 1)]
             if _turned(patch.shear_reference, patch.normal) > 1e-3:
                 raise InvalidInput(
-                    f"{where}, limb {stood_on.limb}: expected the shear axis z up on walls and forward on ground, "
+                    f"{where}, limb {stood_on.limb}: expected the shear axis z up on walls and "
+                    "forward on ground, "
                     f"as envelopes are learned, got {np.round(patch.shear_reference, 3).tolist()}"
                 )
 

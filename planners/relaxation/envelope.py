@@ -271,7 +271,8 @@ class EnvelopeSet:
             if lean > most:
                 raise InvalidInput(
                     f"contacts[{index}].normal: expected one within {np.rad2deg(most):.0f}° of "
-                    f"{np.round(self.normals[index], 2).tolist()} for {learned}, got one {np.rad2deg(lean):.0f}° off"
+                    f"{np.round(self.normals[index], 2).tolist()} for {learned}, got one "
+                    f"{np.rad2deg(lean):.0f}° off"
                 )
 
     def to_json(self) -> dict[str, Any]:

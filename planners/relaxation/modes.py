@@ -55,7 +55,8 @@ class Modes:
     def __post_init__(self) -> None:
         if len(self.names) != len(self.boxes.envelopes) or len(set(self.names)) != len(self.names):
             raise InvalidInput(
-                f"names: expected {len(self.boxes.envelopes)} different ones, one an envelope, got {list(self.names)}"
+                f"names: expected {len(self.boxes.envelopes)} different ones, one an envelope, got "
+                f"{list(self.names)}"
             )
 
     @classmethod

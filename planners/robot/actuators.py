@@ -190,7 +190,8 @@ def read_actuators(what: str | Path) -> Actuators:
         return Actuators(joints={"*": name})
     if not Path(name).suffix and not Path(name).exists():
         raise InvalidInput(
-            f"actuators: expected one of {', '.join(builtin_actuators())} or a file, got {shown(name)}"
+            f"actuators: expected one of {', '.join(builtin_actuators())} or a file, got "
+            f"{shown(name)}"
         )
     data: Any = read_json(name) if Path(name).suffix == ".json" else read_yaml(name)
     if not isinstance(data, dict) or data.get("format") != FORMAT:

@@ -297,7 +297,8 @@ def check_contacts(
         doubts_text = "; ".join(f"{', '.join(links)} {text}" for text, links in doubts.items())
         example = _example(next(leg for leg in legs if leg.doubt), shapes, mounts)
         raise InvalidInput(
-            f"robot {name}: expected feet that are balls or that its YAML file describes: {doubts_text} {example}"
+            f"robot {name}: expected feet that are balls or that its YAML file describes: "
+            f"{doubts_text} {example}"
         )
 
 

@@ -55,7 +55,8 @@ def drawn_urdf(
         raise InvalidInput(f"robot {name}: expected point feet for a URDF of its own, got soles")
     if any(limb.reach_rows is not None for limb in limbs):
         raise InvalidInput(
-            f"robot {name}: expected balls of reach for a URDF of its own, got half-spaces without the "
+            f"robot {name}: expected balls of reach for a URDF of its own, got half-spaces without "
+            "the "
             f"robot's own legs, as a course has them that names a robot's file"
         )
     rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0

@@ -38,7 +38,8 @@ class Foot:
             )
         if not np.all((self.reach_min_m < self.nominal_m) & (self.nominal_m < self.reach_max_m)):
             raise InvalidInput(
-                f"foot {self.name}: expected reach_min_m < nominal_m < reach_max_m, got {self.reach_min_m.tolist()}, "
+                f"foot {self.name}: expected reach_min_m < nominal_m < reach_max_m, got "
+                f"{self.reach_min_m.tolist()}, "
                 f"{self.nominal_m.tolist()}, {self.reach_max_m.tolist()}"
             )
 

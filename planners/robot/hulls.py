@@ -165,7 +165,8 @@ def hulls_of_text(text: str) -> dict[int, list[Array]]:
     for number, parts in result.items():
         if -1 not in parts:
             raise InvalidInput(
-                f"model: hulls: expected the hull of shape {number} beside its parts, got parts alone"
+                f"model: hulls: expected the hull of shape {number} beside its parts, got parts "
+                "alone"
             )
     return {shape: [hulls[k] for k in sorted(hulls)] for shape, hulls in result.items()}
 

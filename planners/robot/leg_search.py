@@ -190,7 +190,8 @@ class _Tree:
             first = min(branched)
             best, other = self._longest(chains[first]), self._second(chains[first])
             raise InvalidInput(
-                f"legs: expected one foot a leg, joint {shown(best.names[0])} carries {best.foot} and "
+                f"legs: expected one foot a leg, joint {shown(best.names[0])} carries {best.foot} "
+                "and "
                 f"{other.foot if other else '?'}"
             )
         if not alone:
@@ -234,7 +235,8 @@ class _Tree:
         if twins:
             feet = ", ".join(end.foot for end in twins)
             return [
-                f"link {base}: its z does not point up: {feet} are ends of chains like the legs' that do not go down: "
+                f"link {base}: its z does not point up: {feet} are ends of chains like the legs' "
+                "that do not go down: "
                 f"{hint}"
             ]
         if legs and all(points_up(self.leg("", end)[0]) for end in legs):
@@ -405,7 +407,8 @@ class _Tree:
         slides = bool(np.linalg.norm(self._twists[j][3:]) < 0.5)
         if slides and not lower < upper:
             raise InvalidInput(
-                f"joint {shown(name)}: expected a lower limit below the upper one, got {lower:g}, {upper:g}"
+                f"joint {shown(name)}: expected a lower limit below the upper one, got {lower:g}, "
+                f"{upper:g}"
             )
         if not slides and (
             model.joints[j].nq == 2 or not lower < upper or upper - lower > FULL_TURN
@@ -457,7 +460,8 @@ def _check_apart(ends: Mapping[str, _End]) -> None:
         for joint, name in zip(end.joints, end.names, strict=True):
             if joint in seen:
                 raise InvalidInput(
-                    f"feet: expected one foot a leg, joint {shown(name)} carries {seen[joint].foot} and {end.foot}"
+                    f"feet: expected one foot a leg, joint {shown(name)} carries "
+                    f"{seen[joint].foot} and {end.foot}"
                 )
             seen[joint] = end
 

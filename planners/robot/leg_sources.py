@@ -64,7 +64,8 @@ class LegSource:
         Raises InvalidInput for a robot without one.
         """
         raise InvalidInput(
-            f"robot: expected one whose legs are known, got {self.name}, of which only the limbs are known"
+            f"robot: expected one whose legs are known, got {self.name}, of which only the limbs "
+            "are known"
         )
 
     @property

@@ -210,16 +210,19 @@ class Robot:
         if self.limb_names != model.leg_names:
             kind = "feet" if self.feet else "limbs"
             raise InvalidInput(
-                f"robot {self.name}: expected {kind} as its model has legs, {', '.join(model.leg_names)}, got "
+                f"robot {self.name}: expected {kind} as its model has legs, "
+                f"{', '.join(model.leg_names)}, got "
                 f"{', '.join(self.limb_names)}"
             )
         if self.drawn is not None:
             raise InvalidInput(
-                f"robot {self.name}: drawn: expected no drawn legs beside those of its model, got both"
+                f"robot {self.name}: drawn: expected no drawn legs beside those of its model, got "
+                "both"
             )
         if not self.feet and abs(self.mass_kg - model.body.mass_kg) > SAME * self.mass_kg:
             raise InvalidInput(
-                f"robot {self.name}: expected the mass of its model, {model.body.mass_kg:.9g} kg, got "
+                f"robot {self.name}: expected the mass of its model, {model.body.mass_kg:.9g} kg, "
+                "got "
                 f"{self.mass_kg:.9g}"
             )
         if any(limb.sole_m is not None for limb in self.limbs):
@@ -231,7 +234,8 @@ class Robot:
         """Raise InvalidInput for a robot whose limbs are the boxes of a walker's feet."""
         if self.feet:
             raise InvalidInput(
-                f"robot: expected one with limbs that reach, got {self.name}, which has the feet of a walker: "
+                f"robot: expected one with limbs that reach, got {self.name}, which has the feet "
+                "of a walker: "
                 "give its URDF"
             )
 
@@ -428,7 +432,8 @@ def _check_model(robot: Robot, inertia: Array, model: RobotModel, where: str) ->
     low_m, high_m = (1.0 - DEEPEST) * model.stand_height_m, model.stand_height_m
     if not (1.0 - SAME_AS_MODEL) * low_m <= robot.stand_height_m <= (1.0 + SAME_AS_MODEL) * high_m:
         raise InvalidInput(
-            f"{where}: expected to stand as high as its model, {high_m:.6g} m, or crouched down to {low_m:.6g} m, "
+            f"{where}: expected to stand as high as its model, {high_m:.6g} m, or crouched down to "
+            f"{low_m:.6g} m, "
             f"got {robot.stand_height_m:.6g}"
         )
 
@@ -440,7 +445,8 @@ def _check_numbers(robot: Robot, inertia: Array, where: str) -> None:
     stands_m = -float(np.mean([foot.nominal_m[2] for foot in robot.feet]))
     if not abs(robot.stand_height_m - stands_m) <= NEAR * abs(stands_m):
         raise InvalidInput(
-            f"{where}: stand_height_m: expected {stands_m:.6g} m, which its feet are below its centre of mass, got "
+            f"{where}: stand_height_m: expected {stands_m:.6g} m, which its feet are below its "
+            "centre of mass, got "
             f"{robot.stand_height_m:.6g}"
         )
     corners = [
@@ -449,6 +455,7 @@ def _check_numbers(robot: Robot, inertia: Array, where: str) -> None:
     most = robot.mass_kg * max(float(corner @ corner) for corner in (robot.trunk_half_m, *corners))
     if (moment := float(np.linalg.eigvalsh(inertia)[-1])) > most:
         raise InvalidInput(
-            f"{where}: inertia_kgm2: expected moments up to {most:.3g} kg m², as far as its trunk and its feet go, "
+            f"{where}: inertia_kgm2: expected moments up to {most:.3g} kg m², as far as its trunk "
+            "and its feet go, "
             f"got {moment:.3g}"
         )

@@ -72,7 +72,8 @@ def model_to_json(model: RobotModel) -> dict[str, Any]:
         return dict(model.older)
     if len(model.urdf) > MOST_LETTERS:
         raise InvalidInput(
-            f"robot {model.name}: expected a URDF of {MOST_LETTERS} letters or fewer, got {len(model.urdf)}"
+            f"robot {model.name}: expected a URDF of {MOST_LETTERS} letters or fewer, got "
+            f"{len(model.urdf)}"
         )
     return {
         "urdf": model.urdf,

@@ -55,7 +55,8 @@ class ReachSets:
         """
         if robot.source.own:
             raise InvalidInput(
-                f"reach: expected a robot without a model of its legs, got {robot.name}, which has one"
+                f"reach: expected a robot without a model of its legs, got {robot.name}, which has "
+                "one"
             )
         limbs = tuple(
             replace(
@@ -142,7 +143,8 @@ def read_polytope(path: str | Path, *, stretch: float = 1.0) -> tuple[Array, Arr
         )
     if faces.min() < 0 or faces[:, 0].max() >= len(corners) or faces[:, 1].max() >= len(normals):
         raise InvalidInput(
-            f"{path}: expected faces of its {len(corners)} corners and {len(normals)} normals, got others"
+            f"{path}: expected faces of its {len(corners)} corners and {len(normals)} normals, got "
+            "others"
         )
     middle = corners.mean(axis=0)
     corners = middle + stretch * (corners - middle)

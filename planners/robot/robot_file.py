@@ -145,7 +145,8 @@ def unknown(name: str | Path, built_in: Sequence[str]) -> InvalidInput:
     """
     names = ", ".join((*built_in, *(each for each in catalogue() if each not in built_in)))
     return InvalidInput(
-        f"robot: expected {names}, a .urdf file, or a .yaml file that names one, got {shown(str(name))}"
+        f"robot: expected {names}, a .urdf file, or a .yaml file that names one, got "
+        f"{shown(str(name))}"
     )
 
 

@@ -367,7 +367,8 @@ def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:
         for name in leg.joint_names:
             if (mimic := mimics.get(name)) is not None:
                 raise InvalidInput(
-                    f"joint {shown(name)}: expected a joint of its own, it mimics {mimic.get('joint')}"
+                    f"joint {shown(name)}: expected a joint of its own, it mimics "
+                    f"{mimic.get('joint')}"
                 )
 
 
@@ -440,7 +441,8 @@ def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[Body, Arra
     if not sound or not mass > 0.0 or not np.linalg.eigvalsh(inertia)[0] > 0.0:
         wrong = wrong_links(root)
         raise InvalidInput(
-            f"expected links with mass and inertia, got {mass:g} kg in all{wrong and ': '}{wrong:.300}"
+            f"expected links with mass and inertia, got {mass:g} kg in "
+            f"all{wrong and ': '}{wrong:.300}"
         )
     return Body(mass_kg=mass, com_m=com, inertia_kgm2=0.5 * (inertia + inertia.T)), rest
 

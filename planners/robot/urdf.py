@@ -30,7 +30,8 @@ def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: b
     """
     if robot.source.own:
         raise InvalidInput(
-            f"robot {robot.name}: expected a robot whose legs are to be drawn up, got one with legs of its file"
+            f"robot {robot.name}: expected a robot whose legs are to be drawn up, got one with "
+            "legs of its file"
         )
     return drawn_urdf(
         robot.name,

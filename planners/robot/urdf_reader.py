@@ -218,7 +218,8 @@ def built(text: str, where: str) -> Any:
     for j in range(base + 1, model.njoints):
         if model.joints[j].shortname() in FLIES:
             raise InvalidInput(
-                f"{where}: joint '{model.names[j]}': expected joints that are floating or planar above the base alone, "
+                f"{where}: joint '{model.names[j]}': expected joints that are floating or planar "
+                "above the base alone, "
                 "got one between two of its links: make it fixed, or leave out what it carries"
             )
     return model

@@ -82,7 +82,8 @@ def walker_from(robot: Robot | str | Path) -> Robot:
     if robot.limb_names == default.limb_names and robot.mass_kg == default.mass_kg:
         return default
     raise InvalidInput(
-        f"robot: expected one whose legs are known for a walk, got {robot.name}, of which only the limbs are known"
+        f"robot: expected one whose legs are known for a walk, got {robot.name}, of which only the "
+        "limbs are known"
     )
 
 
@@ -113,7 +114,8 @@ def walker_of(
     """
     if len(model.legs) not in LEGS:
         raise InvalidInput(
-            f"robot {model.name}: expected four or six legs for a walk, got {len(model.legs)}: walks of bipeds and of "
+            f"robot {model.name}: expected four or six legs for a walk, got {len(model.legs)}: "
+            "walks of bipeds and of "
             "eight legs are not planned yet, key frames are (stancekit plan)"
         )
     measured = workspaces_of(model) if workspaces is None else workspaces
@@ -174,8 +176,10 @@ def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: A
         return float(depths[enough[0]])
     worst = int(np.argmax(lack[int(np.argmin(lack.max(axis=1)))]))
     raise InvalidInput(
-        f"leg {model.legs[worst].name}: expected a height to stand at with {1e3 * room_m[worst]:.0f} mm of reach about "
-        f"the foot, found none with it at ({toes[worst, 0]:.3g}, {toes[worst, 1]:.3g}) m from the centre of mass: say "
+        f"leg {model.legs[worst].name}: expected a height to stand at with "
+        f"{1e3 * room_m[worst]:.0f} mm of reach about "
+        f"the foot, found none with it at ({toes[worst, 0]:.3g}, {toes[worst, 1]:.3g}) m from the "
+        "centre of mass: say "
         "another posture_rad in a YAML file"
     )
 

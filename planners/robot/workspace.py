@@ -75,7 +75,8 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
     """
     if len(leg.joints) < 3:
         raise InvalidInput(
-            f"leg {leg.name}: expected three joints or more for a workspace with an inside, got {len(leg.joints)}"
+            f"leg {leg.name}: expected three joints or more for a workspace with an inside, got "
+            f"{len(leg.joints)}"
         )
     rng = np.random.default_rng(seed)
     voxels, seeds = _Voxels(leg, rng), Seeds(leg, leg.random_angles(SEEDS, rng), tries=TRIES)

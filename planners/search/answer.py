@@ -82,7 +82,8 @@ def check_unused(planner: Planner, **usual: Any) -> None:
         came = getattr(planner, name)
         if came != value:
             raise InvalidInput(
-                f"{name}: expected no such argument with {planner.name} for postures, which have no use for it, got {came}"
+                f"{name}: expected no such argument with {planner.name} for postures, which have "
+                f"no use for it, got {came}"
             )
 
 

@@ -72,7 +72,8 @@ class CourseFeatures:
                 where = f"frame {foothold.frame}, limb {foothold.limb}"
                 if len(foothold.candidates) > self.regions:
                     raise InvalidInput(
-                        f"{where}: expected at most {self.regions} candidates, got {len(foothold.candidates)}"
+                        f"{where}: expected at most {self.regions} candidates, got "
+                        f"{len(foothold.candidates)}"
                     )
                 for region, patch in enumerate(foothold.candidates):
                     at = ahead, limb, region

@@ -227,5 +227,6 @@ def check_push(course: Problem, planner: Planner) -> None:
     )
     if course.push_n > most:
         raise InvalidInput(
-            f"push_n: expected at most {most:.4g} N, which all feet together can hold, got {course.push_n:g}"
+            f"push_n: expected at most {most:.4g} N, which all feet together can hold, got "
+            f"{course.push_n:g}"
         )

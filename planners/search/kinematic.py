@@ -238,7 +238,8 @@ class _Model:
                 rows = course.robot.limbs[limb].reach_rows
                 if rows is None:
                     raise InvalidInput(
-                        f"limb {course.robot.limb_names[limb]}: expected reach as half-spaces, got a ball"
+                        f"limb {course.robot.limb_names[limb]}: expected reach as half-spaces, got "
+                        "a ball"
                     )
                 terms.append(rows.normals @ (self._toes[foot] - com) <= rows.bounds_m)
         lands = [

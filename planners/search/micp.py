@@ -176,8 +176,10 @@ class MicpPlanner(TimeLimited):
             for row in of_several_frames(scaled)[:1]:
                 stance, limb, _ = (part[row] for part in scaled.layout.contacts)
                 raise InvalidInput(
-                    f"frame {scaled.layout.stance_frames[stance]}, limb {problem.robot.limb_names[limb]}: expected "
-                    "candidate patches that share one contact frame, for an envelope on the forces in it; got several"
+                    f"frame {scaled.layout.stance_frames[stance]}, limb "
+                    f"{problem.robot.limb_names[limb]}: expected "
+                    "candidate patches that share one contact frame, for an envelope on the forces "
+                    "in it; got several"
                 )
         if isinstance(self.envelope, EnvelopeSet):
             if not problem.is_posture:

@@ -217,7 +217,8 @@ def _whole(pieces: Pieces, method: str, spent: Sequence[Effort], end: float) -> 
     reason = failed.message or (failed.report.message if failed.report else "")
     place = pieces.course.com_nominal_m[done]
     message = (
-        f"planned to key frame {done} of {pieces.course.frames - 1}, at ({place[0]:.2f}, {place[1]:.2f}), in pieces; "
+        f"planned to key frame {done} of {pieces.course.frames - 1}, at ({place[0]:.2f}, "
+        f"{place[1]:.2f}), in pieces; "
         f"the next piece: {reason}"
     )
     solution = None if failed.solution is None else failed.solution

@@ -121,7 +121,8 @@ class TwoStagePlanner(TimeLimited):
             return
         if self.time_limit_s is not None:
             raise InvalidInput(
-                f"time_limit_s: expected none for {self.name}, which has no use for it, got {self.time_limit_s:g}"
+                f"time_limit_s: expected none for {self.name}, which has no use for it, got "
+                f"{self.time_limit_s:g}"
             )
         check_unused(self, reserve=True, max_solves=None)
         self._of_one_class()
@@ -142,7 +143,8 @@ class TwoStagePlanner(TimeLimited):
         relaxation = self.relaxed()
         if not (isinstance(relaxation, type) and issubclass(relaxation, McCormick)):
             raise InvalidInput(
-                f"relaxation: expected one for courses, p1 or one derived from it, got {self.relaxation}"
+                "relaxation: expected one for courses, p1 or one derived from it, got "
+                f"{self.relaxation}"
             )
         return relaxation
 

@@ -51,7 +51,8 @@ class Certainty:
         skew = float(np.abs(self.covariance - self.covariance.T).max())
         if max(skew, -least) > NEGATIVE * float(np.abs(self.covariance).max()):
             raise InvalidInput(
-                f"covariance: expected a symmetric matrix without negative eigenvalues, got {self.covariance.tolist()}"
+                "covariance: expected a symmetric matrix without negative eigenvalues, got "
+                f"{self.covariance.tolist()}"
             )
         for name in ("edge_sd_m", "inset_m", "rough_m", "wider_m"):
             checked(getattr(self, name), name, least=0.0)

@@ -65,7 +65,8 @@ def _of_pcd(content: bytes, path: Path) -> Array:
     declared = re.search(rb"^POINTS\s+(\d{1,18})", head, re.MULTILINE)
     if declared and int(declared[1]) > min(MOST_POINTS, 40 * len(content)):
         raise InvalidInput(
-            f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} bytes"
+            f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} "
+            "bytes"
         )
     try:
         cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))

@@ -57,7 +57,8 @@ class ElevationMap:
                 )
             if not float(np.diff(lines).min()) > 0.0:
                 raise InvalidInput(
-                    f"{self.name}: {axis}: expected increasing values, got a step of {np.diff(lines).min():g} m"
+                    f"{self.name}: {axis}: expected increasing values, got a step of "
+                    f"{np.diff(lines).min():g} m"
                 )
             if lines[-1] - lines[0] > WIDEST_M:
                 raise InvalidInput(
@@ -67,11 +68,13 @@ class ElevationMap:
         heights = np.array(self.heights_m, dtype=np.float64)
         if heights.shape != (len(self.x_m), len(self.y_m)):
             raise InvalidInput(
-                f"{self.name}: expected heights of shape ({len(self.x_m)}, {len(self.y_m)}), got {heights.shape}"
+                f"{self.name}: expected heights of shape ({len(self.x_m)}, {len(self.y_m)}), got "
+                f"{heights.shape}"
             )
         if (wrong := np.argwhere(np.isinf(heights))).size:
             raise InvalidInput(
-                f"{self.name}: expected heights, NaN where there is none, got {len(wrong)} that are infinite, the "
+                f"{self.name}: expected heights, NaN where there is none, got {len(wrong)} that "
+                "are infinite, the "
                 f"first {heights[tuple(wrong[0])]:g} at {wrong[0].tolist()}"
             )
         if np.all(np.isnan(heights)):
@@ -80,7 +83,8 @@ class ElevationMap:
             )
         if np.nanmax(heights) - np.nanmin(heights) > WIDEST_M:
             raise InvalidInput(
-                f"{self.name}: expected heights within {WIDEST_M:g} m, got {np.nanmax(heights) - np.nanmin(heights):g} "
+                f"{self.name}: expected heights within {WIDEST_M:g} m, got "
+                f"{np.nanmax(heights) - np.nanmin(heights):g} "
                 "m from lowest to highest; a file in millimetres is read with unit_m=0.001"
             )
         if (far := float(np.nanmax(np.abs(heights)))) > HIGHEST_M:
@@ -118,7 +122,8 @@ class ElevationMap:
         )
         if far > LARGEST or wide > WIDEST_M:  # before they become whole numbers, which end at 2⁶³
             raise InvalidInput(
-                f"{name}: expected points within {WIDEST_M:g} m, no farther than {LARGEST:g} m away, got {wide:g} m "
+                f"{name}: expected points within {WIDEST_M:g} m, no farther than {LARGEST:g} m "
+                f"away, got {wide:g} m "
                 f"from end to end, {far:g} m away; a file in millimetres is read with unit_m=0.001"
             )
         if not spacing_m > far / FARTHEST:
@@ -131,12 +136,14 @@ class ElevationMap:
         for axis, cells_across in zip("xy", shape, strict=True):
             if cells_across < FEWEST:
                 raise InvalidInput(
-                    f"{name}: expected points over {FEWEST} or more cells of {spacing_m:g} m along {axis}, got "
+                    f"{name}: expected points over {FEWEST} or more cells of {spacing_m:g} m along "
+                    f"{axis}, got "
                     f"{cells_across}; see spacing_m"
                 )
         if shape[0] * shape[1] > MOST_POINTS:
             raise InvalidInput(
-                f"{name}: expected {MOST_POINTS} cells or fewer, got {shape[0] * shape[1]}; see spacing_m"
+                f"{name}: expected {MOST_POINTS} cells or fewer, got {shape[0] * shape[1]}; see "
+                "spacing_m"
             )
         cell = np.ravel_multi_index(tuple((cells - first).T), shape)
         top = np.full(shape[0] * shape[1], -np.inf)
@@ -170,7 +177,8 @@ class ElevationMap:
                 )
         if arrays["heights_m"].size > MOST_POINTS:
             raise InvalidInput(
-                f"{name}: expected {MOST_POINTS} grid points or fewer, got {arrays['heights_m'].size}"
+                f"{name}: expected {MOST_POINTS} grid points or fewer, got "
+                f"{arrays['heights_m'].size}"
             )
         return cls(x_m=arrays["x_m"], y_m=arrays["y_m"], heights_m=arrays["heights_m"], name=name)
 
@@ -183,7 +191,8 @@ class ElevationMap:
         steps = np.concatenate([np.diff(self.x_m), np.diff(self.y_m)])
         if float(np.ptp(steps)) > 1e-3 * float(steps.min()):
             raise InvalidInput(
-                f"{self.name}: expected a square, even grid, got spacings of {steps.min():g} to {steps.max():g} m"
+                f"{self.name}: expected a square, even grid, got spacings of {steps.min():g} to "
+                f"{steps.max():g} m"
             )
         return float(steps.mean())
 
@@ -198,7 +207,8 @@ class ElevationMap:
         )
         if i.sum() < FEWEST or j.sum() < FEWEST:
             raise InvalidInput(
-                f"{self.name}: crop_m: expected {FEWEST} or more grid lines inside, got {min(i.sum(), j.sum())}"
+                f"{self.name}: crop_m: expected {FEWEST} or more grid lines inside, got "
+                f"{min(i.sum(), j.sum())}"
             )
         heights = self.heights_m[np.ix_(i, j)]
         with np.errstate(invalid="ignore"):
@@ -236,8 +246,10 @@ class ElevationMap:
         if len(hole):
             i, j = hole[0]
             raise InvalidInput(
-                f"{self.name}: expected a height everywhere, got holes at {len(hole)} of {self.heights_m.size} grid "
-                f"points, the first at ({self.x_m[i]:.3f}, {self.y_m[j]:.3f}) m; holes: fill lays a membrane over them"
+                f"{self.name}: expected a height everywhere, got holes at {len(hole)} of "
+                f"{self.heights_m.size} grid "
+                f"points, the first at ({self.x_m[i]:.3f}, {self.y_m[j]:.3f}) m; holes: fill lays "
+                "a membrane over them"
             )
         return HeightField(self.x_m, self.y_m, self.heights_m, self.name)
 

@@ -254,7 +254,8 @@ def random_heights(
     heights = _heights(family, level, rng, name or f"{family}:{level:g}")
     if heights is None:
         raise InvalidInput(
-            f"terrain: expected ground to walk on, got {family}, whose surfaces are upright and have no height at a "
+            f"terrain: expected ground to walk on, got {family}, whose surfaces are upright and "
+            "have no height at a "
             "place; stancekit plan climbs there"
         )
     return heights
@@ -371,7 +372,8 @@ def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -
     if isinstance(ground, Terrain) or (callable(ground) and takes(ground, 2)):
         return ground
     raise InvalidInput(
-        f"family {family}: expected a Terrain, a list of patches or a function of x and y, got {shown(ground)}"
+        f"family {family}: expected a Terrain, a list of patches or a function of x and y, got "
+        f"{shown(ground)}"
     )
 
 

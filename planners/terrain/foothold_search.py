@@ -45,7 +45,8 @@ def footholds_of(
             footholds = map_footholds(terrain, limits, friction)
     except broken as error:  # outlines that cross themselves within the last digits
         raise InvalidInput(
-            f"{terrain.name}: expected surfaces with outlines, got some that cross themselves; another spacing_m or "
+            f"{terrain.name}: expected surfaces with outlines, got some that cross themselves; "
+            "another spacing_m or "
             f"offset_m may help: {' '.join(str(error).split()):.100}"
         ) from None
     if not footholds.pieces and not none:
@@ -91,5 +92,6 @@ def check_unasked(options: ImportOptions, name: str) -> None:
     for field in fields(options):
         if getattr(options, field.name) != field.default:
             raise InvalidInput(
-                f"{field.name}: expected none with {name or 'a height field'}, which is read from no file"
+                f"{field.name}: expected none with {name or 'a height field'}, which is read from "
+                "no file"
             )

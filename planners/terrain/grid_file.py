@@ -62,7 +62,8 @@ def read_grid(path: Path, options: ImportOptions, name: str) -> ElevationMap:
         raise InvalidInput(f"{path}: expected heights of shape (n, m), got shape {heights.shape}")
     if heights.shape[1] == 3 and options.kind is None:
         raise InvalidInput(
-            f"{path}: expected to be told what an array of shape {heights.shape} holds, kind cloud (points x, y, z) or "
+            f"{path}: expected to be told what an array of shape {heights.shape} holds, kind cloud "
+            "(points x, y, z) or "
             "grid (heights), got no kind"
         )
     scaled_heights = options.unit_m * np.asarray(heights, dtype=np.float64)
@@ -122,7 +123,8 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
         with image:
             if image.width * image.height > MOST_POINTS:
                 raise InvalidInput(
-                    f"{path}: expected {MOST_POINTS} pixels or fewer, got {image.width * image.height}"
+                    f"{path}: expected {MOST_POINTS} pixels or fewer, got "
+                    f"{image.width * image.height}"
                 )
             deep = image.mode.startswith("I")
             grey = np.asarray(image if deep else image.convert("L"), dtype=np.float64)

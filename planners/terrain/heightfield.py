@@ -192,7 +192,8 @@ class HeightField:
         if float(missed.max()) > tolerance_m:
             i, j = np.unravel_index(int(missed.argmax()), missed.shape)
             raise InvalidInput(
-                f"{name or 'terrain'}: finer than a spline of {1e3 * spacing:g} mm spacing can hold: it misses by "
+                f"{name or 'terrain'}: finer than a spline of {1e3 * spacing:g} mm spacing can "
+                "hold: it misses by "
                 f"{1e3 * missed.max():.1f} mm at ({middles[i]:.2f}, {middles[j]:.2f}) m, expected "
                 f"{1e3 * tolerance_m:g} mm or less; take a smaller spacing_m, or smooth the terrain"
             )
@@ -278,7 +279,8 @@ def _grid_lines(lines: Array, where: str) -> Array:
         )
     if lines[-1] - lines[0] > WIDEST_M:
         raise InvalidInput(
-            f"{where}: expected {WIDEST_M:g} m or less from end to end, got {lines[-1] - lines[0]:g} m; "
+            f"{where}: expected {WIDEST_M:g} m or less from end to end, got "
+            f"{lines[-1] - lines[0]:g} m; "
             "a file in millimetres is read with unit_m=0.001"
         )
     return lines
@@ -301,6 +303,7 @@ def _sampled(function: Callable[[Array, Array], Array], lines: Array, name: str)
         heights = np.full(x.shape, float(heights))
     if heights.shape != x.shape:
         raise InvalidInput(
-            f"{name or 'terrain'}: expected a height for each point {x.shape}, got shape {heights.shape}"
+            f"{name or 'terrain'}: expected a height for each point {x.shape}, got shape "
+            f"{heights.shape}"
         )
     return heights

@@ -71,11 +71,11 @@ def hidden_edges(
         cells: the samples.
         noise: correlated.
     """
-    found = np.zeros(labels.shape, dtype=bool)
-    rest, own = residuals(labels, cells), (labels >= 0) & cells.known
-    count, total = boxed(np.stack([own, own * rest]).astype(np.float64), 3)
+    beside_edges = np.zeros(labels.shape, dtype=bool)
+    rest, known = residuals(labels, cells), (labels >= 0) & cells.known
+    count, total = boxed(np.stack([known, known * rest]).astype(np.float64), 3)
     about = count > 0.5  # a cell without samples is as those about it
-    rest = np.where(own, rest, total / np.where(about, count, 1.0))
+    rest = np.where(known, rest, total / np.where(about, count, 1.0))
     usable = np.where(about, labels, -1)
     if cells.sparse:  # the outermost cells have points of what is beside
         low, high = (turn(usable, 3) for turn in (minimum_filter, maximum_filter))
@@ -91,5 +91,5 @@ def hidden_edges(
         if np.count_nonzero(inside) >= ENOUGH:
             deviation = float(np.median(size[inside])) / MEDIAN
         unseen.append(deviation)
-        found |= inside & (size > SEEN * deviation)
-    return found, max(unseen, default=noise.deviation_m)
+        beside_edges |= inside & (size > SEEN * deviation)
+    return beside_edges, max(unseen, default=noise.deviation_m)

@@ -81,7 +81,8 @@ class ImportOptions:
             or np.any(np.diff(crop)[::2] <= 0.0)
         ):
             raise InvalidInput(
-                "crop_m: expected x from, x to, y from, y to, and z if wanted, each to beyond its from, got "
+                "crop_m: expected x from, x to, y from, y to, and z if wanted, each to beyond its "
+                "from, got "
                 f"{list(crop)}"
             )
 

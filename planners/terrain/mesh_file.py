@@ -54,6 +54,7 @@ def read_corners(
     sound = np.abs(corners) <= LARGEST
     if not np.all(sound):
         raise InvalidInput(
-            f"{path}: expected a mesh with finite corners up to {LARGEST:g}, got {np.sum(~sound)} numbers that are not"
+            f"{path}: expected a mesh with finite corners up to {LARGEST:g}, got {np.sum(~sound)} "
+            "numbers that are not"
         )
     return corners, triangles

@@ -143,11 +143,11 @@ def correlated_surfaces(
         labels = _large_enough(_parted(labels, cells, limits, noise_m, side), cells)
         labels = _closed(_bordered(labels, cells, limits, noise_m), cells, noise_m)
         labels = renumbered(_large_enough(labels, cells))
-        found, unseen_m = hidden_edges(labels, cells, noise)
-        if not (found & ~hidden).any():
+        edges, unseen_m = hidden_edges(labels, cells, noise)
+        if not (edges & ~hidden).any():
             break
-        hidden |= found
-    return renumbered(_large_enough(np.where(found, -1, labels), cells)), unseen_m
+        hidden |= edges
+    return renumbered(_large_enough(np.where(edges, -1, labels), cells)), unseen_m
 
 
 def _side(cells: GroundCells, noise_m: float, deviation_m: float) -> int:

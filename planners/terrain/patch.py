@@ -78,7 +78,8 @@ class Patch:
         )
         if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
             raise InvalidInput(
-                f"shear_reference: expected a direction not along the normal, got {self.shear_reference.tolist()}"
+                "shear_reference: expected a direction not along the normal, got "
+                f"{self.shear_reference.tolist()}"
             )
         self._check_polygon(self.vertices_m)
 
@@ -217,7 +218,8 @@ def _unit(value: Array, where: str, *, any_length: bool = False) -> Array:
     length = float(np.linalg.norm(vector))
     if length < 1e-9 or not (any_length or abs(length - 1.0) < 1e-3):
         raise InvalidInput(
-            f"{where}: expected a {'non-zero' if any_length else 'unit'} vector, got length {length:g}"
+            f"{where}: expected a {'non-zero' if any_length else 'unit'} vector, got length "
+            f"{length:g}"
         )
     return vector if abs(length - 1.0) < 1e-12 else read_only(vector / length, (3,), where)
 
@@ -261,7 +263,8 @@ def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
             k = int(wrong.argmax())
             return (
                 k,
-                f"vertices_m: expected {text.format(diameter[k], 1e3 * off_plane[k], abs(area[k]))}",
+                "vertices_m: expected "
+                f"{text.format(diameter[k], 1e3 * off_plane[k], abs(area[k]))}",
             )
     return None
 

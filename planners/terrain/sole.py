@@ -65,7 +65,8 @@ def sole_region(patch: Patch, offsets_m: Array) -> Patch:
     off = float(np.abs((patch.vertices_m - origin) @ patch.normal).max())
     if off > FLAT_M:
         raise InvalidInput(
-            f"expected a patch flat to {FLAT_M:g} m under a sole, got corners {off:.3g} m off its plane"
+            f"expected a patch flat to {FLAT_M:g} m under a sole, got corners {off:.3g} m off its "
+            "plane"
         )
     polygon, points = (patch.vertices_m - origin) @ axes, offsets_m @ axes
     normals, offsets = half_planes(polygon)

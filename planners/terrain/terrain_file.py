@@ -109,7 +109,8 @@ def _kind(path: Path, wanted: Kind | None) -> Kind:
     if wanted is not None:
         if suffix not in MAY_HOLD[wanted]:
             raise InvalidInput(
-                f"{path}: expected a {wanted} that ends in {', '.join(MAY_HOLD[wanted])}, got {suffix}"
+                f"{path}: expected a {wanted} that ends in {', '.join(MAY_HOLD[wanted])}, got "
+                f"{suffix}"
             )
         return wanted
     if suffix == ".ply":
@@ -138,7 +139,9 @@ def _check_held(field: HeightField, tolerance_m: float) -> None:
     i, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
     if beyond[i, j] > tolerance_m:
         raise InvalidInput(
-            f"{field.name}: finer than its spline can hold: between grid points it swings {1e3 * beyond[i, j]:.0f} mm "
-            f"beyond the heights about ({x[i]:.2f}, {y[j]:.2f}) m, expected {1e3 * tolerance_m:g} mm or less; "
+            f"{field.name}: finer than its spline can hold: between grid points it swings "
+            f"{1e3 * beyond[i, j]:.0f} mm "
+            f"beyond the heights about ({x[i]:.2f}, {y[j]:.2f}) m, expected {1e3 * tolerance_m:g} "
+            "mm or less; "
             f"take a finer grid, or smooth it, e.g. smooth_m={field.x_m[1] - field.x_m[0]:g}"
         )

@@ -66,12 +66,14 @@ class TriangleMesh:
         if middle is not None:
             place = ", ".join(f"{value + 0.0:.3g}" for value in middle.round(6))
             raise InvalidInput(
-                f"{name}: expected triangles that turn to the left as seen from outside, got a solid about ({place}) m "
+                f"{name}: expected triangles that turn to the left as seen from outside, got a "
+                f"solid about ({place}) m "
                 "that is inside out; turn its normals, or crop the ceiling off a room"
             )
         if count:
             warnings.warn(
-                f"{name}: {count} closed parts narrower than {ROOM_M:g} m are inside out and were turned",
+                f"{name}: {count} closed parts narrower than {ROOM_M:g} m are inside out and were "
+                "turned",
                 stacklevel=2,
             )
         return cls(corners_m=corners, triangles=triangles, name=name)
@@ -118,12 +120,14 @@ class TriangleMesh:
         size = float(np.ptp(self.corners_m, axis=0).max())
         if size > LARGEST_M:
             raise InvalidInput(
-                f"{self.name}: expected a terrain of at most {LARGEST_M:g} m from end to end, got {size:g} m; a file "
+                f"{self.name}: expected a terrain of at most {LARGEST_M:g} m from end to end, got "
+                f"{size:g} m; a file "
                 f"in millimetres is read with unit_m: {0.001 * unit_m:g}"
             )
         if size < SMALLEST_MESH_M:
             raise InvalidInput(
-                f"{self.name}: expected a terrain of at least {SMALLEST_MESH_M:g} m from end to end, got {size:g} m; "
+                f"{self.name}: expected a terrain of at least {SMALLEST_MESH_M:g} m from end to "
+                f"end, got {size:g} m; "
                 "see unit_m"
             )
 
@@ -181,7 +185,8 @@ def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:
     for axis in range(2):
         if high[axis] - low[axis] > WIDEST_M:
             raise InvalidInput(
-                f"{name}: expected {WIDEST_M:g} m or less along {'xy'[axis]}, got {high[axis] - low[axis]:g} m; "
+                f"{name}: expected {WIDEST_M:g} m or less along {'xy'[axis]}, got "
+                f"{high[axis] - low[axis]:g} m; "
                 "a mesh in millimetres is read with unit_m=0.001"
             )
     edge = 1e-9 * (high - low)  # the outermost nodes lie just within the mesh
@@ -210,5 +215,6 @@ def _check_cover(triangles: Array, spacing: float, name: str) -> None:
     covered = float(np.prod(spans, axis=1).sum())
     if covered > MOST_COVERED:
         raise InvalidInput(
-            f"{name}: expected triangles over {MOST_COVERED:g} grid points in all or fewer, got {covered:.3g}"
+            f"{name}: expected triangles over {MOST_COVERED:g} grid points in all or fewer, got "
+            f"{covered:.3g}"
         )

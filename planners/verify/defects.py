@@ -40,7 +40,8 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
         if not 0 <= chosen < len(foothold.candidates):
             most = len(foothold.candidates) - 1
             return (
-                f"choice: frame {foothold.frame}, limb {foothold.limb}: expected a candidate from 0 to {most}, got {chosen}",
+                f"choice: frame {foothold.frame}, limb {foothold.limb}: expected a candidate from "
+                f"0 to {most}, got {chosen}",
                 foothold.frame,
                 foothold.limb,
             )

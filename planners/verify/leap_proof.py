@@ -164,7 +164,8 @@ def explain_leap(certificate: Certificate) -> Explanation:
     else:
         phase = best.parameter.rpartition(" ")[2]
         message = (
-            f"infeasible: no candidate of {best.leg} in phase {phase} can push enough: μ {best.now:.2f} at most, "
+            f"infeasible: no candidate of {best.leg} in phase {phase} can push enough: μ "
+            f"{best.now:.2f} at most, "
             f"{best.needed:.2f} needed"
         )
     return Explanation(relaxations=tuple(relaxations), message=message)

@@ -189,7 +189,8 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
             odd = sorted(set(names) ^ set(names_of_robot))
             which = "it lacks" if odd[0] in names_of_robot else "the robot has no"
             raise InvalidInput(
-                f"{kind}: expected those of {kinematics.robot.name}, {', '.join(names_of_robot):.120}; {which} {odd[0]}"
+                f"{kind}: expected those of {kinematics.robot.name}, "
+                f"{', '.join(names_of_robot):.120}; {which} {odd[0]}"
             )
         order = [names.index(name) for name in names_of_robot]
         changed[kind] = tuple(names_of_robot)

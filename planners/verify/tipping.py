@@ -37,6 +37,7 @@ def tipping(plan: Plan, share: float = LEAST_PUSH, group: Group | None = None) -
     if push_n >= least_n:
         return ""
     return (
-        f"margin: {group.where} at frame {group.figures['push_frame']} bear a push of {round(push_n, 2):g} N, "
+        f"margin: {group.where} at frame {group.figures['push_frame']} bear a push of "
+        f"{round(push_n, 2):g} N, "
         f"expected {round(least_n, 2):g} N or more, {100.0 * share:.2g} % of the weight"
     )

@@ -191,7 +191,8 @@ class Forest:
         count = self._count
         if tree.ndim != 2 or tree.shape[1] != 5 or rows.ndim != 2 or rows.shape[1] != count:
             raise InvalidInput(
-                f"certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, {count}), "
+                "certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, "
+                f"{count}), "
                 f"got {tree.shape} and {rows.shape}"
             )
         if not (np.isfinite(tree).all() and np.isfinite(rows).all()):
@@ -297,7 +298,8 @@ class Forest:
         polygon, roots = self._pieces[piece], len(self._pieces) - len(self._roots)
         if not 0.0 <= first < second < len(polygon):
             raise InvalidInput(
-                f"{where}: expected border coordinates 0 ≤ a < b < {len(polygon)}, got {first:g}, {second:g}"
+                f"{where}: expected border coordinates 0 ≤ a < b < {len(polygon)}, got {first:g}, "
+                f"{second:g}"
             )
         depth = 1 + (0 if piece < roots else self._depths[piece - roots])
         if depth > DEEPEST:

@@ -170,7 +170,8 @@ def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: floa
     fit = _snapped(field, grid, plain, message, began, fade_m=1e3 * grid.axes[2].high)
     if not fit.report.least_det > 0.0:
         raise PlanningFailed(
-            f"{field.name or 'terrain'}: {message}; the shear's min det J {fit.report.least_det:.3f}"
+            f"{field.name or 'terrain'}: {message}; the shear's min det J "
+            f"{fit.report.least_det:.3f}"
         )
     return fit
 
@@ -219,7 +220,8 @@ def _snapped(
         x, y = (np.linspace(line[0], line[-1], 2 * len(line) - 1) for line in (x, y))
     else:
         raise PlanningFailed(
-            f"{field.name or 'terrain'}: finer than a map of {bare.cells} cells can hold: its ground misses it by "
+            f"{field.name or 'terrain'}: finer than a map of {bare.cells} cells can hold: its "
+            "ground misses it by "
             f"{1e3 * match[0]:.1f} mm, expected {1e3 * MATCH_TOLERANCE_M:g} mm or less"
         )
     report = _report("fast", field, warp, descent, match, began)

@@ -74,7 +74,8 @@ class SplineMap:
             raise InvalidInput(f"domain_m: expected increasing spans, got {self.domain_m}")
         if min(self.control_m.shape[1:]) < 4:
             raise InvalidInput(
-                f"control_m: expected 4 or more points along each axis, got {self.control_m.shape[1:]}"
+                "control_m: expected 4 or more points along each axis, got "
+                f"{self.control_m.shape[1:]}"
             )
 
     @property
@@ -238,7 +239,8 @@ class SplineMap:
         """Raise InvalidInput unless the map was made for this terrain."""
         if self.terrain_digest != terrain_digest(field):
             raise InvalidInput(
-                f"map {self.name or 'without a name'}: was made for another terrain than {field.name or 'this one'}"
+                f"map {self.name or 'without a name'}: was made for another terrain than "
+                f"{field.name or 'this one'}"
             )
 
     def to_file(self, path: str | Path) -> None:

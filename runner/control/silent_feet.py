@@ -55,6 +55,7 @@ class SilentFeet:
         if self._silent[limb] < self._periods:
             return ""
         return (
-            f"foot of {self._names[limb]}: expected {wanted_n[limb]:.0f} N where it stands, felt none for "
+            f"foot of {self._names[limb]}: expected {wanted_n[limb]:.0f} N where it stands, felt "
+            "none for "
             f"{SILENT_S:g} s: nothing is under it, or its sensor is dead"
         )

@@ -97,7 +97,8 @@ def without(course: Problem, place: Patch, toe_m: Array, frame: int) -> Problem:
         ]
         if not pairs:
             raise PlanningFailed(
-                f"limb {foothold.limb}, frame {foothold.frame}: no ground where its patch should be, and no other patch"
+                f"limb {foothold.limb}, frame {foothold.frame}: no ground where its patch should "
+                "be, and no other patch"
             )
         yaws = tuple(yaw for _, yaw in pairs) if foothold.yaws_rad else ()
         return replace(foothold, candidates=tuple(piece for piece, _ in pairs), yaws_rad=yaws)

@@ -72,7 +72,8 @@ def soft_start(
     if around <= SLACK_M:
         return [off, first_rad]
     raise InvalidInput(
-        f"soft start: limb {limb}: its foot would go {1e3 * depth:.0f} mm into a surface on the way from the measured "
+        f"soft start: limb {limb}: its foot would go {1e3 * depth:.0f} mm into a surface on the "
+        "way from the measured "
         "pose to the first one: bring the robot closer to it, or check its calibration"
     )
 

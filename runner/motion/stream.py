@@ -218,7 +218,8 @@ def timed_gait(
     for name, (use, joint) in uses.items():
         if use > 1.0:
             raise InvalidInput(
-                f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "
+                f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that "
+                "it may have; a gait "
                 "runs as planned, or not at all: plan one that steps less high or less far"
             )
     velocity, acceleration, torque = (

@@ -205,7 +205,8 @@ def parametrize(
         if pace < LEAST_PACE:
             break
     raise InvalidInput(
-        f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by {bound_by}"
+        f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by "
+        f"{bound_by}"
     )
 
 
@@ -365,7 +366,8 @@ def check_static(
     row, limb = np.unravel_index(int(np.argmax(profile.error_m)), profile.error_m.shape)
     if profile.error_m[row, limb] > STRAY_M:
         raise InvalidInput(
-            f"motion: {profile.time_s[row]:.2f} s, limb {kinematics.robot.limb_names[int(limb)]}: its foot stays "
+            f"motion: {profile.time_s[row]:.2f} s, limb {kinematics.robot.limb_names[int(limb)]}: "
+            "its foot stays "
             f"{1e3 * profile.error_m[row, limb]:.2g} mm from where it should be"
         )
     if drives is not None:
@@ -382,6 +384,7 @@ def check_static(
     row, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
     if beyond[row, joint] > 1e-6:
         raise InvalidInput(
-            f"motion: {profile.time_s[row]:.2f} s, joint {can.joints[int(joint)]}: {beyond[row, joint]:.3g} rad "
+            f"motion: {profile.time_s[row]:.2f} s, joint {can.joints[int(joint)]}: "
+            f"{beyond[row, joint]:.3g} rad "
             "beyond its limit"
         )

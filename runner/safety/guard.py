@@ -230,7 +230,8 @@ class SafeWorld:
         targets = np.asarray(targets_rad, dtype=float)
         if targets.shape != last.shape or not np.isfinite(targets).all():
             self.trip(
-                f"command refused: expected {len(last)} finite targets, got {_wrong(targets, self.joints)}"
+                f"command refused: expected {len(last)} finite targets, got "
+                f"{_wrong(targets, self.joints)}"
             )
         sent = self._bounded(targets)
         self.watchdog.kick()
@@ -333,7 +334,8 @@ class SafeWorld:
                 else ""
             )
             self.trip(
-                f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}{hint}"
+                f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, "
+                f"{limit}{hint}"
             )
 
     def _still(self, state: State) -> bool:

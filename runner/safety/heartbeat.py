@@ -113,7 +113,8 @@ class HeartbeatMonitor:
         if answer != b"ready\n":
             self._end(kill=True)
             raise InvalidInput(
-                f"heartbeat monitor: {answer.decode(errors='replace').strip() or 'expected it to start, it did not'}"
+                "heartbeat monitor: "
+                f"{answer.decode(errors='replace').strip() or 'expected it to start, it did not'}"
             )
         os.set_blocking(stdout.fileno(), False)
         return self

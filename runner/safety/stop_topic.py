@@ -41,7 +41,8 @@ class StopTopic:
         match = ADDRESS.fullmatch(address)
         if match is None or not 0 < int(match["port"]) < 65536:
             raise InvalidInput(
-                f"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got {shown(address)}"
+                "stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got "
+                f"{shown(address)}"
             )
         self._check = check
         self._link = RosLink(match["host"], int(match["port"]), timeout_s)

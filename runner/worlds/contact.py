@@ -80,7 +80,8 @@ class SoftContact:
         least = weight_n / DEEP_M
         if self.stiffness_n_m < least:
             raise InvalidInput(
-                f"contact_stiffness_n_m: expected {least:.3g} N/m or more, or one foot sinks more than "
+                f"contact_stiffness_n_m: expected {least:.3g} N/m or more, or one foot sinks more "
+                "than "
                 f"{1e3 * DEEP_M:.0f} mm under all of the weight, got {self.stiffness_n_m:.4g}"
             )
 

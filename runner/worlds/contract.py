@@ -36,7 +36,8 @@ def check_world(world: Any) -> None:
             )
     if (kind := getattr(world, "kind", None)) not in get_args(WorldKind):
         raise InvalidInput(
-            f"world {name}: kind: expected one of {', '.join(get_args(WorldKind))}, got {shown(kind)}"
+            f"world {name}: kind: expected one of {', '.join(get_args(WorldKind))}, got "
+            f"{shown(kind)}"
         )
     checked(getattr(world, "rate_hz", None), f"world {name}: rate_hz", above=0.0)
     joints = getattr(world, "joints", None)

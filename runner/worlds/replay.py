@@ -67,7 +67,8 @@ class ReplayWorld(LatchedWorld):
                     f"{name} {shape}" for name, shape in zip(names, shapes, strict=True)
                 )
                 raise InvalidInput(
-                    f"{path}: measurement: expected arrays for {count} joints and {len(robot.limbs)} "
+                    f"{path}: measurement: expected arrays for {count} joints and "
+                    f"{len(robot.limbs)} "
                     f"limbs, got the shapes {came}"
                 )
         if not self._states:

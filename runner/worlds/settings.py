@@ -62,5 +62,6 @@ class WorldSettings:
         """Raise InvalidInput for a set-up file of another robot; None says nothing."""
         if robot not in (None, self.robot.name):
             raise InvalidInput(
-                f"{self.setup}: robot: expected {self.robot.name}, whom the plan is for, got {robot}"
+                f"{self.setup}: robot: expected {self.robot.name}, whom the plan is for, got "
+                f"{robot}"
             )

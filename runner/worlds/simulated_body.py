@@ -221,7 +221,8 @@ def _check_weights(root: Element, model: RobotModel) -> None:
     total = sum(link_inertia(link)[0] for link in root.findall("link"))
     if abs(total - model.body.mass_kg) > SPECK * model.body.mass_kg:
         raise InvalidInput(
-            f"robot {model.name}: expected links of {model.body.mass_kg:.6g} kg in all, as it was planned for, got "
+            f"robot {model.name}: expected links of {model.body.mass_kg:.6g} kg in all, as it was "
+            "planned for, got "
             f"{total:.6g}"
         )
 

@@ -88,7 +88,8 @@ class SimulatedWorld(LatchedWorld):
         if settings.setup is not None:
             if contact is not None:
                 raise InvalidInput(
-                    "contact_stiffness_n_m: expected a value from the set-up file or from the option, got both"
+                    "contact_stiffness_n_m: expected a value from the set-up file or from the "
+                    "option, got both"
                 )
             contact = SimulationSetup.from_yaml(settings.setup).contact
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz

@@ -58,7 +58,8 @@ def check_port(host: str, port: int) -> None:
             probe.bind((host, port))
     except OSError as error:
         raise InvalidInput(
-            f"--port: expected a port to listen at on {host}, got {port}: {error.strerror}; --port 0 takes a free one"
+            f"--port: expected a port to listen at on {host}, got {port}: {error.strerror}; --port "
+            "0 takes a free one"
         ) from None
 
 

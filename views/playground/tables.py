@@ -193,8 +193,10 @@ def limb_table(rows: list[LimbLoad], title: str) -> str:
         force = "in the air" if row.in_air else f"{row.force_n:.1f}"
         torque = "–" if np.isnan(row.torque_nm) else f"{row.torque_nm:.1f}"
         lines.append(
-            f"<tr><td style='white-space:nowrap;padding:1px 4px'>{dot}</span> {html.escape(row.name)}</td>"
-            f"<td {cell}>{force}</td><td>{_bar(row.cone)}</td><td {cell}>{torque}</td><td>{_bar(row.torque)}</td></tr>"
+            f"<tr><td style='white-space:nowrap;padding:1px 4px'>{dot}</span> "
+            f"{html.escape(row.name)}</td>"
+            f"<td {cell}>{force}</td><td>{_bar(row.cone)}</td><td "
+            f"{cell}>{torque}</td><td>{_bar(row.torque)}</td></tr>"
         )
     return (
         f'<div id="limbs" style="font:12px/1.5 system-ui,sans-serif;margin:4px 2px;'

@@ -74,7 +74,8 @@ def guided(task: Walk) -> GuidePath | None:
         high = float(task.terrain.height(place)) - ground
         if high > task.robot.stand_height_m:  # the torso would be in it
             raise NoPlace(
-                f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in a solid that is "
+                f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in "
+                "a solid that is "
                 f"{high:.3g} m high"
             )
     try:

@@ -25,7 +25,8 @@ class Structure:
         steps = round(task.duration_s / settings.step_s)
         if steps < 2 or abs(steps * settings.step_s - task.duration_s) > 1e-9:
             raise InvalidInput(
-                f"step_s: expected a share of the duration of {task.duration_s:g} s, got {settings.step_s:g} s"
+                f"step_s: expected a share of the duration of {task.duration_s:g} s, got "
+                f"{settings.step_s:g} s"
             )
         self.mean_s = settings.step_s if settings.mean_forces else 0.0
         self.times_s: Array = np.asarray(settings.step_s * np.arange(steps + 1), dtype=np.float64)

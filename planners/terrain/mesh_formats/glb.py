@@ -180,7 +180,8 @@ class _Scene:
             or component not in COMPONENTS
         ):
             raise broken(
-                f"accessors[{number}]: expected numbers as {kind}, got {shown(accessor.get('type'))}"
+                f"accessors[{number}]: expected numbers as {kind}, got "
+                f"{shown(accessor.get('type'))}"
             )
         if "sparse" in accessor or "bufferView" not in accessor:
             raise broken(f"accessors[{number}]: expected a bufferView, and nothing sparse")
@@ -206,7 +207,8 @@ class _Scene:
             or begin + length > size
         ):
             raise broken(
-                f"accessors[{number}]: expected {count} values within the bytes of its view, got {length} bytes"
+                f"accessors[{number}]: expected {count} values within the bytes of its view, got "
+                f"{length} bytes"
             )
         strides = (stride, dtype.itemsize)
         values = (

@@ -150,7 +150,8 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
             elements[-1].properties.append(_property(parts[1:]))
         else:
             raise broken(
-                f"its header has a line that is none of PLY's: {line[:40].decode(errors='replace')!r}"
+                "its header has a line that is none of PLY's: "
+                f"{line[:40].decode(errors='replace')!r}"
             )
     if order is None:
         raise broken(
@@ -173,7 +174,8 @@ def _property(parts: list[bytes]) -> _Property:
     ):
         return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
     raise broken(
-        f"its header has a property that is none of PLY's: {b' '.join(parts)[:40].decode(errors='replace')!r}"
+        "its header has a property that is none of PLY's: "
+        f"{b' '.join(parts)[:40].decode(errors='replace')!r}"
     )
 
 

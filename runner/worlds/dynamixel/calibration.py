@@ -97,7 +97,8 @@ class Calibration(SetupFile):
     def __post_init__(self) -> None:
         wrong = own({joint: servo.id for joint, servo in self.joints.items()}, "id", "its own id")
         wrong += [
-            f"joints.{joint}.current_a: expected up to {self.kind.current_a:.3g}, the most of an {self.model}, "
+            f"joints.{joint}.current_a: expected up to {self.kind.current_a:.3g}, the most of an "
+            f"{self.model}, "
             f"got {servo.current_a:g}"
             for joint, servo in self.joints.items()
             if servo.current_a > self.kind.current_a

@@ -35,7 +35,8 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
         result = _pinged(bus, index)
         if result == CORRUPT:
             raise HardwareFault(
-                f"port {bus.port}: answers come damaged, e.g. that of {bus.label(index)}: are cables, supply and "
+                f"port {bus.port}: answers come damaged, e.g. that of {bus.label(index)}: are "
+                "cables, supply and "
                 "baud rate right, and no other program on the port?"
             )
         if result != SOUND:
@@ -57,7 +58,8 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
     if bus.peek(address, size) is not None:
         raise HardwareFault(f"port {bus.port}: {BACK}")
     raise HardwareFault(
-        f"port {bus.port}: every servo answers alone, and not with the others by Sync Read: is the Return Delay Time "
+        f"port {bus.port}: every servo answers alone, and not with the others by Sync Read: is the "
+        "Return Delay Time "
         "of one too long, or the bus disturbed?"
     )
 
@@ -72,28 +74,33 @@ def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
     damaged = next((index for index in silent[:BLAMED] if _pinged(bus, index) == CORRUPT), None)
     if damaged is not None:
         raise HardwareFault(
-            f"port {bus.port}: answers come damaged, e.g. that of {bus.label(damaged)}: are cables, supply and baud "
+            f"port {bus.port}: answers come damaged, e.g. that of {bus.label(damaged)}: are "
+            "cables, supply and baud "
             "rate right, and no other program on the port?"
         )
     if len(silent) < len(bus.ids):
         raise HardwareFault(
-            f"port {bus.port}: no answer from {listed([bus.label(i) for i in silent])}: is it connected and powered, "
+            f"port {bus.port}: no answer from {listed([bus.label(i) for i in silent])}: is it "
+            "connected and powered, "
             "and its id right?"
         )
     others = bus.ids_at(bus.baud)
     if others:
         raise InvalidInput(
-            f"port {bus.port}: expected servos with the ids of the calibration file, {_ids(bus.ids)}, found "
+            f"port {bus.port}: expected servos with the ids of the calibration file, "
+            f"{_ids(bus.ids)}, found "
             f"{_ids(others)} at {bus.baud} baud"
         )
     for baud in get_args(Baud):
         if baud != bus.baud and (answering := bus.ids_at(baud)):
             raise InvalidInput(
-                f"port {bus.port}: expected servos at {bus.baud} baud, found {_ids(answering)} at {baud}: set baud to "
+                f"port {bus.port}: expected servos at {bus.baud} baud, found {_ids(answering)} at "
+                f"{baud}: set baud to "
                 f"{baud} in the calibration file, or the servos' Baud Rate to {bus.baud}"
             )
     raise HardwareFault(
-        f"port {bus.port}: no answer from {listed([bus.label(i) for i in silent])}, at any baud rate: has the bus "
+        f"port {bus.port}: no answer from {listed([bus.label(i) for i in silent])}, at any baud "
+        "rate: has the bus "
         "power, and is it this port?"
     )
 
@@ -119,8 +126,10 @@ def late(bus: ServoBus, index: int) -> int | None:
     took_ms, allowed_ms = 1e3 * took_s, 2.0 * bus.latency_ms
     if result == SOUND and took_ms > allowed_ms:
         raise HardwareFault(
-            f"port {bus.port}: {bus.label(index)} answers after {took_ms:.0f} ms, latency_ms {bus.latency_ms:g} allows "
-            f"{allowed_ms:.0f}: set the adapter's latency timer to 1 ms, or latency_ms to {took_ms / 2.0 + 10.0:.0f}"
+            f"port {bus.port}: {bus.label(index)} answers after {took_ms:.0f} ms, latency_ms "
+            f"{bus.latency_ms:g} allows "
+            f"{allowed_ms:.0f}: set the adapter's latency timer to 1 ms, or latency_ms to "
+            f"{took_ms / 2.0 + 10.0:.0f}"
         )
     return number if result == SOUND else None
 
@@ -142,7 +151,8 @@ def _one_by_one(bus: ServoBus, address: int, size: int) -> None:
         )
     if damaged:
         raise HardwareFault(
-            f"{listed([bus.label(i) for i in damaged])}: its answers come damaged, but for pings: do two servos have "
+            f"{listed([bus.label(i) for i in damaged])}: its answers come damaged, but for pings: "
+            "do two servos have "
             f"id {bus.ids[damaged[0]]}?"
         )
 

@@ -361,14 +361,16 @@ class DynamixelWorld(HardwareWorld):
         ):
             raise InvalidInput(
                 f"{self.bus.label(int(index))}: expected an angle in [{can.lower_rad[index]:.2f}, "
-                f"{can.upper_rad[index]:.2f}] rad, measured {angles[index]:.2f}: is its calibration right?"
+                f"{can.upper_rad[index]:.2f}] rad, measured {angles[index]:.2f}: is its "
+                "calibration right?"
             )
 
     def _check_rest(self, angles: Array) -> None:
         for index, each in enumerate(self._servos):
             if each.rest_rad is not None and abs(angles[index] - each.rest_rad) > REST_RAD:
                 raise InvalidInput(
-                    f"{self.bus.label(index)}: expected its rest at {each.rest_rad:.2f} rad, measured "
+                    f"{self.bus.label(index)}: expected its rest at {each.rest_rad:.2f} rad, "
+                    "measured "
                     f"{angles[index]:.2f}: is its calibration right, and the robot at rest?"
                 )
 

@@ -103,7 +103,8 @@ class MeasurementJudge:
         moved = RAD * np.abs(position - before)
         for index in np.flatnonzero(moved > self._fastest * passed_s + SLACK_RAD):
             return Doubt(
-                f"{self._name(index)}: measured to jump {moved[index]:.2f} rad in {1e3 * passed_s:.0f} ms, which it "
+                f"{self._name(index)}: measured to jump {moved[index]:.2f} rad in "
+                f"{1e3 * passed_s:.0f} ms, which it "
                 f"cannot turn: do two servos have id {self._bus.ids[index]}, or is it disturbed?"
             )
         went_ms = (tick_ms - ticked) % WRAP_MS
@@ -127,7 +128,8 @@ class MeasurementJudge:
         self._same = np.where(turning & (position == before), self._same + 1, 0)
         for index in np.flatnonzero(self._same > FROZEN):
             return Doubt(
-                f"{self._name(index)}: measured to turn at {velocity[index] * RAD_S:.2f} rad/s and to stay at "
+                f"{self._name(index)}: measured to turn at {velocity[index] * RAD_S:.2f} rad/s and "
+                "to stay at "
                 f"{position[index]} ticks: are its values old?"
             )
         self._last = now_s, position, tick_ms

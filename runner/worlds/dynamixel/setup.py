@@ -42,7 +42,8 @@ def check_servos(bus: ServoBus, model: table.ServoModel) -> None:
     ]
     if others:
         raise InvalidInput(
-            f"port {bus.port}: expected servos {model.name} (model {model.number}): {listed(others)}"
+            f"port {bus.port}: expected servos {model.name} (model {model.number}): "
+            f"{listed(others)}"
         )
     bus.fast = False
     bus.write_all(table.STATUS_RETURN, np.full(count, 2))
@@ -102,7 +103,8 @@ def _settle(
         for index in wrong:
             if not free[index] and register.address < table.TORQUE_ENABLE.address:
                 raise InvalidInput(
-                    f"{bus.label(index)}: expected {register.name} {wanted[index]}, got {values[index]}; it cannot be "
+                    f"{bus.label(index)}: expected {register.name} {wanted[index]}, got "
+                    f"{values[index]}; it cannot be "
                     "written while the torque is on: relax the robot first"
                 )
             bus.write(index, register, int(wanted[index]))

@@ -71,7 +71,8 @@ class RosLink:
         except self._module.core.RosTimeoutError:
             self.close()
             raise InvalidInput(
-                f"rosbridge {self.url}: expected a rosbridge, what answers there does not speak WebSocket"
+                f"rosbridge {self.url}: expected a rosbridge, what answers there does not speak "
+                "WebSocket"
             ) from None
 
     def trouble(self) -> str | None:

@@ -130,20 +130,23 @@ class ControllerState:
             if self._unheard.max() >= FOREIGN and self._desired is not None:
                 index = int(np.argmax(self._unheard))
                 return (
-                    f"{self._joints[index]}: the controller still wants {self._desired[index]:.3f} rad, "
+                    f"{self._joints[index]}: the controller still wants {self._desired[index]:.3f} "
+                    "rad, "
                     f"{self._sent[-1][1][index]:.3f} was sent: it takes no commands"
                 )
             if self._foreign.max() >= FOREIGN and self._desired is not None:
                 index = int(np.argmax(self._foreign))
                 return (
-                    f"{self._joints[index]}: the controller wants {self._desired[index]:.3f} rad, which was not sent: "
+                    f"{self._joints[index]}: the controller wants {self._desired[index]:.3f} rad, "
+                    "which was not sent: "
                     "another client?"
                 )
             if self._apart.max() >= APART:
                 index = int(np.argmax(self._apart))
                 wanted, measured = self._differ[:, index]
                 return (
-                    f"{self._joints[index]}: joint states say {wanted:.3f} rad, while its controller measures "
+                    f"{self._joints[index]}: joint states say {wanted:.3f} rad, while its "
+                    "controller measures "
                     f"{measured:.3f}: two publishers?"
                 )
         return None

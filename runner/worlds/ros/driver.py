@@ -274,7 +274,8 @@ class RosWorld(HardwareWorld):
             (angles < can.lower_rad - slack_rad) | (angles > can.upper_rad + slack_rad)
         ):
             raise InvalidInput(
-                f"{self.joints[index]}: expected an angle in [{can.lower_rad[index]:.2f}, {can.upper_rad[index]:.2f}] "
+                f"{self.joints[index]}: expected an angle in [{can.lower_rad[index]:.2f}, "
+                f"{can.upper_rad[index]:.2f}] "
                 f"rad, {came} {angles[index]:.2f}{hint}"
             )
 
@@ -283,7 +284,8 @@ class RosWorld(HardwareWorld):
             raise InvalidInput("times_s: expected times that increase from above 0")
         if times[-1] > self.setup.alone_s:
             raise InvalidInput(
-                f"times_s: expected up to {self.setup.alone_s:g} s (alone_s), got {times[-1]:g}: nobody can stop a "
+                f"times_s: expected up to {self.setup.alone_s:g} s (alone_s), got {times[-1]:g}: "
+                "nobody can stop a "
                 "trajectory when the connection is lost; stream it by step"
             )
         for row in angles:

@@ -103,7 +103,8 @@ class Follower:
         took = time.monotonic() - begin
         if (goal.ended or "").startswith("rejected"):
             raise InvalidInput(
-                f"{self._robot.setup.controller}: a goal that holds the measured pose was {goal.ended}"
+                f"{self._robot.setup.controller}: a goal that holds the measured pose was "
+                f"{goal.ended}"
             )
         if not goal.done.is_set() or took > 0.5 * PROBE_S:
             hint = (

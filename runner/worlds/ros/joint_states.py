@@ -154,8 +154,10 @@ class JointStates:
             k = int(np.argmax(np.where(far, jump, 0.0)))
             index = int(indices[k])
             raise InvalidInput(
-                f"{self._joints[index]}: measured {positions[index]:.3f} rad {1e3 * came_s[k]:.0f} ms after "
-                f"{before[k]:.3f}, faster than it can turn ({self._fastest[index] / SLACK:.1f} rad/s): two publishers?"
+                f"{self._joints[index]}: measured {positions[index]:.3f} rad {1e3 * came_s[k]:.0f} "
+                "ms after "
+                f"{before[k]:.3f}, faster than it can turn ({self._fastest[index] / SLACK:.1f} "
+                "rad/s): two publishers?"
             )
 
 

@@ -280,7 +280,8 @@ class RosRobot:
         if trouble is not None or self.controller.heard_s() < begin_s:
             raise HardwareFault(trouble or f"{name}: nothing heard of it for {spent_s:.0f} s")
         raise InvalidInput(
-            f"{name}: expected it to hold the pose that is sent on {self._command}, it took no command for "
+            f"{name}: expected it to hold the pose that is sent on {self._command}, it took no "
+            "command for "
             f"{spent_s:.0f} s: is that its topic?"
         )
 
@@ -365,7 +366,8 @@ class RosRobot:
             )
         since = f"{now - self._sent_s:.1f} s ago"
         return (
-            f"{what}; commands that were sent up to {since} have no stamps, and may still move it, for up to "
+            f"{what}; commands that were sent up to {since} have no stamps, and may still move it, "
+            "for up to "
             f"{self.setup.lead_s:g} s, whenever the rosbridge goes on"
         )
 
@@ -401,7 +403,8 @@ class RosRobot:
         wrong = sorted(set(names).symmetric_difference(self.mapping.names))
         if wrong:
             raise InvalidInput(
-                f"{self.setup.controller}: expected the joints of the setup, they differ in {listed(wrong)}"
+                f"{self.setup.controller}: expected the joints of the setup, they differ in "
+                f"{listed(wrong)}"
             )
 
     def _unheard_states(self, missing: Sequence[str]) -> str:
