@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .planners.answer.answer import Effort as Effort
     from .planners.answer.answer import Status as Status
     from .planners.answer.certificate import Certificate as Certificate
+    from .planners.answer.crossing import Crossing as Crossing
     from .planners.answer.leap_plan import LeapPlan as LeapPlan
     from .planners.answer.plan import Plan as Plan
     from .planners.answer.report import Group as Group
@@ -112,6 +113,7 @@ _HOMES = {
     "pictures": ("draw", "film"),
     "planners.answer.answer": ("Answer", "Effort", "Status"),
     "planners.answer.certificate": ("Certificate",),
+    "planners.answer.crossing": ("Crossing",),
     "planners.search.plan_settings": ("PlanSettings",),
     "planners.answer.leap_plan": ("LeapPlan",),
     "planners.answer.plan": ("Plan",),

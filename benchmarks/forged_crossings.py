@@ -10,7 +10,7 @@ crossing itself is refused.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -29,7 +29,9 @@ from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import attempt, plan_of
 from stancekit.planners.problem.foothold import Foothold
 from stancekit.planners.problem.leap import Leap
+from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify.crossings import check_crossing
+from stancekit.planners.verify.geometry import patch_distances
 
 ASIDE_M = np.array([0.0, 2e-3, 0.0])
 """Seams are moved by this [m]."""
@@ -76,7 +78,7 @@ def forgeries(honest: Crossing, other: Crossing | None) -> Iterator[tuple[str, C
         parts[at] = part
         return replace(honest, parts=tuple(parts))
 
-    for name, part in leaps(leap):
+    for name, part in leaps(leap, honest.terrain):
         yield name, part if isinstance(part, str) else exchanged(part)
     com = replace(after, com_m=after.com_m + ASIDE_M)
     yield "body elsewhere after landing", exchanged(com, k + 1)
@@ -110,7 +112,24 @@ def forgeries(honest: Crossing, other: Crossing | None) -> Iterator[tuple[str, C
             yield "proof of another robot", replace(honest, certificate=other.certificate)
 
 
-def leaps(plan: LeapPlan) -> Iterator[tuple[str, LeapPlan | str]]:
+def deepest(plan: LeapPlan, terrain: Sequence[Patch]) -> tuple[int, np.ndarray]:
+    """The limb and the place between its toes before and after a leap that is farthest from all
+    ground.
+    """
+    holds, shares = plan.problem.holds, np.linspace(0.0, 1.0, 21)[:, None]
+    best, found = -1.0, (0, np.zeros(3))
+    for limb, (leaves, lands) in enumerate(zip(holds[0], holds[-1], strict=True)):
+        a, b = plan.toes_m[leaves], plan.toes_m[lands]
+        for place in a + shares * (b - a):
+            away = patch_distances(
+                [one.vertices_m for one in terrain], np.tile(place, (len(terrain), 1))
+            )
+            if away.min() > best:
+                best, found = float(away.min()), (limb, place)
+    return found
+
+
+def leaps(plan: LeapPlan, terrain: Sequence[Patch]) -> Iterator[tuple[str, LeapPlan | str]]:
     """Forged leaps by name."""
     leap = plan.problem
     stands, limbs = leap.holds[leap.interval_phases], len(leap.robot.limbs)
@@ -151,11 +170,11 @@ def leaps(plan: LeapPlan) -> Iterator[tuple[str, LeapPlan | str]]:
         replace(plan, com_m=plan.com_m + ASIDE_M, problem=replace(leap, start=elsewhere)),
     )
     yield "begins 2 mm aside", shifted(plan, ASIDE_M)
-    middle = 0.5 * (plan.toes_m[leap.holds[0]].mean(axis=0) + plan.toes_m[lands].mean(axis=0))
-    yield "a toe in the gap", placed(plan, int(lands[0]), middle)
+    limb, middle = deepest(plan, terrain)
+    yield "a toe in the gap", placed(plan, int(lands[limb]), middle)
     yield (
         "a toe in the gap, on a patch of its own",
-        placed(plan, int(lands[0]), middle, patch_too=True),
+        placed(plan, int(lands[limb]), middle, patch_too=True),
     )
     rough = tuple(
         replace(

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..answer.answer import Answer, Status
+from ..answer.hindrance import LEAP_BODY
 from ..answer.leap_plan import LeapPlan
 from ..answer.report import Group, Report
 from ..equilibrium.layout import Index
@@ -620,7 +621,10 @@ def failures(report: Report[LeapPlan]) -> str:
     for group in report.groups:
         if group.verdict == "violated":
             unit = "" if group.unit == "1" else f" {group.unit}"
-            when = "" if group.when is None else f" at {group.when:.2f} s"
+            when = ""
+            if group.when is not None:
+                timed = group.name in LEAP_BODY
+                when = f" at {group.when:.2f} s" if timed else f", interval {group.when:g}"
             lines.append(
                 f"{group.name} {group.value:.3g} of {group.limit:g}{unit} ({group.where}{when})"
             )

@@ -33,6 +33,8 @@ BODY_M, TURN_RAD = 2e-3, 0.1
 JOINTS_RAD = 0.25
 """And every joint: what a centre of mass of the whole robot, by which leaps go, and one of its body,
 by which key frames go, make of one pose [rad]."""
+BROKEN = np.inf
+"""Value of a part's group whose numbers are none of a plan: nobody asks for its ends."""
 UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
 
 
@@ -56,7 +58,10 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
     groups = list[Group]()
     defect = _defect(crossing)
     if not defect:
-        groups = [*_parts(crossing), *_seams(crossing), *_proof(crossing)]
+        groups = list(_parts(crossing))
+        if not any(group.value == BROKEN for group in groups):
+            groups += _seams(crossing)
+        groups += _proof(crossing)
     return Report(groups=tuple(groups), answer=crossing, tolerance=0.0, defect=defect)
 
 
@@ -117,7 +122,7 @@ def _parts(crossing: Crossing) -> Iterator[Group]:
 def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
     """Verdict of a part's own verifier."""
     words = "; ".join(filter(None, (report.message, report.failures)))
-    worst = max(report.worst, 0.0) if not report.defect else np.inf
+    worst = BROKEN if report.defect else max(report.worst, 0.0)
     if not report.accepted:
         return Group(name, value=worst, unit="1", message=words, verdict="violated")
     if report.unchecked:

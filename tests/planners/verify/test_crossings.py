@@ -83,3 +83,43 @@ def test_body_and_feet_go_on_without_a_jump_from_part_to_part(climb: Plan) -> No
         for name in ("com_m", "feet_m", "rotation_rad", "velocity_m_s", "forces_n"):
             np.testing.assert_allclose(getattr(before, name), getattr(after, name), atol=1e-4)
     np.testing.assert_allclose(motion.at(0.3).com_m, alone.at(0.3).com_m)
+
+
+WHOLE = Path("tests/data/crossing-anymal.json")
+"""A climb, a leap of 0.48 m onto a stance above a gap, and a climb, by the box ANYmal's URDF."""
+FORGED = {
+    "pushes harder": "2: leap",
+    "flies for longer": "2: leap",
+    "begins 2 mm aside": "1 to 2: toes",
+    "a toe in the gap, on a patch of its own": "2: ground",
+    "rougher ground": "2: ground",
+    "body turned after landing": "2 to 3: turn",
+    "no leap": "1 to 2: toes",
+}
+
+
+def test_a_forged_crossing_is_refused_by_the_group_that_it_concerns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend("benchmarks")
+    from benchmarks.forged_crossings import forgeries
+
+    honest = read_crossing(WHOLE)
+    assert check_crossing(honest).accepted
+    fakes = {name: fake for name, fake in forgeries(honest, None) if name in FORGED}
+    assert fakes.keys() == FORGED.keys()
+    for name, fake in fakes.items():
+        assert isinstance(fake, Crossing)
+        report = check_crossing(fake)
+        assert not report.accepted, name
+        assert report.group(FORGED[name]).verdict == "violated", name
+
+
+def test_a_leap_that_draws_its_legs_up_at_its_middle_alone_is_refused_in_words() -> None:
+    honest = read_crossing(WHOLE)
+    leap = honest.parts[1]
+    assert isinstance(leap, LeapPlan)
+    parts = (honest.parts[0], replace(leap, gather=np.array([0.5, 0.8])), honest.parts[2])
+    report = check_crossing(replace(honest, parts=parts))
+    assert not report.accepted
+    assert "gather: expected shares of 0.05 to 0.49" in report.group("2: leap").message
