@@ -143,9 +143,14 @@ def _planes_of(
         strips = noisy_surfaces(cells.only(known & (labels < 0)), limits, quiet_m)
         labels = np.where(strips >= 0, strips + labels.max() + 1, labels)
     rungs = list[MapRung]()
-    if not noise.correlated:  # which is as wide as a rung, and as round
+    if not noise.correlated:
         rungs = map_rungs(labels, cells, noise_m if noisy else 0.0, limits.slope_rad)
     barred = np.any([rung.cells for rung in rungs], axis=0) if rungs else np.zeros_like(known)
+    if noisy and not noise.correlated:
+        noise = noise_of_residuals(np.where(barred, -1, labels), cells, noise_m)
+        cells = _counted(cells, noise)
+        if noise.correlated:  # bumps are as wide as a rung, and as round
+            rungs, barred = [], np.zeros_like(known)
     if rungs:
         known = known & ~barred
         labels = renumbered(np.where(barred, -1, labels))
