@@ -60,7 +60,7 @@ def rows(folder: Path, stancekit: Callable, files: list[str]) -> Path:
             made,
             *files,
             "--feasible",
-            12,
+            24,
             "--infeasible",
             4,
             "--workers",
@@ -99,8 +99,8 @@ def test_a_data_set_names_its_robot_and_its_rows_are_proved(rows: Path, folder: 
     assert json.loads((rows / "header.json").read_text())["plan"]["robot"].endswith("dog.urdf")
     report = recheck(dataset)
     assert report.accepted
-    assert (report.witnesses, report.certificates) == (12, 4)
-    assert dataset.points.shape == (12, 4, 6)
+    assert (report.witnesses, report.certificates) == (24, 4)
+    assert dataset.points.shape == (24, 4, 6)
     assert dataset.infeasible_points.shape == (4, 4, 6)
 
 
@@ -126,7 +126,7 @@ def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
     assert ran.code == 0
     mine, lift = ran.records
     assert (
-        mine["p1_feasible_of"] == lift["p1_feasible_of"] == len(dataset.only("test").feasible) > 1
+        mine["p1_feasible_of"] == lift["p1_feasible_of"] == len(dataset.only("test").feasible) > 0
     )
     assert lift["p1_feasible"] == 1.0
     assert mine["p1_feasible"] > 0.5
