@@ -58,8 +58,8 @@ def draw(
 
     Raises:
         InvalidInput: for another kind of thing, for an answer or an envelope of other contacts or
-            of no posture problem, for the execution of a walk, and for a file that cannot be
-            written.
+            of no posture problem, for the execution of a walk, of a posture or of another motion,
+            and for a file that cannot be written.
     Source:
         Lin et al. Fig. 2 (a scene); Pan et al. Fig. 3 (a walk).
 
@@ -75,6 +75,8 @@ def draw(
             f"draw: expected a posture problem, got the course {subject.name}: draw its plan"
         )
     if isinstance(subject, Plan) and answer is None and subject.problem.is_posture:
+        if executed is not None:
+            raise InvalidInput("draw: expected no execution with the plan of a posture problem")
         return draw(subject.problem, subject, envelope=envelope, caption=caption, out=out)
     if not isinstance(subject, Problem) and (answer is not None or envelope is not None):
         raise InvalidInput(
@@ -84,6 +86,8 @@ def draw(
         raise InvalidInput(
             f"draw: expected no execution with a {type(subject).__name__}: film what was executed"
         )
+    if executed is not None:
+        _check_executed(subject, executed)
     match subject:
         case Problem():
             posture = answer if isinstance(answer, Plan) else None
@@ -126,8 +130,8 @@ def film(
         None.
 
     Raises:
-        InvalidInput: for a file that cannot be written, and where the film's encoder or GL is
-            missing, or the page's viser.
+        InvalidInput: for a file that cannot be written, for the execution of another motion, and
+            where the film's encoder or GL is missing, or the page's viser.
     Source:
         None: the motion as it is planned or measured.
 
@@ -143,6 +147,8 @@ def film(
         raise InvalidInput(
             "film: expected something that moves, got the plan of a posture problem: draw it"
         )
+    if executed is not None:
+        _check_executed(motion, executed)
     path = Path(out)
     if path.suffix.lower() in PAGES:
         check_page(path)
@@ -153,6 +159,25 @@ def film(
     moments = view.film()
     frames = counted(view.frames(moments), len(moments.moments), progress)
     write_video(path, frames, 1.0 / moments.step_s)
+
+
+def _check_executed(
+    motion: Problem | Plan | LeapPlan | Crossing | Trajectory, executed: Execution
+) -> None:
+    """Raise InvalidInput for an execution that is, by its joints or footholds, of another motion."""
+    robot = motion.problem.robot if isinstance(motion, Plan | LeapPlan) else motion.robot
+    expected, got = [len(robot.source.joint_names)], [executed.trace.angles_rad.shape[1]]
+    if isinstance(motion, Plan | LeapPlan):
+        expected.append(len(motion.problem.footholds))
+        got.append(len(executed.slip_m))
+    if expected != got:
+        one, other = (
+            " and ".join(
+                f"{n} {what}" for n, what in zip(counts, ("joints", "footholds"), strict=False)
+            )
+            for counts in (expected, got)
+        )
+        raise InvalidInput(f"executed: expected the execution of a motion of {one}, got {other}")
 
 
 def view_of(

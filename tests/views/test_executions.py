@@ -7,7 +7,10 @@ from itertools import islice
 import numpy as np
 import pytest
 
+import stancekit
+from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
@@ -63,3 +66,22 @@ def test_frames_have_the_size_asked_for(run: tuple[Plan, Execution]) -> None:
     assert [frame.shape for frame in first] == [(300, 400, 3)] * 2
     assert first[0].dtype == np.uint8
     assert first[0].std() > 10.0
+
+
+def test_the_execution_of_another_motion_is_refused_in_one_line(
+    run: tuple[Plan, Execution],
+) -> None:
+    leap = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    message = (
+        "^executed: expected the execution of a motion of 12 joints and 8 footholds, "
+        "got 24 joints and 9 footholds$"
+    )
+    for show in (
+        lambda: stancekit.draw(leap, executed=run[1]),
+        lambda: stancekit.film(leap, "leap.html", run[1]),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            show()
+    posture = stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution
+    with pytest.raises(InvalidInput, match=r"^draw: expected no execution with the plan of a post"):
+        stancekit.draw(posture, executed=run[1])
