@@ -27,8 +27,6 @@ from stancekit.views.sheet import save
 from stancekit.views.video import Frame
 from stancekit.views.view import View
 
-PAGES = (".html", ".htm")
-
 
 @checked
 def draw(
@@ -140,7 +138,7 @@ def film(
         >>> stancekit.film(stancekit.plan("walls", frames=2).solution, "plan.mp4")  # doctest: +SKIP
     """
     from stancekit.views.film import check_film
-    from stancekit.views.page import check_page, write_page
+    from stancekit.views.page import PAGES, check_page, write_page
     from stancekit.views.video import write_video
 
     if isinstance(motion, Plan) and motion.problem.is_posture:

@@ -242,7 +242,7 @@ def test_every_table_of_figures_names_a_command_that_there_is_and_its_options() 
         text = (ROOT / words[0]).read_text(encoding="utf-8")
         text += (ROOT / "benchmarks/_bench.py").read_text(encoding="utf-8")
         for option in (word for word in words if word.startswith("--")):
-            name = option[2:].replace("-", "_")
+            name = option[2:].removeprefix("no-").replace("-", "_")
             assert re.search(rf"^    {name}: |\"{option}\"", text, re.MULTILINE), line
 
 

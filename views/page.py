@@ -31,7 +31,10 @@ from .scene import Animation
 from .sheet import ACCENT, INK, QUIET
 from .stage import Stage
 
-__all__ = ["check_page", "page", "write_page"]
+__all__ = ["PAGES", "check_page", "page", "write_page"]
+
+PAGES = (".html", ".htm")
+"""Suffixes of pages' names."""
 
 
 def check_page(path: str | File) -> File:
@@ -40,7 +43,7 @@ def check_page(path: str | File) -> File:
     Raises InvalidInput for a name that does not end in .html, where nothing can be written, and
     without viser 1.1.
     """
-    if File(path).suffix.lower() not in (".html", ".htm"):
+    if File(path).suffix.lower() not in PAGES:
         raise InvalidInput(
             f"{path}: expected a name that ends in .html, got {File(path).suffix or 'no suffix'}"
         )
