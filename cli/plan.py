@@ -95,8 +95,9 @@ class PlanCourse:
     bound is a proved lower bound on the objective of any plan: the difference is the most that a
     better plan could win.
 
-    A course of more than 40 key frames is planned in pieces; a run that is interrupted, or ends at
-    its time limit, keeps what it has beside --out, and the same command goes on from there.
+    A course of more than 40 key frames (200 of a robot whose legs are not known) is planned in
+    pieces; a run that is interrupted, or ends at its time limit, keeps what it has beside --out,
+    and the same command goes on from there.
 
     Exit code 1 where there is no plan, and a line says which constraints fail, at which frame and
     limb, by how much.
