@@ -5,6 +5,7 @@ walks with it.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 
+import stancekit
+from stancekit.pictures import view_of
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -212,6 +215,23 @@ def test_a_quadruped_of_a_file_walks_as_planned(as_planned: RunReport) -> None:
     np.testing.assert_allclose(
         (run.trace.com_m[-1] - run.trace.com_m[0])[:2], [0.2, 0.1], atol=0.02
     )
+
+
+def test_a_page_of_an_executed_walk_shows_the_feet_where_the_world_had_them(
+    walked: Attempted, as_planned: RunReport, tmp_path: Path
+) -> None:
+    run = as_planned.execution
+    assert run is not None
+    film, times_s = view_of(walked.trajectory, run).film(), run.trace.time_s - run.trace.time_s[0]
+    assert film.step_s * (len(film.moments) - 1) == pytest.approx(times_s[-1], abs=film.step_s)
+    for k, moment in enumerate(film.moments):
+        bodies = {body.name: body.position_m for body in moment.bodies}
+        feet = [bodies[f"{leg} foot"] for leg in ("LF", "RF", "LH", "RH")]
+        row = int(np.argmin(np.abs(times_s - k * film.step_s)))
+        np.testing.assert_allclose(feet, run.trace.feet_m[row], atol=1e-3)
+    pytest.importorskip("viser")
+    stancekit.film(walked.trajectory, tmp_path / "walk.html", run)
+    assert walked.trajectory.robot.name in (tmp_path / "walk.html").read_text()
 
 
 def test_without_the_wrench_its_body_strays_farther(
