@@ -96,7 +96,7 @@ class Seeds:
     """Postures of one leg to start from: those whose feet are nearest to a target."""
 
     def __init__(self, leg: Leg, angles: Array, *, tries: int = TRIES) -> None:
-        """Seeds of the feet of many postures.
+        """Seeds for one leg.
 
         Arguments:
             angles: postures all over the workspace, shape (K, n).
@@ -105,7 +105,9 @@ class Seeds:
 
     @cached_property
     def _tree(self) -> Any:
-        """The tree, where a foot asks for it that no near posture brings to its target."""
+        """Tree of the postures' feet; made for the first foot that no near posture brings to its
+        target.
+        """
         from scipy.spatial import cKDTree  # slow to import
 
         return cKDTree(self.leg.chain.feet(self.angles), balanced_tree=False, compact_nodes=False)

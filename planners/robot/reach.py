@@ -26,7 +26,8 @@ from ..files.arrays import Array, read_only
 
 MOST_ROWS = 256
 ROOM_M = 1e-9
-"""So far inside of all half-spaces, a place needs no linear program to be found."""
+"""A place so far inside of all half-spaces shows that they leave room, without a linear program
+[m]."""
 CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
 """Corners of the box |Θ_i| ≤ 1, one of each opposite pair."""
 

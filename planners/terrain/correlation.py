@@ -103,8 +103,8 @@ def correlated_noise(cells: GroundCells, told_m: float | None = None) -> Noise |
 
 
 def noise_of_residuals(labels: Labels, cells: GroundCells, noise_m: float) -> Noise:
-    """Noise that is taken for white, by what heights are off the planes of their surfaces: as alike
-    as neighbours are there, white where they are not.
+    """The noise of heights that was taken for white, as the residuals of surfaces show it:
+    correlated over as much as residuals of neighbouring cells are alike, else white.
 
     Arguments:
         labels: the surface of each cell, −1 for none, shape (n, m).

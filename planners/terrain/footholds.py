@@ -107,7 +107,9 @@ class TerrainPatch:
 
     @property
     def found(self) -> TerrainPatch | None:
-        """The part whose ground feet find that come down until they feel; None where there is none."""
+        """The part of the piece whose height is known well enough for a foot that comes down to find
+        the ground there; None where there is none.
+        """
         sure = self.patch.certainty
         if sure is None or self.turn_rad:
             return self
