@@ -380,7 +380,9 @@ def draw_leap(
     entries = [
         force_entry(scale / view.metres_a_newton, 120.0),
         Entry(text="cone", sign="cone", colour=ACCENT),
-        Entry(text="centre of mass", sign="path"),
+        Entry(text="centre of mass", sign="path")
+        if execution is None
+        else Entry(text="path that was gone", sign="path", colour=REAL),
         Entry(text="chosen", sign="box", colour=leg_colour(0), fill="#d6efd0"),
     ]
     draw_legend(figure, 12.0, entries, view.friction)

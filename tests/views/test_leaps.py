@@ -77,3 +77,13 @@ def test_the_library_draws_a_leap_and_writes_its_page(plan, tmp_path):
     assert (tmp_path / "leap.png").stat().st_size > 10_000
     stancekit.film(plan, tmp_path / "leap.html")
     assert "patch chosen for LF" in (tmp_path / "leap.html").read_text()
+
+
+def test_a_picture_of_an_execution_names_the_path_that_was_gone():
+    pytest.importorskip("mujoco")
+    plan = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    run = stancekit.simulate(plan).execution
+    for executed, name in ((None, "centre of mass"), (run, "path that was gone")):
+        texts = stancekit.draw(plan, executed=executed).findobj(lambda it: hasattr(it, "get_text"))
+        named = {text.get_text() for text in texts}
+        assert named & {"centre of mass", "path that was gone"} == {name}
