@@ -152,6 +152,11 @@ def film(
         check_page(path)
         write_page(path, view_of(motion, executed).film())
         return
+    if path.suffix.lower() != ".mp4":
+        raise InvalidInput(
+            f"{path}: expected a name that ends in .mp4, or in .html for a page, got "
+            f"{path.suffix or 'no suffix'}"
+        )
     check_film(path)
     view = view_of(motion, executed)
     moments = view.film()

@@ -127,7 +127,10 @@ class JudgedLeap:
         flying = np.minimum(np.where(stands, 0.0, off), MOST_AIR_M)
         missed = np.where(stands, off, flying).max(axis=0)
         return np.asarray(
-            np.minimum(self.shortened_m + np.where(missed > 1e-4, missed + MORE_M, 0.0), MOST_M)
+            np.minimum(
+                self.shortened_m + np.where(missed > 1e-4, missed + MORE_M, 0.0),
+                np.maximum(MOST_M, self.shortened_m),
+            )
         )
 
     @property

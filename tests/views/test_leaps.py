@@ -5,6 +5,7 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.leap_motion import LeapMotion
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.runner.motion.stream import joint_motion
@@ -77,6 +78,8 @@ def test_the_library_draws_a_leap_and_writes_its_page(plan, tmp_path):
     assert (tmp_path / "leap.png").stat().st_size > 10_000
     stancekit.film(plan, tmp_path / "leap.html")
     assert "patch chosen for LF" in (tmp_path / "leap.html").read_text()
+    with pytest.raises(InvalidInput, match=r"in \.mp4, or in \.html for a page, got \.txt$"):
+        stancekit.film(plan, "leap.txt")
 
 
 def test_a_picture_of_an_execution_names_the_path_that_was_gone():
