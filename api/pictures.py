@@ -56,8 +56,8 @@ def draw(
 
     Raises:
         InvalidInput: for another kind of thing, for an answer or an envelope of other contacts or
-            of no posture problem, for the execution of a walk, of a posture or of another motion,
-            and for a file that cannot be written.
+            of no posture problem, for the execution of a walk, of a posture or of a motion with
+            other joints or another number of footholds, and for a file that cannot be written.
     Source:
         Lin et al. Fig. 2 (a scene); Pan et al. Fig. 3 (a walk).
 
@@ -128,8 +128,9 @@ def film(
         None.
 
     Raises:
-        InvalidInput: for a file that cannot be written, for the execution of another motion, and
-            where the film's encoder or GL is missing, or the page's viser.
+        InvalidInput: for a file that cannot be written, for the execution of a motion with other
+            joints or another number of footholds, and where the film's encoder or GL is missing, or
+            the page's viser.
     Source:
         None: the motion as it is planned or measured.
 
@@ -167,7 +168,9 @@ def film(
 def _check_executed(
     motion: Problem | Plan | LeapPlan | Crossing | Trajectory, executed: Execution
 ) -> None:
-    """Raise InvalidInput for an execution that is, by its joints or footholds, of another motion."""
+    """Raise InvalidInput for an execution with another number of joints or footholds; one of another
+    motion with the same numbers is not noticed.
+    """
     robot = motion.problem.robot if isinstance(motion, Plan | LeapPlan) else motion.robot
     expected, got = [len(robot.source.joint_names)], [executed.trace.angles_rad.shape[1]]
     if isinstance(motion, Plan | LeapPlan):

@@ -24,8 +24,8 @@ SEEN = 4.0
 RESIDUE = 0.02
 """Share of the variance that is taken for white at least: no noise is as smooth as its model."""
 MEDIAN, ENOUGH = 0.6745, 40
-"""Half of all values of a normal distribution are within so many deviations; and how many windows
-tell the deviation."""
+"""Half of all values of a normal distribution are within so many deviations; and the number of
+windows from which the deviation is estimated."""
 
 
 def half_window(spacing_m: float) -> int:
@@ -35,7 +35,7 @@ def half_window(spacing_m: float) -> int:
 
 def windows(noise: Noise, spacing_m: float) -> Iterator[tuple[Array, float]]:
     """Weights of the heights in windows, shape (h, w), whose sum is the height of a step along the
-    middle, on four ways; and its deviation by the noise [m].
+    middle, in four directions; and the deviation of this height by the noise [m].
     """
     half = half_window(spacing_m)
     between, whole = np.arange(-half, half) + 0.5, np.arange(-half, half + 1.0)
@@ -49,8 +49,8 @@ def windows(noise: Noise, spacing_m: float) -> Iterator[tuple[Array, float]]:
 
 
 def _weights(x: Array, y: Array, edge: Array, noise: Noise) -> tuple[Array, float]:
-    """Weights that give the size of an edge beside a plane, least off by the noise, and how much
-    they are.
+    """Weights that estimate the size of an edge beside a plane with the least variance, and the
+    standard deviation that the noise leaves to this estimate [m].
     """
     apart = ((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2) / noise.length_m**2
     smooth = min(noise.correlated, 1.0 - RESIDUE)
