@@ -91,20 +91,21 @@ class Writes:
 def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_follows(
     bus: EmulatedBus,
 ) -> None:
-    with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
-        writes = Writes(patch)
-        world.torque(True)
-        packets = writes.count
-        world.relax()
-    assert packets >= 10
-    for at in range(packets):
+    for at in range(200):
         with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
-            Writes(patch, lambda world=world: world.latch.trip("button"), at)  # type: ignore[misc]
-            with pytest.raises(Stopped, match="button"):
+            writes = Writes(patch, lambda world=world: world.latch.trip("button"), at)  # type: ignore[misc]
+            try:
                 world.torque(True)
+            except Stopped:
+                assert "button" in world.latch.reason
+            else:  # over before its stop: a late answer is read twice, so that arming's packets vary
+                assert writes.count <= at
+                assert at >= 10
+                world.relax()
+                return
             assert not world.armed
             assert world.latch.after <= 1
-            assert not any(bus.state()["torque"]), f"packet {at} of {packets}"
+            assert not any(bus.state()["torque"]), f"packet {at}"
             seen = (
                 len(bus.goal_packets_s),
                 len(bus.torque_packets_s),
@@ -113,6 +114,7 @@ def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_f
                 world.torque(True)
             world.relax()
             assert seen == (len(bus.goal_packets_s), len(bus.torque_packets_s))
+    pytest.fail("an arming of 200 packets")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError, HardwareFault])
