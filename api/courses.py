@@ -91,6 +91,14 @@ def plan(
 def plan(
     course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float = 60.0
 ) -> Answer[LeapPlan]: ...
+@overload
+def plan(
+    course: str | Path,
+    method: LeapFinder,
+    *,
+    robot: str | Path | None = None,
+    time_limit_s: float = 60.0,
+) -> Answer[LeapPlan]: ...
 @checked
 def plan(
     course: Problem | Footholds | Leap | str | Path,

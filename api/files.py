@@ -5,29 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from stancekit.envs.data.leap_tries import open_rows
 from stancekit.learners.leaps.kinds import FORMAT, SCORER, Scores
-from stancekit.learners.selectors.selector import Learned
-from stancekit.learners.selectors.selector_file import load_selector, safetensors_format
+from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.arguments import checked
+from stancekit.planners.arguments import came, checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml
 from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.formats import (
-    crossing_file,
-    leap_file,
-    plan_file,
-    proof_file,
-    trajectory_file,
-)
+from stancekit.planners.formats import crossing_file, leap_file, plan_file, proof_file
 from stancekit.planners.formats.answer_file import (
     read_envelopes,
     read_modes,
@@ -43,24 +35,30 @@ from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.families import drawn_name
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.trajectories import check_trajectory
+
+if TYPE_CHECKING:
+    from stancekit.learners.selectors.selector import Learned
+
+    Proof = tuple[Problem | Leap, Certificate]
+    Saved = (
+        Problem
+        | Leap
+        | EnvelopeSet
+        | Modes
+        | Answer[Any]
+        | Plan
+        | LeapPlan
+        | Crossing
+        | Certificate
+        | Proof
+        | Trajectory
+        | Learned
+        | Scores
+    )
+else:
+    Saved = Any  # selectors take a while to load, and ``save`` says itself what has no file
 
 Kind = TypeVar("Kind")
-Proof = tuple[Problem | Leap, Certificate]
-Saved = (
-    Problem
-    | Leap
-    | EnvelopeSet
-    | Modes
-    | Plan
-    | LeapPlan
-    | Crossing
-    | Certificate
-    | Proof
-    | Trajectory
-    | Learned
-    | Scores
-)
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     "posture": lambda path: _only(_problems(path), path),
     "course": read_course,
@@ -71,7 +69,7 @@ _READERS: Mapping[str, Callable[[Path], Any]] = {
     "no-plan": proof_file.read_proof,
     "leap": lambda path: _leap(path),
     "crossing": crossing_file.read_crossing,
-    "gait": lambda path: trajectory_file.read_trajectory(path).trajectory,
+    "gait": lambda path: _trajectory(path),
 }
 """By what stands between the slashes of a file's format, e.g. ``stancekit/plan/2``."""
 
@@ -123,11 +121,13 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
         thing: a posture problem, several of them (JSON lines), a course, a leap, envelopes, modes,
             a plan, a walk, the certificate with its problem, also as the pair that ``load`` gives,
             or what ``fit`` returned. A plan and a walk are verified, and the verdict is written
-            with them. A data set is a folder that ``label`` writes.
+            with them. Of an answer its solution is written, with the report that it came with, or
+            else its certificate. A data set is a folder that ``label`` writes.
         path: the file; .json, but .safetensors for what has a network.
 
     Raises:
-        InvalidInput: for another kind of thing, and where nothing can be written.
+        InvalidInput: for another kind of thing, an answer with neither, and where nothing can be
+            written.
     Source:
         docs/formats.md.
 
@@ -138,6 +138,15 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
         >>> [problem.legs for problem in stancekit.load("postures.jsonl")]
         [('RF', 'RR', 'LM'), ('RF', 'RR', 'LM')]
     """
+    report = None
+    if isinstance(thing, Answer):
+        report, content = thing.report, thing.solution or thing.certificate
+        if content is None:
+            raise InvalidInput(
+                f"{path}: expected an answer with a solution or a certificate, got "
+                f"{thing.status.value}"
+            )
+        thing = content
     match thing:
         case Problem():
             lines = Path(path).suffix == ".jsonl"
@@ -156,15 +165,14 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
                     f"{path}: expected the plan of a course, got that of a posture problem"
                 )
             thing.problem.check_whole()
-            plan_file.write_plan(path, thing, check_plan(thing, joints=True, margins=True))
+            plan_file.write_plan(
+                path, thing, report or check_plan(thing, joints=True, margins=True)
+            )
         case Trajectory():
-            trajectory_file.write_trajectory(path, thing, check_trajectory(thing))
-        case Learned():
-            thing.write(Path(path))
-        case Scores():
-            if Path(path).suffix != SCORER:
-                raise InvalidInput(f"{path}: expected a name that ends in {SCORER} for scores")
-            thing.write(path)
+            from stancekit.planners.formats.trajectory_file import write_trajectory
+            from stancekit.planners.verify.trajectories import check_trajectory
+
+            write_trajectory(path, thing, report or check_trajectory(thing))
         case [Problem() | Leap() as subject, Certificate() as certificate]:
             _write_proof(path, certificate.of(subject))
         case Certificate():
@@ -172,10 +180,20 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
         case [Problem(), *_] if all(isinstance(one, Problem) and one.is_posture for one in thing):
             problems = [one for one in thing if isinstance(one, Problem)]
             write_text(path, "".join(json.dumps(one.to_json()) + "\n" for one in problems))
+        case Scores():
+            if Path(path).suffix != SCORER:
+                raise InvalidInput(f"{path}: expected a name that ends in {SCORER} for scores")
+            thing.write(path)
         case _:
-            raise InvalidInput(
-                f"{path}: expected something that has a file format, got a {type(thing).__name__}"
-            )
+            from stancekit.learners.selectors.selector import Learned
+
+            if not isinstance(thing, Learned):
+                raise InvalidInput(
+                    "thing: expected a problem, a leap, envelopes, modes, an answer, a plan, a "
+                    "crossing, a certificate, a trajectory, or what fit returned, got "
+                    f"{came(thing)}"
+                )
+            thing.write(Path(path))
 
 
 def _write_proof(path: str | Path, certificate: Certificate) -> None:
@@ -186,14 +204,24 @@ def _write_proof(path: str | Path, certificate: Certificate) -> None:
         proof_file.write_proof(path, certificate)
 
 
+def _trajectory(path: Path) -> Trajectory:
+    from stancekit.planners.formats.trajectory_file import read_trajectory
+
+    return read_trajectory(path).trajectory
+
+
 def _read(path: Path) -> Any:
     if _is_folder(path):
+        from stancekit.envs.data.leap_tries import open_rows
+
         return open_rows(path)
     if (
         str(path) in (*builtin_courses(), *builtin_scenes()) or drawn_name(str(path))
     ) and not path.exists():
         return read_course(path)
     if path.suffix == SCORER:
+        from stancekit.learners.selectors.selector_file import load_selector, safetensors_format
+
         format_ = safetensors_format(path)
         if format_ == FORMAT:
             from stancekit.learners.leaps.scorer import LeapScorer  # torch takes a while to load

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import tyro
 
 from stancekit.planners.errors import InvalidInput
 
 from .between import Between
-from .console import as_options, complain, emit, out, progress
+from .console import as_options, progress
 from .names import PROJECTION, named
 from .options import (
     OptionalFloat,
@@ -25,17 +24,15 @@ from .options import (
     check_planner,
     wrench_numbers,
 )
-from .pictures import show
-from .plan_table import message_of, row, table_of
-from .robot_plan import bent_lines
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.answer import Answer
+    from stancekit.planners.answer.crossing import Crossing
+    from stancekit.planners.answer.leap_plan import LeapPlan
     from stancekit.planners.answer.plan import Plan
-    from stancekit.planners.problem import Problem
+    from stancekit.planners.leap.finder import LeapFinder
     from stancekit.planners.search.answer import Planner
     from stancekit.planners.search.plan_settings import PlanSettings
-    from stancekit.planners.verify import Report
 
 SETTINGS = (
     "planner",
@@ -186,12 +183,25 @@ class PlanCourse:
 
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
-        from stancekit.courses import plan
-        from stancekit.planners.answer.answer import Status
         from stancekit.planners.problem.leap_names import is_leap_file
 
-        if is_leap_file(self.course):
-            return self._leap()
+        from .plan_answer import deliver
+
+        answer = self._leap() if is_leap_file(self.course) else self._course()
+        pictures = {name: getattr(self, name) for name in ("picture", "video", "html")}
+        return deliver(
+            answer,
+            plan_file=self.out,
+            proof=self.proof,
+            pictures=pictures,
+            json=self.json,
+            time_limit_s=self.time_limit_s,
+        )
+
+    def _course(self) -> Answer[Plan] | Answer[Crossing]:
+        """The answer to a course."""
+        from stancekit.courses import plan
+
         begin = time.perf_counter()
         self._check()
         planner = self._planner()
@@ -203,61 +213,25 @@ class PlanCourse:
                 begin + self.time_limit_s - time.perf_counter(), 0.0
             )  # a terrain has been read meanwhile
             with as_options("push_n", "wrench"):
-                outcome = plan(
-                    question,
-                    planner,
-                    **what,
-                    settings=self._settings(),
-                    time_limit_s=left_s,
-                    progress=show,
+                return cast(
+                    "Answer[Plan] | Answer[Crossing]",
+                    plan(
+                        question,
+                        planner,
+                        **what,
+                        settings=self._settings(),
+                        time_limit_s=left_s,
+                        progress=show,
+                    ),
                 )
-        from stancekit.planners.answer.crossing import Crossing
 
-        if isinstance(outcome.solution, Crossing):
-            from .crossing_plan import report_crossing
+    def _leap(self) -> Answer[LeapPlan]:
+        """The answer to a leap.
 
-            return report_crossing(
-                cast("Answer[Crossing]", outcome),
-                out_file=self.out,
-                proof=self.proof,
-                pictures=(self.picture, self.video, self.html),
-                json=self.json,
-            )
-        course, report = cast("Problem", outcome.problem), outcome.report
-        if outcome.solution is not None and report is not None:
-            self._write(outcome.solution, report)
-        proved = outcome.certificate is not None
-        message = message_of(outcome)
-        if self.proof is not None and outcome.certificate is not None:
-            from stancekit.planners.formats.proof_file import write_proof  # slow to import
-
-            write_proof(self.proof, outcome.certificate)
-        if self.json:
-            emit(self._record(course, outcome, report, message))
-        else:
-            out.print(table_of(course, outcome))
-            for line in (
-                [] if outcome.solution is None or report is None else self._said(outcome, report)
-            ):
-                out.print(line, highlight=False)
-        if report is None:
-            complain(
-                f"stancekit: no plan: {course.name}: "
-                f"{message or outcome.claim or outcome.status.value}"
-            )
-            if self.proof is not None:
-                complain(
-                    f"wrote {self.proof}"
-                    if proved
-                    else f"{self.proof}: not written, since nothing is proved"
-                )
-        return int(outcome.status is not Status.FEASIBLE or report is None or not report.accepted)
-
-    def _leap(self) -> int:
-        """Plan a leap; InvalidInput is raised for options that it has no use for."""
+        Raises InvalidInput for options that it has no use for.
+        """
+        from stancekit.courses import plan
         from stancekit.planners.files.writing import check_writable
-
-        from .leap_plan import leap_finder, plan_leap
 
         self._check_of_leap()
         for path in (self.out, self.proof):
@@ -266,16 +240,34 @@ class PlanCourse:
                 if path.suffix != ".json":
                     raise InvalidInput(f"{path}: expected a file whose name ends with .json")
         check_drawn(self.picture, self.video, self.html)
-        return plan_leap(
-            self.course,
-            self.robot,
-            leap_finder(self.planner, self.policy, reserve=self.reserve),
-            time_limit_s=self.time_limit_s,
-            out_file=self.out,
-            proof=self.proof,
-            pictures=(self.picture, self.video, self.html),
-            json=self.json,
-        )
+        finder = self._finder()
+        with as_options("robot"), progress(f"plan {Path(self.course).stem} by {finder.order}"):
+            return plan(self.course, finder, robot=self.robot, time_limit_s=self.time_limit_s)
+
+    def _finder(self) -> LeapFinder:
+        """The finder of leaps that the options ask for.
+
+        Raises InvalidInput.
+        """
+        from stancekit.planners.leap.finder import LeapFinder, Order
+        from stancekit.planners.leap.rule import Rule, Scorer
+
+        orders = get_args(Order)
+        if self.planner not in ("two-stage", *orders):
+            raise InvalidInput(
+                f"--planner: expected one of {', '.join(orders)} with a leap, got {self.planner}"
+            )
+        order: Any = "finder" if self.planner == "two-stage" else self.planner
+        rule: Scorer = Rule()
+        if self.policy is not None:
+            if order == "random":
+                raise InvalidInput(
+                    "--policy: expected none with --planner random, which has no scores"
+                )
+            from stancekit.learners.leaps.scorer import LeapScorer
+
+            rule = LeapScorer.read(self.policy)
+        return LeapFinder(order=order, rule=rule, share=0.8 if self.reserve else 1.0)
 
     def _check_of_leap(self) -> None:
         """Raise InvalidInput for an option that was given and that a leap has no use for."""
@@ -309,11 +301,6 @@ class PlanCourse:
                 standing=self.between.map,
                 checkpoint=None if self.out is None else self.out.with_suffix(".partial.json"),
             )
-
-    def _outputs(self) -> list[Path]:
-        return [
-            path for path in (self.out, self.picture, self.video, self.html) if path is not None
-        ]
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file
@@ -380,86 +367,3 @@ class PlanCourse:
             )
             settings = {name: value for name, value in planner_settings.items() if name in names}
             return make_planner(self.planner, options, of="courses", **settings)
-
-    def _write(self, plan: Plan, report: Report[Plan]) -> None:
-        """Write the files that were asked for.
-
-        Arguments:
-            report: the verifier's, of this plan.
-        """
-        if self.out is not None:
-            from stancekit.planners.formats.plan_file import write_plan
-
-            write_plan(self.out, plan, report)
-        show(plan, picture=self.picture, video=self.video, html=self.html)
-
-    def _said(self, outcome: Answer[Plan], report: Report[Plan]) -> Iterator[str]:
-        """Lines about a plan that stand below its table."""
-        from stancekit.planners.answer.report import LATE
-
-        plan = outcome.solution
-        assert plan is not None
-        share = plan.provenance.get("friction_share", 1.0)
-        if share != 1.0:
-            yield f"planned with {100 * share:.0f} % of the friction"
-        if press := plan.provenance.get("press_share"):
-            yield f"every foot that carries presses with {100 * press:.0f} % of the weight or more"
-        if (wrench := plan.problem.wrench) is not None:
-            force_n, moment_nm = (
-                float((part**2).sum(axis=1).max() ** 0.5) for part in (wrench[:, :3], wrench[:, 3:])
-            )
-            yield f"carries up to {force_n:.3g} N and {moment_nm:.3g} Nm on the body beside its weight"
-        if layout := plan.provenance.get("layout"):
-            yield f"laid out in another way than asked for, over which no plan was accepted: {layout}"
-        yield f"verifier: {report.message}; the last key frame is {1e3 * report.figures['goal_m']:.0f} mm from the goal"
-        yield from bent_lines(outcome.details)
-        yield report.body_message
-        yield report.margin_message
-        if report.accepted and outcome.status.value == "undecided":
-            yield f"not accepted as a plan: {outcome.message}"
-        yield from (f"cannot be run: {line}" for line in plan.problem.robot.source.unrunnable)
-        if (at := outcome.message.find(LATE)) >= 0:
-            yield f"{outcome.message[at:]}; --time-limit-s sets it, now to {self.time_limit_s:g} s"
-        if plan.modes is not None:
-            terrain = (
-                "" if plan.problem.modes is None else f"; of the terrain: {row(plan.problem.modes)}"
-            )
-            yield f"modes z: {row(plan.modes.tolist())}{terrain}"
-        refused = "" if report.accepted else ", of a plan that the verifier refuses"
-        yield from (f"wrote {path}{refused}" for path in self._outputs())
-
-    def _record(
-        self, course: Problem, outcome: Answer[Plan], report: Report[Plan] | None, message: str
-    ) -> dict[str, Any]:
-        """Everything as one JSON object."""
-        from stancekit.planners.answer.report import or_null, plan_arrays
-
-        numbers = {
-            "objective": outcome.objective,
-            "bound": outcome.bound,
-            "residual": outcome.residual,
-            "compile_s": outcome.effort.compile_s,
-            "seconds": outcome.effort.seconds,
-            "solver_seconds": outcome.effort.solver_s,
-        }
-        record: dict[str, Any] = {
-            "course": course.name,
-            "frames": course.frames,
-            "planner": outcome.method,
-            "status": outcome.status.value,
-            **{name: or_null(value) for name, value in numbers.items()},
-            "solves": outcome.effort.solves,
-            "sets": outcome.sets,
-            "claim": outcome.claim,
-            "message": message,
-            "details": {name: or_null(float(value)) for name, value in outcome.details.items()},
-        }
-        if outcome.solution is not None and report is not None:
-            arrays = plan_arrays(outcome.solution).items()
-            record["verdict"] = report.to_json()
-            record["plan"] = {
-                name: None if array is None else array.tolist() for name, array in arrays
-            }
-            record["cannot_run"] = list(outcome.solution.problem.robot.source.unrunnable)
-            record["files"] = [str(path) for path in self._outputs()]
-        return record

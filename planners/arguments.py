@@ -86,7 +86,7 @@ def check_argument(name: str, value: Any, hint: Any) -> None:
     if len(several) == 1 and isinstance(value, Sequence) and not isinstance(value, str | bytes):
         for index, one in enumerate(value):
             check_argument(f"{name}[{index}]", one, get_args(several[0])[0])
-    raise InvalidInput(f"{name}: expected {_expected(hint)}, got {_came(value)}")
+    raise InvalidInput(f"{name}: expected {_expected(hint)}, got {came(value)}")
 
 
 def settings_from(
@@ -175,7 +175,8 @@ def _expected(hint: Any) -> str:
     return WORDS.get(kind) or _articled(kind.__name__)
 
 
-def _came(value: Any) -> str:
+def came(value: Any) -> str:
+    """A value as messages show it: itself where it is plain, else its type."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
     if isinstance(value, list | tuple) and value and all(isinstance(one, PLAIN) for one in value):

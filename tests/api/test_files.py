@@ -1,5 +1,6 @@
 """Files: what is saved is what is loaded, by what it says that it is; anything else is one line."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -121,9 +122,24 @@ def test_another_kind_than_was_asked_for_is_refused(plan, tmp_path):
     ):
         stancekit.load(tmp_path / "plan.json", stancekit.Problem)
     with pytest.raises(
-        stancekit.InvalidInput, match=r"^thing: expected a Problem, a Leap, .* got 3$"
+        stancekit.InvalidInput, match=r"^thing: expected a problem, a leap, .* got 3$"
     ):
         stancekit.save(3, tmp_path / "x.json")
+
+
+def test_an_answer_is_written_with_its_own_report_or_its_certificate(problems, tmp_path):
+    answer = stancekit.plan("stairs", frames=2)
+    stancekit.save(answer, tmp_path / "plan.json")
+    content = json.loads((tmp_path / "plan.json").read_text())
+    assert content["verdict"] == answer.report.to_json()
+    assert stancekit.verify(tmp_path / "plan.json").accepted
+    refuted = next(each for each in map(stancekit.solve, problems) if each.certificate is not None)
+    stancekit.save(refuted, tmp_path / "proof.json")
+    _, certificate = stancekit.load(tmp_path / "proof.json")
+    assert stancekit.verify(certificate).accepted
+    nothing = dataclasses.replace(answer, status=stancekit.Status.UNDECIDED, solution=None)
+    with pytest.raises(stancekit.InvalidInput, match="a certificate, got undecided"):
+        stancekit.save(nothing, tmp_path / "x.json")
 
 
 def test_pairs_that_do_not_belong_together_are_refused(problems, plan):

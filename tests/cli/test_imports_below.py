@@ -108,23 +108,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "views.video",
         ),
     },
-    "crossing_plan": {
-        CHOICES: ("planners.answer.leap_plan",),
-        LATER: (
-            "planners.formats.crossing_file",
-            "planners.formats.proof_file",
-            "planners.verify",
-        ),
-    },
-    "leap_plan": {
-        CHOICES: (
-            "planners.answer.answer",
-            "planners.answer.hindrance",
-            "planners.leap.finder",
-            "planners.leap.rule",
-        ),
-        LATER: ("learners.leaps.scorer", "planners.formats.leap_file", "planners.verify"),
-    },
     "main": {TOOL: ("planners.plugins",)},
     "map": {DRAWS: ("views.sheet", "views.standing_maps")},
     "names": {TOOL: ("planners.plugins",)},
@@ -137,20 +120,31 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: ("views.postures", "views.sheet"),
     },
     "plan": {
-        CHOICES: ("planners.relaxation.table", "planners.search.methods", "planners.answer.answer"),
+        CHOICES: (
+            "planners.leap.finder",
+            "planners.leap.rule",
+            "planners.problem.leap_names",
+            "planners.relaxation.table",
+            "planners.search.methods",
+        ),
         LATER: (
-            "planners.answer.crossing",
-            "planners.answer.report",
+            "learners.leaps.scorer",
             "planners.equilibrium.programs",
             "planners.formats.answer_file",
             "planners.formats.plan_file",
-            "planners.formats.proof_file",
-            "planners.problem.leap_names",
             "planners.projection.whole_body_limits",
             "planners.search.plan_settings",
         ),
     },
-    "plan_table": {LATER: ("planners.verify",)},
+    "plan_answer": {
+        CHOICES: (
+            "planners.answer.crossing",
+            "planners.answer.hindrance",
+            "planners.answer.leap_plan",
+            "planners.answer.report",
+        ),
+        LATER: ("planners.formats.leap_file", "planners.verify"),
+    },
     "play": {
         CHOICES: (
             "planners.problem.course_file",

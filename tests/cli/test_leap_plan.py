@@ -133,7 +133,7 @@ def test_a_leap_is_drawn_by_its_name(stancekit):
     ran = stancekit(
         "plan", "leap-given:0", "--picture", "leap.png", "--html", "leap.html", "--json"
     )
-    assert (ran.code, ran.records[0]["leap"], ran.records[0]["status"]) == (
+    assert (ran.code, ran.records[0]["course"], ran.records[0]["status"]) == (
         0,
         "leap-given-0",
         "feasible",

@@ -275,9 +275,10 @@ def test_a_proof_is_written_where_there_is_no_plan_and_verify_accepts_it(plan, c
     slippery = {**yaml.safe_load(walls.read_text()), "name": "ice"}
     slippery["terrain"]["friction"] = 0.3
     (tmp_path / "ice.yaml").write_text(yaml.safe_dump(slippery))
-    code, _, err = plan("ice.yaml", "--frames", 3, "--proof", "proof.json")
+    code, said, err = plan("ice.yaml", "--frames", 3, "--proof", "proof.json")
     assert code == 1
-    assert err.endswith("\nwrote proof.json\n")
+    assert said.endswith("\nwrote proof.json\n")
+    assert err.startswith("stancekit: no plan: ice: infeasible: ")
     verify = tyro.cli(Verify, args=["proof.json"])
     assert run(verify) == 0
     assert capsys.readouterr().out.startswith("proof.json: ice: infeasible: ")
