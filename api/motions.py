@@ -80,6 +80,7 @@ def simulate(
         True
     """
     accepted = accepted_of(motion)
+    check_run(accepted, world, settings, led=False)
     made = _world(world, accepted, setup)
     if made.kind != "simulation":
         made.close()
@@ -105,8 +106,8 @@ def run(
     behind a rosbridge.
 
     Arguments:
-        motion: a plan of key frames, a walk, a leap, a crossing, or the file of one; with ``policy`` also a course,
-            by name or file.
+        motion: a plan of key frames, a walk, a leap, a crossing, or the file of one; with
+            ``policy`` also a course, by name or file.
         world: "mujoco", "bullet", "replay", "dynamixel", "ros", "FILE.py:NAME", or a world that was
             made before.
         setup: the file that a world is made from: the log of replay, the calibration of dynamixel,

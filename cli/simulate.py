@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.crossing import Crossing
     from stancekit.planners.answer.leap_plan import LeapPlan
     from stancekit.planners.answer.plan import Plan
-    from stancekit.runner.acceptance import Accepted
+    from stancekit.planners.answer.trajectory import Trajectory
     from stancekit.runner.execution import Execution
     from stancekit.runner.report import RunReport
     from stancekit.runner.worlds import World
@@ -41,12 +41,12 @@ class Simulate:
       stancekit simulate plan.json --picture end.png --video film.mp4
       stancekit simulate plan.json --world bullet
 
-    Exit code 0 where the execution succeeded, 1 where it failed or the plan is not verified, 2 for
-    bad input.
+    Exit code 0 where the execution succeeded, 1 where it failed, 2 for bad input, as a plan that the
+    verifier rejects.
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
-    """File of a plan, a leap or a crossing."""
+    """File of a plan, a walk, a leap or a crossing."""
     world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
     """Which simulation: bullet, mujoco, one of another package, or a class in a file."""
     forces: Literal["shared", "planned"] = "shared"
@@ -69,7 +69,8 @@ class Simulate:
 
     def run(self) -> int:
         """Read, execute, compare."""
-        from stancekit.motions import WORLDS, simulate
+        from stancekit import Trajectory
+        from stancekit.motions import WORLDS, accepted_of, check_run, simulate
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.motion.plan_motion import Timing
         from stancekit.runner.settings import RunSettings
@@ -77,15 +78,17 @@ class Simulate:
 
         checked(self.pace, "--pace", least=0.1, most=4.0)
         self._check_files()
-        accepted = self._accepted()
-        if accepted is None:
-            complain(
-                f"stancekit: failed: {self.plan}: the verifier rejected this plan; it is not "
-                "executed"
+        accepted = accepted_of(self.plan)
+        if self.picture is not None and isinstance(accepted.plan, Trajectory):
+            raise InvalidInput(
+                "--picture: expected none with a walk: --video films what was executed"
             )
-            return 1
         timing = Timing().at_pace(self.pace)
         settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
+        try:
+            check_run(accepted, self.world, settings, led=False)
+        except InvalidInput as error:
+            raise InvalidInput(str(error).replace("timing:", "--pace:")) from None
         world: str | World = self.world
         with as_options("world", "contact_stiffness_n_m", "contact_damping_ns_m"):
             contact = SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
@@ -111,26 +114,6 @@ class Simulate:
                     out.print(f"written: {path}")
         return 0 if report.succeeded else 1
 
-    def _accepted(self) -> Accepted[Any] | None:
-        """The motion of the file; None for a plan that the verifier rejected.
-
-        Raises InvalidInput for what cannot be executed, or not at this pace.
-        """
-        from stancekit.motions import accepted_of
-        from stancekit.planners.formats.crossing_file import is_crossing_file
-        from stancekit.planners.formats.plan_file import read_plan
-        from stancekit.planners.problem.leap_names import is_leap_file
-        from stancekit.runner.acceptance import Accepted
-
-        if is_leap_file(self.plan) or is_crossing_file(self.plan):
-            if self.pace != 1.0 and is_leap_file(self.plan):
-                raise InvalidInput(
-                    "--pace: expected none with a leap, which runs as planned, or not at all"
-                )
-            return accepted_of(self.plan)
-        plan, header = read_plan(self.plan)
-        return Accepted.verified(plan, str(self.plan)) if header["verified"] else None
-
     def _check_files(self) -> None:
         """Raise InvalidInput for a file that cannot be written."""
         from stancekit.planners.files.writing import check_writable
@@ -141,12 +124,12 @@ class Simulate:
                 raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
             check_writable(self.out)
 
-    def _write(self, plan: Plan | LeapPlan | Crossing, execution: Execution) -> None:
+    def _write(self, motion: Plan | Trajectory | LeapPlan | Crossing, execution: Execution) -> None:
         if self.out is not None:
             from stancekit.planners.files.writing import write_bytes
 
             write_bytes(self.out, execution.trace.to_npz())
-        show(plan, execution, picture=self.picture, video=self.video)
+        show(motion, execution, picture=self.picture, video=self.video)
 
 
 def _message(report: RunReport, run: Execution) -> str:

@@ -472,3 +472,15 @@ def test_a_wall_on_the_way_that_is_too_steep_for_friction_is_said_before_any_wor
         "pit is 79° at its steepest on the way, and friction 0.75 holds on 37°: there may be no walk. The search "
         "ends after 240 s of CPU time; feet that stick may help: --adhesive LF,RF\n"
     )
+
+
+def test_a_walk_is_simulated_at_its_own_pace_and_filmed_not_drawn(gait, short, stancekit):
+    pytest.importorskip("mujoco")
+    short(gait)
+    ran = stancekit("simulate", "walk.json", "--json")
+    (said,) = ran.records
+    assert (ran.code, said["succeeded"], said["world"]) == (0, True, "mujoco")
+    for option, value in (("--pace", "2"), ("--picture", "end.png")):
+        refused = stancekit("simulate", "walk.json", option, value)
+        assert refused.code == 2
+        assert refused.err.startswith(f"stancekit: error: {option}: expected")

@@ -185,15 +185,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: ("views.sheet", "views.tracking_plot"),
     },
     "simulate": {
-        LATER: (
-            "planners.formats.crossing_file",
-            "planners.formats.plan_file",
-            "planners.motion.plan_motion",
-            "planners.problem.leap_names",
-            "runner.acceptance",
-            "runner.settings",
-            "runner.worlds",
-        ),
+        LATER: ("planners.motion.plan_motion", "runner.settings", "runner.worlds"),
     },
     "solve": {CHOICES: ("planners.search.methods",)},
     "stops": {TOOL: ("runner.safety.estop", "runner.safety.stop_topic")},

@@ -55,10 +55,10 @@ def test_a_plan_that_the_verifier_rejected_is_not_executed(stancekit, tmp_path):
     bad = replace(step(), com_m=step().com_m + np.array([0.0, 0.05, 0.0]))
     write_plan(tmp_path / "bad.json", bad, check_plan(bad))
     ran = stancekit("simulate", "bad.json", "--json")
-    assert (ran.code, ran.out) == (1, "")
+    assert (ran.code, ran.out) == (2, "")
     assert (
-        ran.err
-        == "stancekit: failed: bad.json: the verifier rejected this plan; it is not executed\n"
+        " ".join(ran.err.split())
+        == "stancekit: error: bad.json: expected a plan that the verifier accepted, this one it rejected"
     )
 
 
