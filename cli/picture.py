@@ -39,12 +39,10 @@ class Picture:
 
     def run(self) -> int:
         """Solve, draw, write."""
+        from stancekit.answers import explain
+        from stancekit.pictures import draw
         from stancekit.planners.files.writing import check_writable
-        from stancekit.planners.formats.answer_file import read_envelopes, read_problems
-        from stancekit.planners.search.methods import make_planner
-        from stancekit.planners.verify import explain
-        from stancekit.views.postures import draw_posture
-        from stancekit.views.sheet import save
+        from stancekit.postures import planner_of, read_envelopes, read_problems
 
         check_writable(self.out)
         problems = list(read_problems(text_of(self.file), str(self.file)))
@@ -61,22 +59,21 @@ class Picture:
                 envelopes.check_fits(problem)
             except InvalidInput as error:
                 raise InvalidInput(f"{where}: {error}") from None
-        caption, why, posture, chosen, status = "", "", None, 0, None
+        caption, why, answer, chosen, status = "", "", None, 0, None
         if self.method != "none":
             staged, boxed = self.method in ("lift", "two-stage"), self.method == "two-stage"
             settings: dict[str, Any] = {"projection": self.projection} if staged else {}
             if boxed and envelopes is not None:
                 settings["envelopes"] = envelopes
-            outcome = make_planner(self.method, **settings).solve(problem)
-            posture, status = outcome.solution, outcome.status.value
+            outcome = planner_of(self.method, **settings).solve(problem)
+            answer, status = outcome.solution or outcome.certificate, outcome.status.value
             chosen = int(outcome.details.get("chosen", 0))
             caption = (
                 f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.effort.seconds:.1f} ms"
             )
-            if outcome.certificate is not None:
-                why = explain(outcome.certificate).message
+            why = "" if outcome.certificate is None else explain(outcome).message
         envelope = None if envelopes is None else envelopes.envelopes[chosen]
-        save(draw_posture(problem, posture, envelope=envelope, caption=caption, why=why), self.out)
+        draw(problem, answer, envelope=envelope, caption=caption, out=self.out)
         if self.json:
             emit({"where": where, "out": str(self.out), "method": self.method, "status": status})
         else:

@@ -115,10 +115,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         CHOICES: ("planners.search.methods",),
         DRAWS: ("views.film", "views.page", "views.sheet"),
     },
-    "picture": {
-        LATER: ("planners.formats.answer_file", "planners.search.methods", "planners.verify"),
-        DRAWS: ("views.postures", "views.sheet"),
-    },
     "plan": {
         CHOICES: (
             "planners.leap.finder",
