@@ -152,7 +152,7 @@ def export(
     if isinstance(subject, str | Path):
         motion = read_accepted(Path(subject))
     else:
-        check_accepted(motion := subject, source)
+        _check_accepted(motion := subject, source)
     moved = moved_of(motion, chosen, rate_hz, source)
     FORMATS[chosen].write(moved, path)
     if progress is not None:
@@ -181,11 +181,11 @@ def read_accepted(path: Path) -> Subject:
         subject = trajectory_file.read_trajectory(path).trajectory
     else:
         raise InvalidInput(f"{path}: expected a plan, a walk, a leap, or the folder of a data set")
-    check_accepted(subject, str(path))
+    _check_accepted(subject, str(path))
     return subject
 
 
-def check_accepted(subject: Subject, source: str) -> None:
+def _check_accepted(subject: Subject, source: str) -> None:
     """Raise InvalidInput for a plan, a walk or a leap that the verifier does not accept.
 
     Arguments:

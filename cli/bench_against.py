@@ -32,7 +32,7 @@ def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
     if not as_json:
         wide = out if out.is_terminal else Console(width=180)
         wide.print(walk_table(rows))
-        wide.print(program_table(gait_against.by_program(list(rows))))
+        wide.print(_program_table(gait_against.by_program(list(rows))))
         out.print(f"all figures: {folder / 'against.json'}")
     return 0
 
@@ -57,7 +57,7 @@ def walk_table(rows: list[dict[str, Any]]) -> Table:
     return grid
 
 
-def program_table(sums: list[dict[str, Any]]) -> Table:
+def _program_table(sums: list[dict[str, Any]]) -> Table:
     """A line a program."""
     from rich.table import Table
 

@@ -83,7 +83,7 @@ class BenchEnvelopes:
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
                 write_text(folder / "table.md", leaderboard.page(table, experiment))
-                save(comparison_figure(result), folder / f"{result.problem_class}.png")
+                save(_comparison_figure(result), folder / f"{result.problem_class}.png")
                 report(result, as_json=self.json)
         if not self.json:
             out.print(f"table and pictures: {folder}")
@@ -116,7 +116,7 @@ def report(result: ClassResult, *, as_json: bool) -> None:
     out.print()
 
 
-def comparison_figure(result: ClassResult) -> Figure:
+def _comparison_figure(result: ClassResult) -> Figure:
     """The comparison as a picture, the paper's figures as markers."""
     from stancekit.learners.evaluation.evaluate import paper_row
     from stancekit.views.comparison import ComparisonBar, draw_comparison

@@ -105,9 +105,9 @@ class BenchGait:
         write_text(folder / "table.json", json.dumps(records, indent=1) + "\n")
         if not self.json:
             wide = out if out.is_terminal else Console(width=WIDTH)
-            for made in (success_table(records), speed_table(records), motion_table(records)):
+            for made in (success_table(records), _speed_table(records), motion_table(records)):
                 wide.print(made)
-            for line in (*comparisons(rows), *products(records)):
+            for line in (*_comparisons(rows), *products(records)):
                 out.print(line, highlight=False)
         drawings = gait_drawings.draw(rows, folder)
         if not self.json:
@@ -172,7 +172,7 @@ def _rate(record: dict[str, Any], name: str) -> str:
     return f"{100 * record[name]:.0f} [{low:.0f}, {high:.0f}]"
 
 
-def speed_table(records: list[dict[str, Any]]) -> Table:
+def _speed_table(records: list[dict[str, Any]]) -> Table:
     """Iterations and CPU time of what succeeded."""
     return _table(
         records,
@@ -240,7 +240,7 @@ def _quartiles(values: list[float] | float | None, digits: int) -> str:
     return f"{middle} ({low}–{high})" if low != high else middle
 
 
-def comparisons(rows: list[dict[str, Any]]) -> list[str]:
+def _comparisons(rows: list[dict[str, Any]]) -> list[str]:
     """Iterations and times against the baseline, on the cells in which both succeeded."""
     from stancekit.learners.evaluation.gait_bench import METHODS
     from stancekit.learners.evaluation.gait_figures import BASELINE, ratios

@@ -40,7 +40,7 @@ class Unparsed(defaultdict[str, list[Any]]):
         return f"\n{self._text}"  # a signature is expected before it
 
 
-def names_at_hand(name: str, namespace: dict[str, Any]) -> list[str]:
+def _names_at_hand(name: str, namespace: dict[str, Any]) -> list[str]:
     """Copy the public names that a module has already into a namespace, which asks the module for
     others; their names.
 
@@ -64,7 +64,7 @@ def names_at_hand(name: str, namespace: dict[str, Any]) -> list[str]:
     return list(objects)
 
 
-def looked_for(solver: Any) -> Any:
+def _looked_for(solver: Any) -> Any:
     """A solver of cvxpy that is installed where its package is found; it is imported to solve."""
 
     def is_installed(self: Any) -> bool:
@@ -75,8 +75,8 @@ def looked_for(solver: Any) -> Any:
 
 INSTEAD: dict[str, tuple[str, Callable[[Any], Any]]] = {
     PARSER: ("FunctionDoc", lambda _: Unparsed),
-    COPIES: ("clone_module", lambda _: names_at_hand),
-    MOREAU: ("MOREAU", looked_for),
+    COPIES: ("clone_module", lambda _: _names_at_hand),
+    MOREAU: ("MOREAU", _looked_for),
 }
 """By module, the name in it that is replaced, and what makes the other object of the first one."""
 

@@ -144,11 +144,11 @@ class Evaluate:
             if self.json:
                 emit(shares.to_json())
             else:
-                out.print(theorem_table(rows.problem_class, shares))
+                out.print(_theorem_table(rows.problem_class, shares))
         return 0
 
 
-def theorem_table(problem_class: str, found: Theorem) -> Table:
+def _theorem_table(problem_class: str, found: Theorem) -> Table:
     """The conditions as a table, with the first rows that break each."""
     from stancekit.learners.evaluation.theorem import TITLES
 

@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     try:
         if arguments in ([], ["--help"], ["-h"]):
-            print(overview(), flush=True)
+            print(_overview(), flush=True)
             return
         gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
         command = parse(arguments)
@@ -127,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(code)
 
 
-def overview() -> str:
+def _overview() -> str:
     """Text of ``stancekit --help``: one or two lines per command."""
     usage = "usage: stancekit COMMAND [OPTIONS]; stancekit COMMAND --help says more"
     briefs = [f"  {name:9} {brief(name)}" for name in COMMANDS]

@@ -42,12 +42,12 @@ def deliver(
     """
     solution, report = answer.solution, answer.report
     accepted = answer.status.value == "feasible" and report is not None and report.accepted
-    name, reason = name_of(answer), reason_of(answer)
+    name, reason = _name_of(answer), _reason_of(answer)
     written = _write(answer, plan_file, proof, pictures)
     if json:
         emit({**_record(answer, reason), "files": [str(path) for path in written]})
     else:
-        out.print(table_of(answer))
+        out.print(_table_of(answer))
         if solution is not None and report is not None:
             for line in (*_lines(answer), *_doubts(answer, time_limit_s)):
                 out.print(line, highlight=False)
@@ -83,12 +83,12 @@ def _write(
     return written
 
 
-def name_of(answer: Answer[Any]) -> str:
+def _name_of(answer: Answer[Any]) -> str:
     """The name of the course, or of the leap."""
     return str(getattr(answer.solution, "name", "") or cast("Problem | Leap", answer.problem).name)
 
 
-def table_of(answer: Answer[Any]) -> Table:
+def _table_of(answer: Answer[Any]) -> Table:
     """One row: what was planned, how, and what came of it."""
     table = Table(box=None, header_style="bold")
     for column in (
@@ -109,19 +109,19 @@ def table_of(answer: Answer[Any]) -> Table:
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow"}[status]
     frames = _frames(answer)
     table.add_row(
-        name_of(answer),
+        _name_of(answer),
         answer.method,
         "–" if frames is None else str(frames),
         Text(status, style=colour),
-        number(answer.objective),
-        number(answer.bound),
+        _number(answer.objective),
+        _number(answer.bound),
         f"{answer.effort.compile_s:.2f} s",
         f"{answer.effort.seconds:.3f} s",
     )
     return table
 
 
-def reason_of(answer: Answer[Any]) -> str:
+def _reason_of(answer: Answer[Any]) -> str:
     """The planner's message; of what is refuted, the reason that the proof gives, and the sets it
     is over.
     """
@@ -137,17 +137,17 @@ def reason_of(answer: Answer[Any]) -> str:
     )
 
 
-def row(numbers: Sequence[int]) -> str:
+def _row(numbers: Sequence[int]) -> str:
     """Whole numbers with spaces between them."""
     return " ".join(str(number) for number in numbers)
 
 
-def number(value: float) -> str:
+def _number(value: float) -> str:
     """Four digits, or a dash."""
     return f"{value:.4g}" if math.isfinite(value) else "–"
 
 
-def bent_lines(details: Mapping[str, float]) -> Iterator[str]:
+def _bent_lines(details: Mapping[str, float]) -> Iterator[str]:
     """Lines on how planning with the whole body changed the largest torque and the deepest
     collision, and on what a larger torque is for; nothing where it had nothing to do.
     """
@@ -211,15 +211,15 @@ def _course_lines(answer: Answer[Plan], plan: Plan) -> Iterator[str]:
         yield f"laid out in another way than asked for, over which no plan was accepted: {layout}"
     goal_mm = 1e3 * report.figures["goal_m"]
     yield f"verifier: {report.message}; the last key frame is {goal_mm:.0f} mm from the goal"
-    yield from bent_lines(answer.details)
+    yield from _bent_lines(answer.details)
     yield report.body_message
     yield report.margin_message
     yield from (f"cannot be run: {line}" for line in plan.problem.robot.source.unrunnable)
     if plan.modes is not None:
         terrain = (
-            "" if plan.problem.modes is None else f"; of the terrain: {row(plan.problem.modes)}"
+            "" if plan.problem.modes is None else f"; of the terrain: {_row(plan.problem.modes)}"
         )
-        yield f"modes z: {row(plan.modes.tolist())}{terrain}"
+        yield f"modes z: {_row(plan.modes.tolist())}{terrain}"
 
 
 def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:
@@ -301,7 +301,7 @@ def _record(answer: Answer[Any], reason: str) -> dict[str, Any]:
         "solver_seconds": effort.solver_s,
     }
     record: dict[str, Any] = {
-        "course": name_of(answer),
+        "course": _name_of(answer),
         "frames": _frames(answer),
         "planner": answer.method,
         "status": answer.status.value,

@@ -80,12 +80,12 @@ class Train:
             for point in trained.curve:
                 emit(asdict(point))
         else:
-            out.print(curve_table(trained))
+            out.print(_curve_table(trained))
             out.print(f"{self.out / 'policy.safetensors'}: {trained.curve[-1].steps} steps")
         return 0
 
 
-def curve_table(trained: Trained) -> Table:
+def _curve_table(trained: Trained) -> Table:
     """The learning curve: mean reward an episode on held-out scenes, and further figures."""
     names = list(trained.curve[0].figures)
     table = Table(title="held-out scenes", title_justify="left", header_style="bold")

@@ -156,7 +156,7 @@ def course_source(
             raise InvalidInput(
                 "robot, terrain: expected none where courses is a function, which has its own"
             )
-        return partial(with_footing, courses), _features(
+        return partial(_with_footing, courses), _features(
             settings, limbs=len(hexapod().limbs), regions=0
         )
     specs = [_spec(course, robot, terrain) for course in courses]
@@ -181,13 +181,13 @@ class Perturbed:
 
         Raises PlanningFailed where none of many draws has footing for every toe.
         """
-        return with_footing(self._one, rng)
+        return _with_footing(self._one, rng)
 
     def _one(self, rng: np.random.Generator) -> Problem:
         return perturbed(self.specs[int(rng.integers(len(self.specs)))], rng, amount=self.amount)
 
 
-def with_footing(draw: CourseSource, rng: np.random.Generator) -> Problem:
+def _with_footing(draw: CourseSource, rng: np.random.Generator) -> Problem:
     """Draw a course, again where a scene of a family has nothing for some toe.
 
     Raises PlanningFailed after DRAWS.

@@ -265,11 +265,11 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, obj: Any) -> Any:
         """See ``packed``."""
         if isinstance(obj, type | FunctionType) and of_file(obj):
-            return named_in_file, (str(sys.modules[obj.__module__].__file__), obj.__qualname__)
+            return _named_in_file, (str(sys.modules[obj.__module__].__file__), obj.__qualname__)
         return NotImplemented
 
 
-def named_in_file(path: str, name: str) -> Any:
+def _named_in_file(path: str, name: str) -> Any:
     """Object of this name in a FILE.py.
 
     Raises InvalidInput.

@@ -180,7 +180,7 @@ def prepare(
         InvalidInput: where it does not fit, and for settings that it has no use for, before anything
             moves.
     """
-    check_settings(settings, world)
+    _check_settings(settings, world)
     match accepted.plan:
         case Plan():
             return _of_plan(accepted, world, settings, resumption)
@@ -196,7 +196,7 @@ def _of_plan(
     settings: RunSettings,
     resumption: Resumption | None,
 ) -> Prepared[PlanMotion]:
-    plan, sees = accepted.plan, sees_feet(world, settings)
+    plan, sees = accepted.plan, _sees_feet(world, settings)
     if settings.check_limits:
         if resumption is None and not settings.hung:
             check_stands(accepted, settings.least_push)
@@ -353,7 +353,7 @@ def _paced(
     Arguments:
         followed: the motion as the tracker follows it.
     """
-    sees, feet = sees_feet(world, settings), WALKING if isinstance(motion, GaitMotion) else LEAPING
+    sees, feet = _sees_feet(world, settings), WALKING if isinstance(motion, GaitMotion) else LEAPING
     tracker = Tracker(
         followed,
         kinematics,
@@ -391,7 +391,7 @@ def _check_leaps(settings: RunSettings, world: SafeWorld) -> None:
             raise InvalidInput(message)
 
 
-def sees_feet(world: SafeWorld, settings: RunSettings) -> bool:
+def _sees_feet(world: SafeWorld, settings: RunSettings) -> bool:
     """Tell whether what feet feel comes back, and is used."""
     return world.capabilities.has_contact_forces and not world.dry and not settings.blind
 
@@ -405,7 +405,7 @@ def body_from(world: SafeWorld, settings: RunSettings) -> BodyFrom:
     return "the world" if world.capabilities.has_body_pose and not settings.blind else "nothing"
 
 
-def check_settings(settings: RunSettings, world: SafeWorld) -> None:
+def _check_settings(settings: RunSettings, world: SafeWorld) -> None:
     """Raise InvalidInput for a robot that hangs where none can, and for limits that only a
     simulation may break.
     """

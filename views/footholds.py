@@ -43,11 +43,11 @@ def draw_footholds(found: Footholds, *, size_px: Size = SIZE_PX) -> Figure:
     )
     subtitle = f"{len(found.pieces)} patches, {found.area_m2:.4g} m²{_sure(found)}; not: {refused or 'nothing'}"
     headline(figure, f"footholds of {found.name}", subtitle)
-    Still(foothold_scene(found), _camera(found)).paint(plain_axes(figure, 20.0, 20.0, 90.0))
+    Still(_foothold_scene(found), _camera(found)).paint(plain_axes(figure, 20.0, 20.0, 90.0))
     return figure
 
 
-def foothold_scene(found: Footholds) -> Scene:
+def _foothold_scene(found: Footholds) -> Scene:
     """Surfaces and footholds as facets."""
     surfaces = [_facet(patch, STONE, STONE_EDGE, Layer.TERRAIN, 0.0) for patch in found.surfaces]
     good = [
@@ -58,7 +58,7 @@ def foothold_scene(found: Footholds) -> Scene:
 
 def foothold_motion(found: Footholds) -> Animation:
     """Animation of the footholds, for a page that can be turned."""
-    scene = foothold_scene(found)
+    scene = _foothold_scene(found)
     outlines = [
         ring(piece.patch.vertices_m + 2.0 * OFF_M * piece.patch.normal) for piece in found.pieces
     ]

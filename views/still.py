@@ -151,7 +151,7 @@ class Still:
             fill = tuple(lit[k])
             self._faces.append(((int(layer), float(depth[k])), xy[faces[k]], fill, fill, 0.35))
         if edge is not None:
-            pairs, owners = edges_of(faces)
+            pairs, owners = _edges_of(faces)
             sharp = np.sum(normals[owners[:, 0]] * normals[owners[:, 1]], axis=1) < CREASE
             shown = front[owners].any(axis=1) & (sharp | (front[owners].sum(axis=1) == 1))
             for pair, owner in zip(pairs[shown], owners[shown], strict=True):
@@ -172,7 +172,7 @@ class Still:
         if body.edge is not None:
             normals = normals_of(points[faces])
             front = self.camera.facing(points[faces].mean(axis=1), normals) > 0.0
-            pairs, owners = edges_of(faces)
+            pairs, owners = _edges_of(faces)
             sharp = np.sum(normals[owners[:, 0]] * normals[owners[:, 1]], axis=1) < CREASE
             for pair, owner in zip(pairs[sharp], owners[sharp], strict=True):
                 colour = (*rgb(body.edge), 0.6 if front[owner].any() else 0.25)
@@ -269,7 +269,7 @@ def normals_of(at: Array) -> Array:
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15))
 
 
-def edges_of(faces: Faces) -> tuple[Faces, Faces]:
+def _edges_of(faces: Faces) -> tuple[Faces, Faces]:
     """Edges between two faces, shape (E, 2), and the faces, shape (E, 2)."""
     pairs = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     owner = np.repeat(np.arange(len(faces)), faces.shape[1])

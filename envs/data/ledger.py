@@ -121,7 +121,7 @@ class TryHeader(Head):
 
     def columns(self) -> pa.Schema:
         """Columns of the shards."""
-        return try_schema(self.shapes)
+        return _try_schema(self.shapes)
 
 
 HEADERS: Mapping[str, type[Header | TryHeader]] = MappingProxyType(
@@ -221,7 +221,7 @@ def shard_schema(contacts: int) -> pa.Schema:
     return pa.schema(columns + [pa.field(name, kind) for name, kind in of_some.items()])
 
 
-def try_schema(shapes: Mapping[str, list[int]]) -> pa.Schema:
+def _try_schema(shapes: Mapping[str, list[int]]) -> pa.Schema:
     """Columns of a shard of tries; what a row does not have is null.
 
     The scene's are the same in all of its rows.
@@ -277,7 +277,7 @@ class Ledger:
         """
         header = read_header(folder)
         check_arrow()
-        tallies = [read_tally(path, header) for path in sorted(folder.glob("shard-*.parquet"))]
+        tallies = [_read_tally(path, header) for path in sorted(folder.glob("shard-*.parquet"))]
         return cls(folder=folder, header=header, tallies={tally.shard: tally for tally in tallies})
 
     @classmethod
@@ -333,7 +333,7 @@ class Ledger:
 
     def timings(self) -> list[ShardTiming]:
         """Times of the shards, of those that have any."""
-        paths = (self.folder / timing_name(shard) for shard in self.tallies)
+        paths = (self.folder / _timing_name(shard) for shard in self.tallies)
         return [_read_json(path, ShardTiming) for path in paths if path.exists()]
 
 
@@ -352,7 +352,7 @@ def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: ShardTiming
     import pyarrow.parquet as pq
 
     write_bytes(
-        folder / timing_name(tally.shard), timing.model_dump_json(exclude_none=True).encode()
+        folder / _timing_name(tally.shard), timing.model_dump_json(exclude_none=True).encode()
     )
     sink = pa.BufferOutputStream()
     table = table.replace_schema_metadata({"stancekit": tally.model_dump_json(exclude_none=True)})
@@ -376,7 +376,7 @@ def read_header(folder: Path) -> Header | TryHeader:
     return _read_json(path, HEADERS.get(format_, Header) if isinstance(format_, str) else Header)
 
 
-def read_tally(path: Path, header: Head) -> Tally:
+def _read_tally(path: Path, header: Head) -> Tally:
     """Metadata of a shard, checked against the header.
 
     Raises InvalidInput.
@@ -431,7 +431,7 @@ def shard_name(shard: int) -> str:
     return f"shard-{shard:05d}.parquet"
 
 
-def timing_name(shard: int) -> str:
+def _timing_name(shard: int) -> str:
     """File name of a shard's times."""
     return f"timing-{shard:05d}.json"
 

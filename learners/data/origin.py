@@ -28,11 +28,11 @@ def rows_of(
         InvalidInput: for what is no data set, and for another's.
     """
     dataset = (source if isinstance(source, Dataset) else Dataset.open(source)).only(part)
-    check_of(dataset, robot, terrain)
+    _check_of(dataset, robot, terrain)
     return dataset
 
 
-def check_of(dataset: Dataset, robot: str | None, terrain: str | Path | None) -> None:
+def _check_of(dataset: Dataset, robot: str | None, terrain: str | Path | None) -> None:
     """Raise InvalidInput unless the rows are of this robot and this terrain's file, where they are
     given.
     """

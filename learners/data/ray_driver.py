@@ -71,7 +71,7 @@ def joined(address: str, pipe: Connection) -> Any:
             "_node_ip_address": "127.0.0.2",
         }  # Ray replaces 127.0.0.1
     pipe.send(("asks",))
-    head = None if address == "local" else head_of(address)
+    head = None if address == "local" else _head_of(address)
     if head is not None and not answers(head):
         raise Refused(f"nothing answers at {head}")
     try:
@@ -86,7 +86,7 @@ def joined(address: str, pipe: Connection) -> Any:
     return ray
 
 
-def head_of(address: str) -> str | None:
+def _head_of(address: str) -> str | None:
     """host:port that an address stands for; None where only Ray knows.
 
     Raises Refused.

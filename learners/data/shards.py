@@ -133,7 +133,7 @@ class Screen:
         return called
 
 
-def decide_block(
+def _decide_block(
     plan: LabelPlan,
     source: Distribution,
     shard: int,
@@ -377,7 +377,7 @@ class ShardDraft:
         )
         kinds = frozenset(kind for kind in KINDS if self._wants(kind))
         place = (self._plan, source, self.shard, start, first, count)
-        return partial(decide_block, *place, kinds, self._programs, proposers, self._screen)
+        return partial(_decide_block, *place, kinds, self._programs, proposers, self._screen)
 
     def take(self, block: LabelBlock) -> Shard | None:
         """Keep what is wanted of a block, once all before it are there; the shard, where it has

@@ -149,7 +149,7 @@ def run(
         name: request[name]
         for name in ("course", "solver", "cap_s", "repeats", "samples", "seed", "gap")
     }
-    envelopes = wall_envelope(settings, folder)
+    envelopes = _wall_envelope(settings, folder)
     for index, cell in enumerate(every):
         if on_progress is not None:
             on_progress(f"{FORMS[cell.form]}, M = {cell.frames}", index, len(every))
@@ -163,7 +163,7 @@ def run(
         on_progress("done", len(every), len(every))
 
 
-def wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
+def _wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
     """The envelope of the table, from the folder where it was learned with the same settings
     before.
     """

@@ -90,7 +90,7 @@ class SolvingOracle:
     """Solves P1 for every problem and box: the plain loop."""
 
     def __init__(self, problems: Sequence[Scaled], programs: Programs) -> None:
-        self._problems, self._programs = of_one_size(problems), programs
+        self._problems, self._programs = _of_one_size(problems), programs
         self.counts = VerdictCounts()
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
@@ -130,7 +130,7 @@ class CachingOracle:
         witnesses: int = 4,
         certificates: int = 8,
     ) -> None:
-        self._problems, self._programs = of_one_size(problems), programs
+        self._problems, self._programs = _of_one_size(problems), programs
         size, n = len(problems), problems[0].size[0]
         whole = [ranges(problem) for problem in problems]
         self._range = np.stack([low for low, _ in whole]), np.stack([high for _, high in whole])
@@ -357,7 +357,7 @@ def _put_back(known: Any, which: Index, learned: Any) -> None:
         each[which] = new
 
 
-def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:
+def _of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:
     """The problems.
 
     Raises InvalidInput unless there are any, all with as many contacts and vertices a patch, and

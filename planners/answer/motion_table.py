@@ -83,7 +83,7 @@ class MotionTable:
                 )
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        check_times(self.time_s)
+        _check_times(self.time_s)
 
     @property
     def rate_hz(self) -> float:
@@ -98,7 +98,7 @@ class MotionTable:
         """
         if self.quaternion is None:
             raise InvalidInput("quaternion: expected how the body is turned, got nothing")
-        return rotations_from(self.quaternion)
+        return _rotations_from(self.quaternion)
 
     @cached_property
     def digest(self) -> str:
@@ -135,7 +135,7 @@ def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
     }
 
 
-def check_times(times_s: Array) -> None:
+def _check_times(times_s: Array) -> None:
     """Raise InvalidInput for times that are no uniform grid: fewer than two, backwards, with
     gaps.
     """
@@ -159,7 +159,7 @@ def check_times(times_s: Array) -> None:
         )
 
 
-def rotations_from(quaternions: Array) -> Array:
+def _rotations_from(quaternions: Array) -> Array:
     """Rotation matrices of quaternions w, x, y, z, shape (T, 3, 3).
 
     Raises InvalidInput for other lengths than 1.

@@ -527,7 +527,7 @@ class Report(Generic[S]):
             }
         if isinstance(self.answer, Crossing):
             return {**head, "groups": [_crossing_group(group) for group in self.groups]}
-        body = {group.name: body_json(group) for group in self._of_body}
+        body = {group.name: _body_json(group) for group in self._of_body}
         proved = (
             {"proved": int(self.figures["proved"]), "checked": list(self.checked)}
             if body and "proved" in self.figures
@@ -549,7 +549,7 @@ class Report(Generic[S]):
             """The names of before, for one release."""
             if name in WHOLE_BODY:
                 _warn(f"Report.{name} is old: Report.group({name!r})")
-                return body_json(self.group(name))
+                return _body_json(self.group(name))
             if name in OLD_FIGURES and name in self.figures:
                 _warn(f"Report.{name} is old: Report.figures[{name!r}]")
                 return self.figures[name]
@@ -563,7 +563,7 @@ class Report(Generic[S]):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
 
-def body_json(group: Group) -> dict[str, Any]:
+def _body_json(group: Group) -> dict[str, Any]:
     """A group of a plan's whole body as files and ``--json`` have it."""
     verdict = OLD_VERDICTS.get(group.verdict, group.verdict)
     extra = {"message": group.message} if group.message or group.verdict in OLD_VERDICTS else {}

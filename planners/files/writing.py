@@ -35,11 +35,11 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     Raises InvalidInput where nothing can be written.
     """
     check_writable(path)
-    if is_special(path):
+    if _is_special(path):
         try:
             Path(path).write_bytes(content)
         except OSError as error:
-            raise unwritable(path, error) from None
+            raise _unwritable(path, error) from None
         return
     with replaced(path) as temporary:
         temporary.write_bytes(content)
@@ -62,7 +62,7 @@ def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
         InvalidInput: where nothing can be written, also for an OSError from the block.
     """
     target = Path(path).resolve() if folder else check_writable(path)
-    if is_special(target):
+    if _is_special(target):
         raise InvalidInput(f"{path}: expected a file, found a device or a pipe")
     remove_leftovers(target.parent, target.name.__eq__)
     try:
@@ -77,7 +77,7 @@ def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
                 _remove(temporary)
             os.close(lock)
     except OSError as error:
-        raise unwritable(path, error) from None
+        raise _unwritable(path, error) from None
 
 
 def remove_leftovers(folder: Path, of: Callable[[str], bool]) -> None:
@@ -104,7 +104,7 @@ def alone_in(folder: Path) -> Iterator[None]:
     try:
         lock = os.open(folder, os.O_RDONLY)
     except OSError as error:
-        raise unwritable(folder, error) from None
+        raise _unwritable(folder, error) from None
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -139,22 +139,22 @@ def check_writable(path: str | Path) -> Path:
             raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
         if not path.parent.is_dir():
             raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
-        if not os.access(path if is_special(path) else target.parent, os.W_OK):
+        if not os.access(path if _is_special(path) else target.parent, os.W_OK):
             raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
         if len(os.fsencode(target.name)) > LONGEST_NAME:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
     except (OSError, RuntimeError) as error:  # RuntimeError: links that lead back to themselves
-        raise unwritable(path, error) from None
+        raise _unwritable(path, error) from None
     return target
 
 
-def is_special(path: str | Path) -> bool:
+def _is_special(path: str | Path) -> bool:
     """Is something there that is neither file nor folder: a device, a pipe?"""
     path = Path(path)
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
-def unwritable(path: str | Path, error: Exception) -> InvalidInput:
+def _unwritable(path: str | Path, error: Exception) -> InvalidInput:
     """The one line on an error of the system, or of a library that wraps one."""
     number = getattr(error, "errno", None)
     reason = (

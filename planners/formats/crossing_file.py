@@ -63,7 +63,7 @@ def read_crossing(path: str | Path) -> Crossing:
     Raises InvalidInput in one line for anything else, and for a file that was changed since.
     """
     data = read_json(path)
-    if not is_crossing(data):
+    if not _is_crossing(data):
         raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(data)}")
     if set(data) != set(KEYS):
         names = ", ".join(sorted(set(data) ^ set(KEYS)))
@@ -85,7 +85,7 @@ def read_crossing(path: str | Path) -> Crossing:
         raise InvalidInput(f"{path}: {error}") from None
 
 
-def is_crossing(data: Any) -> bool:
+def _is_crossing(data: Any) -> bool:
     """Tell whether parsed contents say that they are a crossing."""
     return isinstance(data, Mapping) and data.get("format") == FORMAT
 
@@ -95,7 +95,7 @@ def is_crossing_file(path: str | Path) -> bool:
     if Path(path).suffix != ".json" or not Path(path).is_file():
         return False
     try:
-        return is_crossing(read_json(path))
+        return _is_crossing(read_json(path))
     except InvalidInput:
         return False
 

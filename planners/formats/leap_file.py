@@ -79,7 +79,7 @@ def leap_from(data: Mapping[str, Any], path: str | Path) -> LeapFile:
         {k: v for k, v in data.items() if k not in ("plan", "certificate")}, str(path)
     )
     try:
-        plan = None if raw_plan is None else plan_from_json(leap, raw_plan)
+        plan = None if raw_plan is None else _plan_from_json(leap, raw_plan)
         proof = None if raw_proof is None else Certificate.from_json(raw_proof).of(leap)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
@@ -143,7 +143,7 @@ def plan_to_json(plan: LeapPlan) -> dict[str, Any]:
     }
 
 
-def plan_from_json(leap: Leap, data: Any) -> LeapPlan:
+def _plan_from_json(leap: Leap, data: Any) -> LeapPlan:
     """Read what ``plan_to_json`` wrote.
 
     Raises InvalidInput.

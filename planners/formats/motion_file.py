@@ -39,7 +39,7 @@ OF_POINTS = {"positions": "angles_rad", "velocities": "rates_rad_s", "effort": "
 TIME, NANO = "t", 1_000_000_000
 
 
-def columns_of(table: MotionTable) -> dict[str, Array]:
+def _columns_of(table: MotionTable) -> dict[str, Array]:
     """The numbers of a table by the names of their columns, in order, each of shape (T,)."""
     known = table.known()
     places = _places(table.joints, table.limbs, known)
@@ -56,7 +56,7 @@ def csv_of(table: MotionTable) -> bytes:
 
     Numbers are written so that the same ones are read back, to the last bit.
     """
-    columns, text = columns_of(table), io.StringIO(newline="")
+    columns, text = _columns_of(table), io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     whole = {name for name in columns if name.startswith("contact.")}
@@ -126,13 +126,13 @@ def is_motion_file(path: str | Path) -> bool:
             return False
     if suffix in (".json", ".yaml", ".yml"):
         try:
-            return is_joint_trajectory(read_json(path) if suffix == ".json" else read_yaml(path))
+            return _is_joint_trajectory(read_json(path) if suffix == ".json" else read_yaml(path))
         except InvalidInput:
             return False
     return False
 
 
-def is_joint_trajectory(data: object) -> bool:
+def _is_joint_trajectory(data: object) -> bool:
     """Tell whether the data is a JointTrajectory, by its keys."""
     return isinstance(data, Mapping) and {"joint_names", "points"} <= set(data)
 
@@ -293,7 +293,7 @@ def _from_npz(path: Path) -> MotionTable:
 
 
 def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
-    if not is_joint_trajectory(data):
+    if not _is_joint_trajectory(data):
         raise InvalidInput(
             f"{where}: expected a JointTrajectory with joint_names and points, got {shown(data)}"
         )

@@ -229,7 +229,7 @@ class LeapBender:
             wrong = _violated(measured.groups(self._limits, bodies=False))
             if "legs_turn" not in wrong or wrong - {"legs_turn", "joint_speed", "torque"}:
                 break
-            measured = self._measured(as_turned(measured))
+            measured = self._measured(_as_turned(measured))
         return measured
 
     def _finer(self, measured: LeapBodyMeasurements) -> LeapBodyMeasurements:
@@ -423,7 +423,7 @@ def _violated(groups: Iterable[Group]) -> set[str]:
     return {group.name for group in groups if group.verdict == "violated"}
 
 
-def as_turned(measured: LeapBodyMeasurements) -> LeapPlan:
+def _as_turned(measured: LeapBodyMeasurements) -> LeapPlan:
     """The plan of a leap that was measured, which says that legs turn the body as they were
     measured to: c, v and L are what they were.
     """

@@ -90,7 +90,7 @@ class LeapProgram:
             **{name: solution.value(name) for name in names},
             forces=given.scaled.in_world(solution.value("forces")),
         )
-        return Step(solution, point, slack_cost(solution))
+        return Step(solution, point, _slack_cost(solution))
 
 
 class LeapLift:
@@ -124,7 +124,7 @@ class LeapLift:
         return self.rows.solve(given)
 
 
-def slack_cost(solution: ConicSolution) -> float:
+def _slack_cost(solution: ConicSolution) -> float:
     """Cost of an answer's slack."""
     from .terms import PRICES
 

@@ -64,7 +64,7 @@ class Samples:
     @property
     def angular_velocity_rad_s(self) -> Array:
         """Angular velocity of the body, in the world frame, shape (T, 3)."""
-        return angular_velocity(self.rotation_rad, self.rotation_rate_rad_s)
+        return _angular_velocity(self.rotation_rad, self.rotation_rate_rad_s)
 
     @property
     def toes_m(self) -> Array:
@@ -212,7 +212,7 @@ def smooth_rate(s: T) -> T:
     return 30.0 * s * s * (1.0 - s) * (1.0 - s)
 
 
-def angular_velocity(rotation_rad: Array, rate_rad_s: Array) -> Array:
+def _angular_velocity(rotation_rad: Array, rate_rad_s: Array) -> Array:
     """J(Θ) Θ̇ of a body whose rotation vector Θ changes at a rate, shape (…, 3) [rad/s].
 
     J(Θ) = I + (1 − cos a) / a² [Θ]× + (a − sin a) / a³ [Θ]×², a = |Θ|.
@@ -227,7 +227,7 @@ def angular_velocity(rotation_rad: Array, rate_rad_s: Array) -> Array:
 
 
 def rotation_rate(rotation_rad: Array, angular_velocity_rad_s: Array) -> Array:
-    """The inverse of ``angular_velocity``: J(Θ)⁻¹ ω, shape (…, 3) [rad/s].
+    """The inverse of ``_angular_velocity``: J(Θ)⁻¹ ω, shape (…, 3) [rad/s].
 
     J(Θ)⁻¹ = I − ½ [Θ]× + (1 − a / 2 · cot(a / 2)) / a² [Θ]×².
     """

@@ -41,7 +41,7 @@ def table_of(
         rates_rad_s=at.rates_rad_s,
         torques_nm=at.torques_nm,
         origin_m=at.origin_m,
-        quaternion=quaternions_of(rotations_of(at.rotation_rad)),
+        quaternion=_quaternions_of(rotations_of(at.rotation_rad)),
         com_m=at.com_m,
         velocity_m_s=at.velocity_m_s,
         turning_rad_s=at.angular_velocity_rad_s,
@@ -53,7 +53,7 @@ def table_of(
     )
 
 
-def quaternions_of(rotations: Array) -> Array:
+def _quaternions_of(rotations: Array) -> Array:
     """Quaternions w, x, y, z of rotation matrices, shape (T, 4), each on the side of the one
     before.
     """

@@ -86,7 +86,7 @@ def no_motors(model: RobotModel) -> str:
     return f"expected limits of its joints' torque and speed, which leaps need: {'; '.join(lacks)}"
 
 
-def limits_of(leg: Leg, com_m: Array) -> LegLimits:
+def _limits_of(leg: Leg, com_m: Array) -> LegLimits:
     """The limits that a leg's joints give: their velocities along the standing leg, all their
     power, its shortest fold.
 
@@ -122,7 +122,7 @@ def _lengths(leg: Leg) -> tuple[float, float]:
 
 def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
     model = robot.source.own_model()
-    limits = [limits_of(leg, model.body.com_m) for leg in model.legs]
+    limits = [_limits_of(leg, model.body.com_m) for leg in model.legs]
     limbs = tuple(
         replace(limb, leg=each, reach_m=_lengths(leg)[1] + leg.radius_m)
         for limb, each, leg in zip(robot.limbs, limits, model.legs, strict=True)

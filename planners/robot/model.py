@@ -181,7 +181,7 @@ class Robot:
             )
         if self.inertia_kgm2 is not None:
             object.__setattr__(
-                self, "inertia_kgm2", checked_inertia(self.inertia_kgm2, f"{where}inertia_kgm2")
+                self, "inertia_kgm2", _checked_inertia(self.inertia_kgm2, f"{where}inertia_kgm2")
             )
         object.__setattr__(self, "absent", checked_members(self.absent, str, f"{where}absent"))
         if not isinstance(self.identity, str):
@@ -335,7 +335,7 @@ class Robot:
         return tuple(by_name[name] for name in names)
 
 
-def checked_inertia(value: Any, where: str) -> Array:
+def _checked_inertia(value: Any, where: str) -> Array:
     """A symmetric positive definite matrix whose principal moments a body can have, shape (3, 3)
     [kg m²].
     """

@@ -70,7 +70,7 @@ def outer_set(leg: Leg, *, steps: int = STEPS, directions: int = DIRECTIONS) -> 
         directions: the more, the nearer to the hull.
     """
     points, slack = hull_points(leg, steps)
-    normals = sphere_directions(directions)
+    normals = _sphere_directions(directions)
     offsets = (points @ normals.T).max(axis=0) + slack
     centre, radius = enclosing_ball(points)
     return OuterSet(
@@ -126,7 +126,7 @@ def _thinned(points: Array, most: float) -> tuple[Array, float]:
     return extreme, moved
 
 
-def sphere_directions(count: int) -> Array:
+def _sphere_directions(count: int) -> Array:
     """Unit vectors spread evenly (a spiral of golden angles), and the six along the axes, shape
     (count + 6, 3).
     """

@@ -320,11 +320,11 @@ def terrain_family(name: str) -> Family:
     ``DeprecationWarning``.
     """
     if name in OLD:
-        warnings.warn(superseded(name), DeprecationWarning, stacklevel=2)
+        warnings.warn(_superseded(name), DeprecationWarning, stacklevel=2)
     return _family(name)
 
 
-def superseded(name: str) -> str:
+def _superseded(name: str) -> str:
     """A line for whoever names an old ground, that says the new name; empty for any other name."""
     family = split_name(name)[0]
     if family not in OLD:

@@ -196,7 +196,7 @@ def joint_report(
             for of, forces in zip(course.stances, plan.forces_n, strict=True)
         ]
     )
-    most = np.minimum(solver.torque_nm, torque_cap(plan))
+    most = np.minimum(solver.torque_nm, _torque_cap(plan))
     shares, over = torque / most, torque - most
     row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
     place = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
@@ -226,7 +226,7 @@ def joint_report(
     )
 
 
-def torque_cap(plan: Plan) -> float:
+def _torque_cap(plan: Plan) -> float:
     """Largest torque that the plan allows any joint, whatever it has [Nm]; inf where it says
     nothing.
     """

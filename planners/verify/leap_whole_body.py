@@ -205,7 +205,7 @@ def _as_far_as_known(group: Group, unlimited: list[str]) -> Group:
     return replace(group, message="; ".join(unlimited), verdict="not checked")
 
 
-def body_groups(plan: LeapPlan, limits: LeapBodyLimits = LeapBodyLimits()) -> tuple[Group, ...]:
+def _body_groups(plan: LeapPlan, limits: LeapBodyLimits = LeapBodyLimits()) -> tuple[Group, ...]:
     """The groups of a leap's whole body; none is checked where the robot's legs are not known, or
     without pinocchio.
     """
@@ -229,4 +229,4 @@ def with_body(
     if report.defect:
         return report
     others = tuple(group for group in report.groups if group.name not in LEAP_BODY)
-    return replace(report, groups=(*others, *body_groups(report.answer, limits)))
+    return replace(report, groups=(*others, *_body_groups(report.answer, limits)))

@@ -89,7 +89,9 @@ class SelectorPolicy:
         """The planner of the coming key frames."""
         within = None
         with suppress(InvalidInput):  # legs or patches that nothing was learned of
-            within = within_chosen(self._selector, self.learned, observation.window, self._programs)
+            within = _within_chosen(
+                self._selector, self.learned, observation.window, self._programs
+            )
         self.planners.append(EnvelopeOrLift(within, self._lift))
         return self.planners[-1]
 
@@ -142,10 +144,10 @@ class SelectorPlanner:
 
     def solve(self, course: Problem) -> Answer[Plan]:
         """Answer one course."""
-        return within_chosen(self._selector, self._learned, course, self._programs).solve(course)
+        return _within_chosen(self._selector, self._learned, course, self._programs).solve(course)
 
 
-def within_chosen(
+def _within_chosen(
     selector: Predictor, learned: EnvelopeSet, course: Problem, programs: Programs
 ) -> TwoStagePlanner:
     """A planner within the boxes that a selector chooses for a course, widened by ``ROOM``.

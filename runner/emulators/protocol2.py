@@ -36,19 +36,19 @@ def crc_of(data: bytes) -> int:
     return crc
 
 
-def stuffed(payload: bytes) -> bytes:
+def _stuffed(payload: bytes) -> bytes:
     """A header inside a packet gets another 0xFD behind it."""
     return payload.replace(HEADER, HEADER + b"\xfd")
 
 
-def unstuffed(payload: bytes) -> bytes:
-    """The payload without what ``stuffed`` put in."""
+def _unstuffed(payload: bytes) -> bytes:
+    """The payload without what ``_stuffed`` put in."""
     return payload.replace(HEADER + b"\xfd", HEADER)
 
 
 def packet(servo: int, instruction: int, parameters: bytes = b"") -> bytes:
     """A whole packet."""
-    payload = stuffed(bytes([instruction]) + parameters)
+    payload = _stuffed(bytes([instruction]) + parameters)
     body = HEADER + bytes([0, servo]) + (len(payload) + 2).to_bytes(2, "little") + payload
     return body + crc_of(body).to_bytes(2, "little")
 
@@ -114,10 +114,10 @@ class Reader:
             whole, payload = self._bytes[:size], self._bytes[7 : size - 2]
             if HEADER in payload.replace(
                 HEADER + b"\xfd", b""
-            ):  # a header that is not stuffed begins a new packet
+            ):  # a header that is not _stuffed begins a new packet
                 self._bytes = self._bytes[3:]
                 continue
             self._bytes = self._bytes[size:]
-            plain = unstuffed(payload)
+            plain = _unstuffed(payload)
             sound = crc_of(whole[:-2]) == int.from_bytes(whole[-2:], "little")
             yield Request(whole[4], plain[0], plain[1:], sound, size)

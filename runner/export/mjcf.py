@@ -41,7 +41,7 @@ def mjcf_of(moved: Moved) -> str:
     assert table.rates_rad_s is not None
     assert table.torques_nm is not None
     targets = table.angles_rad + (table.torques_nm + damping * table.rates_rad_s) / stiffness
-    names = key_names(table.time_s, moved.keys_s)
+    names = _key_names(table.time_s, moved.keys_s)
     keys = zip(
         names, table.time_s.tolist(), qpos.tolist(), qvel.tolist(), targets.tolist(), strict=True
     )
@@ -58,7 +58,7 @@ def _text(numbers: list[float]) -> str:
     return " ".join(map(repr, numbers))
 
 
-def key_names(times_s: Array, keys_s: tuple[float, ...]) -> list[str]:
+def _key_names(times_s: Array, keys_s: tuple[float, ...]) -> list[str]:
     """Name of each row: by its number, and those at which a plan's key frame is reached by that,
     too.
     """

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .moved import Moved
 
 
-def reference_of(moved: Moved) -> dict[str, Any]:
+def _reference_of(moved: Moved) -> dict[str, Any]:
     """The arrays by name.
 
     Raises InvalidInput without MuJoCo.
@@ -81,5 +81,5 @@ def reference_of(moved: Moved) -> dict[str, Any]:
 def reference_bytes(moved: Moved) -> bytes:
     """The file's content."""
     held = io.BytesIO()
-    np.savez(held, **reference_of(moved))
+    np.savez(held, **_reference_of(moved))
     return held.getvalue()

@@ -262,7 +262,7 @@ class MujocoWorld(SimulatedWorld):
                 type=kinds.mjGEOM_HFIELD,
                 hfieldname="ground",
                 pos=middle,
-                **rubbing(terrain.friction),
+                **_rubbing(terrain.friction),
                 **contact,
             )
             return
@@ -271,7 +271,7 @@ class MujocoWorld(SimulatedWorld):
             spec.worldbody.add_geom(
                 type=kinds.mjGEOM_MESH,
                 meshname=f"patch_{index}",
-                **rubbing(patch.friction),
+                **_rubbing(patch.friction),
                 **contact,
             )
 
@@ -331,6 +331,6 @@ class MujocoWorld(SimulatedWorld):
         )
 
 
-def rubbing(friction: float) -> dict[str, Any]:
+def _rubbing(friction: float) -> dict[str, Any]:
     """Friction of a geometry; ice has none."""
     return {"condim": 3 if friction > ICE else 1, "friction": [max(friction, ICE), 0.0, 0.0]}

@@ -83,9 +83,9 @@ class WarpedExact(Warped):
     """
 
     def force(self, bar: cs.SX, foot: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
-        """R_WC f̄_i with the axes of ``tangent_frame``."""
+        """R_WC f̄_i with the axes of ``_tangent_frame``."""
         assert expansion is not None
-        return tangent_frame(expansion.here[1]) @ bar
+        return _tangent_frame(expansion.here[1]) @ bar
 
     def force_bar(self, f_W: Array, foot: Array) -> Array:
         """R_WCᵀ f."""
@@ -97,7 +97,7 @@ class WarpedExact(Warped):
         return np.asarray(np.einsum("kji,kj->ki", frame, f_W))
 
 
-def tangent_frame(jacobian: cs.SX) -> cs.SX:
+def _tangent_frame(jacobian: cs.SX) -> cs.SX:
     """R_WC: columns t₁ along J e_x, t₂ = n × t₁ and n along J e_x × J e_y, shape (3, 3)."""
     first, normal = jacobian[:, 0], cs.cross(jacobian[:, 0], jacobian[:, 1])
     first, normal = first / cs.norm_2(first), normal / cs.norm_2(normal)

@@ -60,7 +60,7 @@ def inertia_block(structure: Structure, nodes: Rows, scatter: Rows) -> Block:
     )
     if form == "newton-euler":
         return Block(
-            newton_euler(chart, robot), (moving_torso(structure, nodes),), scatter, order=3
+            newton_euler(chart, robot), (_moving_torso(structure, nodes),), scatter, order=3
         )
     offsets = (-1, 0, 1) if form == "centred" else (-2, -1, 0)
     selections = tuple(structure.torso_at(nodes + offset) for offset in offsets)
@@ -132,7 +132,7 @@ def newton_euler(chart: Chart, robot: Robot) -> Kernel:
     return kernel
 
 
-def moving_torso(structure: Structure, nodes: Rows) -> Selection:
+def _moving_torso(structure: Structure, nodes: Rows) -> Selection:
     """(p̄, θ̄) with its first and second derivative at nodes."""
     parts = [structure.layout.torso_rows(structure.times_s[nodes], order) for order in range(3)]
     columns = 6 * np.arange(len(nodes))[:, None] + np.arange(6)

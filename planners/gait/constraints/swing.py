@@ -54,7 +54,7 @@ def curved_swing(structure: Structure) -> Constraint:
             variables.rows,
             variables.width,
             structure.chart.foot_map,
-            at_share(share, variables),
+            _at_share(share, variables),
             variables.constants,
         )
         blocks.append(Block(above, ((placed, rows),), at * count + rows[:, None]))
@@ -70,7 +70,7 @@ def above(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.
     return foot[2] - expansion.here[0]
 
 
-def at_share(share: float, variables: VariableGroup) -> Features:
+def _at_share(share: float, variables: VariableGroup) -> Features:
     """The foot at a share of its swing's time, from the swing's variables."""
     piece, rest = divmod(2.0 * share, 1.0)
     start, start_speed, stop, stop_speed = hermite(rest)

@@ -130,7 +130,7 @@ def _spread(corners: Array) -> Array:
     return np.array(points)
 
 
-def joined_walks(task: Walk, walks: Sequence[Trajectory]) -> Trajectory:
+def _joined_walks(task: Walk, walks: Sequence[Trajectory]) -> Trajectory:
     """Walks each of which begins where the one before ends, as one."""
     first, last, clock = walks[0], walks[-1], 0
     parts: dict[str, list[Any]] = {}
@@ -223,7 +223,7 @@ def plan_walk(
             return _ended(task, way, solves, f"{place}: {attempts_of_piece.message}{other}")
         if outcome == DONE:
             assert attempts_of_piece.best is not None
-            walked = joined_walks(
+            walked = _joined_walks(
                 task, [*([] if walked is None else [walked]), attempts_of_piece.best.trajectory]
             )
         samples = {} if walked is None else {name: getattr(walked, name) for name in SAMPLES}
