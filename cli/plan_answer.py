@@ -176,7 +176,7 @@ def _change(details: Mapping[str, float], name: str) -> tuple[float, float]:
 
 
 def _frames(answer: Answer[Any]) -> int | None:
-    """How many key frames there are; None of a leap, and of a crossing."""
+    """The number of key frames; None of a leap, and of a crossing."""
     return getattr(answer.problem, "frames", None)
 
 
