@@ -1,8 +1,9 @@
 """What a user waits for: whole commands of this checkout against another's, a release's or a
 commit's.
 
-    git worktree add ../before v0.1.0; (cd ../before && python setup.py links) python
-    benchmarks/commands.py --against ../before [--pairs 15] [--only plan gait] [--out out/commands]
+    git worktree add ../before v0.1.0; (cd ../before && python setup.py links)
+    python benchmarks/commands.py --against ../before [--pairs 15] [--only plan gait]
+        [--out out/commands]
 
 The two take turns, the first of each pair by lot; a cell is the CPU time [s] of a process and all
 that it starts, imports and model building included, and the ratio is after by before of a pair.
@@ -48,11 +49,14 @@ COMMANDS = {
     "plan walls 30": "plan walls --frames 30 --out again.json",
     "plan stairs 30": "plan stairs --frames 30 --out again.json",
     "plan icy-walls 30": "plan icy-walls --frames 30 --out again.json",
+    "plan walls 127": "plan walls --frames 127 --out again.json",
     "plan legs": "plan anymal-stairs --out again.json",
+    "plan legs inclined": "plan anymal-inclined-surfaces --out again.json",
     "plan icy-walls": "plan icy-walls --out again.json",
     "simulate": "simulate climb.json",
     "run": "run climb.json",
     "gait ripple": "gait ripple --goal 2,0 --out again.json",
+    "gait cone": "gait cone --goal 2,0 --out again.json",
     "gait pit": "gait pit --goal 2.6,0 --adhesive LF,RF --robot anymal-boxes --out again.json",
 }
 """The commands, by their names in the table; ``again`` is theirs to write."""
