@@ -36,6 +36,9 @@ IMPEDANCES = (1e-4, 0.9999)
 ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
 _AXES = np.arange(3)  # of a contact: along its normal, and two across
+Contacts = tuple[NDArray[np.int_], Array, Array]
+"""Shapes that touch in K pairs, shape (K, 2), axes of the contacts, each an array of nine, and
+forces along them on the second, shape (K, 3) [N]."""
 
 
 def mujoco_module() -> Any:
@@ -86,6 +89,7 @@ class MujocoWorld(SimulatedWorld):
         self._base = self._model.body(self.body.base).id
         self._feet = np.array([self._model.body(name).id for name in self.body.feet])
         self._bodies = np.array(self._model.geom_bodyid)
+        self._fades = bool(self.drives.fading.any())
         self._rubs = bool((self._model.geom_condim == 3).all())
         self._foot = np.full(self._model.nbody, -1)
         self._foot[self._feet] = np.arange(len(self._feet))
@@ -94,11 +98,11 @@ class MujocoWorld(SimulatedWorld):
 
     def _advanced(self, targets_rad: Array) -> State:
         self._data.ctrl[:] = targets_rad
-        contacts = list[tuple[NDArray[np.int_], Array]]()
-        fades, ranges = bool(self.drives.fading.any()), self._model.actuator_forcerange
+        contacts = list[Contacts]()
         self._data.xfrc_applied[self._base] = self._on_body()
         for _ in range(self._substeps):
-            if fades:
+            if self._fades:
+                ranges = self._model.actuator_forcerange
                 ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])
             self._step()
             contacts.append(self._contacts())
@@ -139,6 +143,8 @@ class MujocoWorld(SimulatedWorld):
         robot's, and pushes.
         """
         wrench = np.array(self._carried)
+        if not (self.imperfections.pushes or wrench.any()):
+            return wrench
         arm = self._data.subtree_com[self._base] - self._data.xipos[self._base]
         wrench[3:] += cross(arm, self._carried[:3])
         wrench[:3] += self.imperfections.pushed_n(float(self._data.time))
@@ -275,10 +281,8 @@ class MujocoWorld(SimulatedWorld):
                 **contact,
             )
 
-    def _contacts(self) -> tuple[NDArray[np.int_], Array]:
-        """Pairs of bodies that touch, shape (K, 2), and the forces on the second, world frame,
-        shape (K, 3) [N].
-        """
+    def _contacts(self) -> Contacts:
+        """Contacts after a step of physics."""
         contact, forces = self._data.contact, self._data.efc_force
         rows = contact.efc_address
         if self._rubs:
@@ -287,7 +291,7 @@ class MujocoWorld(SimulatedWorld):
             there = contact.dim[:, None] > _AXES
             local = np.zeros(there.shape)
             local[there] = forces[(rows[:, None] + _AXES)[there]]
-        return self._bodies[contact.geom], (local[:, None] @ contact.frame.reshape(-1, 3, 3))[:, 0]
+        return contact.geom.copy(), contact.frame.copy(), local
 
     def _under(self, pairs: NDArray[np.int_]) -> NDArray[np.int_]:
         """Foot that is on the terrain in each pair of bodies, −1 where none is."""
@@ -295,22 +299,25 @@ class MujocoWorld(SimulatedWorld):
         feet[pairs.all(axis=1)] = -1
         return np.asarray(feet)
 
-    def _felt_of(self, contacts: Sequence[tuple[NDArray[np.int_], Array]]) -> tuple[Array, float]:
+    def _felt_of(self, contacts: Sequence[Contacts]) -> tuple[Array, float]:
         """Forces of the terrain on feet, summed over substeps, shape (N, 3); and those on anything
         else, and of links on each other [N].
         """
-        forces, bump = np.zeros((len(self._feet), 3)), 0.0
-        pairs, pushes = (np.concatenate([each[k] for each in contacts]) for k in (0, 1))
-        feet, on_second = self._under(pairs), pairs[:, 0] == 0
-        feet_rows = feet >= 0
-        np.add.at(forces, feet[feet_rows], np.where(on_second[:, None], pushes, -pushes)[feet_rows])
+        geoms, frames, local = (np.concatenate([each[k] for each in contacts]) for k in range(3))
+        pairs, pushes = self._bodies[geoms], (local[:, None] @ frames.reshape(-1, 3, 3))[:, 0]
+        feet, bump = self._under(pairs), 0.0
+        feet_rows, on_feet = feet >= 0, np.where(pairs[:, :1] == 0, pushes, -pushes)
+        of_feet = feet[:, None] * 3 + _AXES
         if not feet_rows.all():
+            of_feet, on_feet = of_feet[feet_rows], on_feet[feet_rows]
             ends = np.cumsum([len(each) for each, _ in contacts])[:-1]
             for others, force in zip(
                 np.split(~feet_rows, ends), np.split(pushes, ends), strict=True
             ):
                 bump += sum((float(np.linalg.norm(one)) for one in force[others]), start=0.0)
-        return forces, bump
+        size = 3 * len(self._feet)
+        forces = np.bincount(of_feet.ravel(), on_feet.ravel(), minlength=size)
+        return forces.reshape(-1, 3), bump
 
     def _state(self, forces: Array, bump: float) -> State:
         data, (places, rates, turned, origins, torques) = self._data, self._views
