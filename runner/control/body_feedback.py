@@ -30,6 +30,7 @@ EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
 TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
+_EVEN = EVEN * np.eye(6)
 WEIGHTS = read_only(np.repeat([1.0, TURNING], 3), (6,), "weights")
 PLANNED = 0.95
 """Share of μ that forces may use where the plan uses as much."""
@@ -153,11 +154,25 @@ class BodyController:
             planned=planned / self._weight,
             friction=self._friction(sample)[rows],
         )
-        solution = self._program(len(frames)).solve(question)
-        force = self._weight * solution.value("forces") if solution.solved else planned
+        force = self._unbounded(question)
+        if force is None:
+            solution = self._program(len(frames)).solve(question)
+            force = solution.value("forces") if solution.solved else question.planned
+            force = self._inside(force, question.friction)
         result = np.array(planned_n)
-        result[rows] = np.einsum("nik,nk->ni", frames, self._inside(force, question.friction))
+        result[rows] = np.einsum("nik,nk->ni", frames, self._weight * force)
         return result
+
+    def _unbounded(self, question: _Asked) -> Array | None:
+        """The forces as if there were no bounds, p + Aᵀ (A Aᵀ + ε)⁻¹ (w − A p), in the feet's frames
+        and units of the weight, shape (n, 3): where all are within them, they are the program's.
+        """
+        arms, planned = question.arms, question.planned
+        lacks = np.linalg.solve(arms @ arms.T + _EVEN, question.wanted - arms @ planned.ravel())
+        force = planned + (lacks @ arms).reshape(planned.shape)
+        along, across = force[:, 0], lengths(force[:, 1:])
+        bounded = (along < self._feedback.least_share) | (across > question.friction * along)
+        return None if bounded.any() else force
 
     def _friction(self, sample: Samples) -> Array:
         """The part of μ that the forces of every foot may use, shape (N,)."""
@@ -193,9 +208,9 @@ class BodyController:
 
     def _inside(self, force: Array, friction: Array) -> Array:
         """Project forces into the cones, and onto the least force, which a solver leaves by its
-        tolerance; forces: in their frames.
+        tolerance; forces: in their frames, and units of the weight.
         """
-        along = np.maximum(force[:, 0], self._feedback.least_share * self._weight)
+        along = np.maximum(force[:, 0], self._feedback.least_share)
         share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
         forces_inside = np.empty_like(force)
         forces_inside[:, 0], forces_inside[:, 1:] = along, share[:, None] * force[:, 1:]
