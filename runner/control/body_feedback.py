@@ -141,16 +141,16 @@ class BodyController:
             arms_m: feet from the centre of mass, shape (N, 3), world frame.
             stands: who touches; others get what is planned.
         """
-        if not stands.any():
+        whole = stands.all()
+        if not (whole or stands.any()):
             return planned_n
-        rows = slice(None) if stands.all() else stands
+        rows = slice(None) if whole else stands
         frames = sample.frames[rows]
-        wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
         maps = np.concatenate([frames, TURNING * skew(arms_m[rows]) @ frames], axis=1)
         planned = np.einsum("nik,ni->nk", frames, planned_n[rows])
         question = _Asked(
             arms=maps.transpose(1, 0, 2).reshape(6, -1),
-            wanted=wanted,
+            wanted=WEIGHTS * (wrench + sample.wrench) / self._weight,
             planned=planned / self._weight,
             friction=self._friction(sample)[rows],
         )
@@ -159,8 +159,11 @@ class BodyController:
             solution = self._program(len(frames)).solve(question)
             force = solution.value("forces") if solution.solved else question.planned
             force = self._inside(force, question.friction)
+        given = np.einsum("nik,nk->ni", frames, self._weight * force)
+        if whole:
+            return given
         result = np.array(planned_n)
-        result[rows] = np.einsum("nik,nk->ni", frames, self._weight * force)
+        result[rows] = given
         return result
 
     def _unbounded(self, question: _Asked) -> Array | None:

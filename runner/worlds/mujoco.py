@@ -89,6 +89,7 @@ class MujocoWorld(SimulatedWorld):
         self._base = self._model.body(self.body.base).id
         self._feet = np.array([self._model.body(name).id for name in self.body.feet])
         self._bodies = np.array(self._model.geom_bodyid)
+        self._tips = self.body.tips_m[:, :, None]
         self._fades = bool(self.drives.fading.any())
         self._rubs = bool((self._model.geom_condim == 3).all())
         self._foot = np.full(self._model.nbody, -1)
@@ -331,7 +332,7 @@ class MujocoWorld(SimulatedWorld):
             angles_rad=places[self._angles],
             rates_rad_s=rates[self._rates],
             torques_nm=torques.copy(),
-            feet_m=origins[self._feet] + (turns @ self.body.tips_m[:, :, None])[..., 0],
+            feet_m=origins[self._feet] + (turns @ self._tips)[..., 0],
             forces_n=forces,
             bump_n=bump,
             sent_rad=self._sent.copy(),
