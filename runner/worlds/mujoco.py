@@ -26,6 +26,8 @@ STIFF = 100.0
 """Friction rows are this much harder than normal ones (impratio): feet under load creep less."""
 UNDER_M = 0.5
 """Depth of a field of heights below its lowest place."""
+NET_FORCE = 3
+"""Kind of contact sensor that adds forces up, in the world's axes."""
 TERRAIN, ROBOT = 1, 2
 """Bits of what meets what: links meet the terrain and each other."""
 CREEP = 2.5e-6
@@ -35,10 +37,6 @@ IMPEDANCES = (1e-4, 0.9999)
 """MuJoCo's bounds of d in R = (1 − d) / d · Â."""
 ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
-_AXES = np.arange(3)  # of a contact: along its normal, and two across
-Contacts = tuple[NDArray[np.int_], Array, Array]
-"""Shapes that touch in K pairs, shape (K, 2), axes of the contacts, each an array of nine, and
-forces along them on the second, shape (K, 3) [N]."""
 
 
 def mujoco_module() -> Any:
@@ -79,6 +77,7 @@ class MujocoWorld(SimulatedWorld):
         self._views = tuple(
             getattr(self._data, name) for name in ("qpos", "qvel", "xmat", "xpos", "actuator_force")
         )
+        self._sensed = self._data.sensordata.reshape(-1, 4)  # contacts, and their force, of a foot
         quaternion = np.empty(4)
         self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         self._data.qpos[:7] = [*position_m, *quaternion]
@@ -91,7 +90,6 @@ class MujocoWorld(SimulatedWorld):
         self._bodies = np.array(self._model.geom_bodyid)
         self._tips = self.body.tips_m[:, :, None]
         self._fades = bool(self.drives.fading.any())
-        self._rubs = bool((self._model.geom_condim == 3).all())
         self._foot = np.full(self._model.nbody, -1)
         self._foot[self._feet] = np.arange(len(self._feet))
         self._mujoco.mj_forward(self._model, self._data)
@@ -99,16 +97,17 @@ class MujocoWorld(SimulatedWorld):
 
     def _advanced(self, targets_rad: Array) -> State:
         self._data.ctrl[:] = targets_rad
-        contacts = list[Contacts]()
+        felt, bump, sensed = np.zeros((len(self._feet), 4)), 0.0, self._sensed
         self._data.xfrc_applied[self._base] = self._on_body()
         for _ in range(self._substeps):
             if self._fades:
                 ranges = self._model.actuator_forcerange
                 ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])
             self._step()
-            contacts.append(self._contacts())
-        forces, bump = self._felt_of(contacts)
-        return self._state(forces / self._substeps, bump / self._substeps)
+            felt += sensed
+            if self._data.ncon > sensed[:, 0].sum():
+                bump += self._bumped()
+        return self._state(felt[:, 1:] / self._substeps, bump / self._substeps)
 
     def close(self) -> None:
         """Drop the model."""
@@ -152,7 +151,18 @@ class MujocoWorld(SimulatedWorld):
         return wrench
 
     def _compiled(self, terrain: Terrain) -> Any:
-        spec = self.scene(terrain)
+        spec, kinds = self.scene(terrain), self._mujoco
+        wanted = kinds.mjtConDataField.mjCONDATA_FOUND, kinds.mjtConDataField.mjCONDATA_FORCE
+        for foot in self.body.feet:
+            spec.add_sensor(
+                name=f"felt by {foot}",
+                type=kinds.mjtSensor.mjSENS_CONTACT,
+                objtype=kinds.mjtObj.mjOBJ_BODY,
+                objname="world",
+                reftype=kinds.mjtObj.mjOBJ_BODY,
+                refname=foot,
+                intprm=[sum(1 << int(field) for field in wanted), NET_FORCE, 1],
+            )
         return spec.compile() if self.contact is None else self._softened(spec)
 
     def scene(self, terrain: Terrain) -> Any:
@@ -282,43 +292,20 @@ class MujocoWorld(SimulatedWorld):
                 **contact,
             )
 
-    def _contacts(self) -> Contacts:
-        """Contacts after a step of physics."""
-        contact, forces = self._data.contact, self._data.efc_force
-        rows = contact.efc_address
-        if self._rubs:
-            local = forces[rows[:, None] + _AXES]
-        else:  # one of ice presses along its normal alone
-            there = contact.dim[:, None] > _AXES
-            local = np.zeros(there.shape)
-            local[there] = forces[(rows[:, None] + _AXES)[there]]
-        return contact.geom.copy(), contact.frame.copy(), local
+    def _bumped(self) -> float:
+        """Sum of the forces of the terrain on anything but feet, and of links on each other [N]."""
+        contact, force = self._data.contact, np.zeros(6)
+        total, feet = 0.0, self._under(self._bodies[contact.geom])
+        for index in np.flatnonzero(feet < 0).tolist():
+            self._mujoco.mj_contactForce(self._model, self._data, index, force)
+            total += float(np.linalg.norm(force[:3]))
+        return total
 
     def _under(self, pairs: NDArray[np.int_]) -> NDArray[np.int_]:
         """Foot that is on the terrain in each pair of bodies, −1 where none is."""
         feet = self._foot[np.where(pairs[:, 0] == 0, pairs[:, 1], pairs[:, 0])]
         feet[pairs.all(axis=1)] = -1
         return np.asarray(feet)
-
-    def _felt_of(self, contacts: Sequence[Contacts]) -> tuple[Array, float]:
-        """Forces of the terrain on feet, summed over substeps, shape (N, 3); and those on anything
-        else, and of links on each other [N].
-        """
-        geoms, frames, local = (np.concatenate([each[k] for each in contacts]) for k in range(3))
-        pairs, pushes = self._bodies[geoms], (local[:, None] @ frames.reshape(-1, 3, 3))[:, 0]
-        feet, bump = self._under(pairs), 0.0
-        feet_rows, on_feet = feet >= 0, np.where(pairs[:, :1] == 0, pushes, -pushes)
-        of_feet = feet[:, None] * 3 + _AXES
-        if not feet_rows.all():
-            of_feet, on_feet = of_feet[feet_rows], on_feet[feet_rows]
-            ends = np.cumsum([len(each) for each, _ in contacts])[:-1]
-            for others, force in zip(
-                np.split(~feet_rows, ends), np.split(pushes, ends), strict=True
-            ):
-                bump += sum((float(np.linalg.norm(one)) for one in force[others]), start=0.0)
-        size = 3 * len(self._feet)
-        forces = np.bincount(of_feet.ravel(), on_feet.ravel(), minlength=size)
-        return forces.reshape(-1, 3), bump
 
     def _state(self, forces: Array, bump: float) -> State:
         data, (places, rates, turned, origins, torques) = self._data, self._views
