@@ -11,6 +11,9 @@ are
 so that a foot that has not landed is made up for, and one that is near its cone's border is spared.
 That part is never less than what the plan itself uses, as on a slope of nearly atan μ: forces that
 were cut there would not carry the body. The position loops of the joints stay beneath it.
+
+Where no cone holds them, as nearly always, they are the solution of six equations; a conic program
+is solved where one does.
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
 TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
+ROUNDS = 4
+"""The least force holds others in hardly more rounds than two: then the program is asked."""
 _EVEN = EVEN * np.eye(6)
 WEIGHTS = read_only(np.repeat([1.0, TURNING], 3), (6,), "weights")
 PLANNED = 0.95
@@ -154,7 +159,7 @@ class BodyController:
             planned=planned / self._weight,
             friction=self._friction(sample)[rows],
         )
-        force = self._unbounded(question)
+        force = self._of_no_cone(question)
         if force is None:
             solution = self._program(len(frames)).solve(question)
             force = solution.value("forces") if solution.solved else question.planned
@@ -166,16 +171,28 @@ class BodyController:
         result[rows] = given
         return result
 
-    def _unbounded(self, question: _Asked) -> Array | None:
-        """The forces as if there were no bounds, p + Aᵀ (A Aᵀ + ε)⁻¹ (w − A p), in the feet's frames
-        and units of the weight, shape (n, 3): where all are within them, they are the program's.
+    def _of_no_cone(self, question: _Asked) -> Array | None:
+        """The program's forces where no cone holds them, p + Aᵀ y, and where they would be less, the
+        least ones; in the feet's frames and units of the weight, shape (n, 3). None where a cone
+        does.
+
+        Arguments:
+            question: y solves (B Bᵀ + ε) y = w − A p, with B = A but zero, and p the least force, in
+                the columns that are held there. Those are found anew until they stay.
         """
-        arms, planned = question.arms, question.planned
-        lacks = np.linalg.solve(arms @ arms.T + _EVEN, question.wanted - arms @ planned.ravel())
-        force = planned + (lacks @ arms).reshape(planned.shape)
-        along, across = force[:, 0], lengths(force[:, 1:])
-        bounded = (along < self._feedback.least_share) | (across > question.friction * along)
-        return None if bounded.any() else force
+        arms, planned, least = question.arms, question.planned, self._feedback.least_share
+        free, given, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
+        for _ in range(ROUNDS):
+            lacks = np.linalg.solve(free @ free.T + _EVEN, question.wanted - arms @ given.ravel())
+            force = planned + (lacks @ arms).reshape(planned.shape)
+            light = force[:, 0] < least
+            if (light == held).all():
+                force[held, 0] = least
+                beyond = lengths(force[:, 1:]) > question.friction * force[:, 0]
+                return None if beyond.any() else force
+            free, given, held = arms.copy(), planned.copy(), light
+            free[:, ::3][:, held], given[held, 0] = 0.0, least
+        return None
 
     def _friction(self, sample: Samples) -> Array:
         """The part of μ that the forces of every foot may use, shape (N,)."""
