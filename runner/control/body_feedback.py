@@ -166,7 +166,7 @@ class BodyController:
             force = self._inside(force, question.friction)
         given = np.einsum("nik,nk->ni", frames, self._weight * force)
         if whole:
-            return given
+            return np.asarray(given)
         result = np.array(planned_n)
         result[rows] = given
         return result

@@ -204,7 +204,7 @@ class FootPlacement:
         """
         stands = then.stands
         if seen is None:
-            self.touched, goal = stands, 0.0
+            self.touched, goal = stands, np.zeros(3)
         else:
             (state, body), before = seen, self.touched | self._leaves
             landed = self._land(now, then, felt_n, state, rolled_m)

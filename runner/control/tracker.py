@@ -317,7 +317,7 @@ class Tracker:
 
     def _of(self, legs: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Flags of legs, repeated for their joints."""
-        return self._kinematics.of_joints(legs)
+        return np.asarray(legs[self._kinematics.legs])
 
     def _solved(self, sample: Samples, wish: Array) -> tuple[Array, Array, Array]:
         """Angles, errors of the feet and the body's origin.
