@@ -387,8 +387,8 @@ class Runner:
             return
         off = state.position_m - target.origin_m
         away = sqrt(float(off @ off))
-        between = target.sample.rotation.T @ state.rotation
-        turned = acos(min(max((float(between.trace()) - 1.0) / 2.0, -1.0), 1.0))
+        trace = float(np.vdot(target.sample.rotation, state.rotation))
+        turned = acos(min(max((trace - 1.0) / 2.0, -1.0), 1.0))
         limits, counted = (
             self.settings.tolerance,
             "" if self._prepared is None else self._prepared.motion.counted,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..cached import cached_property
-from ..files.arrays import Array, cross, lengths, read_only
+from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
@@ -98,6 +98,7 @@ class Kinematics:
         self._row, self._column = _slice_or(rows), _slice_or(self.columns)
         # pinocchio's own memory, which changes with each sweep: nothing is fetched anew
         self._spatial = self._data.J.T
+        self._feet_of, self._turning = _factors(self.legs, 3), 3 + _factors(self.columns, 6)[::-1]
         self._middles = [self._data.oMf[foot].translation for foot in self._feet]
         self._turns = [self._data.oMf[foot].rotation for foot in self._feet]
         self._even = bool(np.all(np.bincount(self.legs) == self._most))
@@ -262,21 +263,24 @@ class Kinematics:
         lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
         start = np.minimum(np.maximum(start, lower), upper)
         pull, angles, gap = 0.5, start, feet - self._placed(start)
-        before = lengths(gap)
+        first = gap
         for _ in range(STEPS):
             if (farthest := abs(gap).max()) < EXACT_M:
                 break
             jacobian, pulled = self._jacobian(), pull * (wished - angles)
             pull *= 0.7
             step = self._step(jacobian, gap, pulled, farthest)
-            held = ((angles <= lower) & (step < 0.0)) | ((angles >= upper) & (step > 0.0))
-            if held.any():
+            low, high = angles <= lower, angles >= upper
+            if (low | high).any() and (held := low & (step < 0.0) | high & (step > 0.0)).any():
                 free = self.by_leg(~held)[:, None] * jacobian
                 step = self._step(free, gap, np.where(held, 0.0, pulled), farthest)
             step = np.minimum(np.maximum(step, -LONGEST_STEP_RAD), LONGEST_STEP_RAD)
             angles = np.minimum(np.maximum(angles + step, lower), upper)
             gap = feet - self._placed(angles)
         error = lengths(gap)
+        if error.max() <= EXACT_M:  # as good as any start
+            return angles, error
+        before = lengths(first)
         better = error <= np.maximum(before, EXACT_M)
         return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
 
@@ -433,10 +437,9 @@ class Kinematics:
         """Derivatives of every joint's own foot in that joint, where ``_placed`` put them, shape
         (J, 3).
         """
-        columns = self._spatial[
-            self._column
-        ]  # velocity of what is at the origin, and angular velocity
-        return np.asarray(columns[:, :3] - cross(self._centres[self.legs], columns[:, 3:]))
+        # velocity of what is at the origin, less p × ω
+        parts = self._centres.take(self._feet_of) * self._spatial.take(self._turning)
+        return np.asarray(self._spatial[self._column, :3] - (parts[0] - parts[1]))
 
     def _jacobian(self) -> Array:
         """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N,
@@ -448,6 +451,14 @@ class Kinematics:
         else:
             jacobian[self.legs, :, self._nth] = levers
         return jacobian
+
+
+def _factors(rows: NDArray[np.int_], width: int) -> NDArray[np.int_]:
+    """Places of the first factors in the cross products of these rows of a table so wide, those
+    that are added and those that are taken off, shape (2, J, 3); of the second ones the other way
+    round.
+    """
+    return np.array([[1, 2, 0], [2, 0, 1]])[:, None] + width * rows[:, None]
 
 
 def _slice_or(numbers: NDArray[np.int_]) -> slice | NDArray[np.int_]:

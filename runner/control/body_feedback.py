@@ -11,6 +11,9 @@ are
 so that a foot that has not landed is made up for, and one that is near its cone's border is spared.
 That part is never less than what the plan itself uses, as on a slope of nearly atan μ: forces that
 were cut there would not carry the body. The position loops of the joints stay beneath it.
+
+Where no cone holds them, as nearly always, they are the solution of six equations; a conic program
+is solved where one does.
 """
 
 from __future__ import annotations
@@ -30,6 +33,9 @@ EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
 TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
+ROUNDS = 4
+"""The least force holds others in hardly more rounds than two: then the program is asked."""
+_EVEN = EVEN * np.eye(6)
 WEIGHTS = read_only(np.repeat([1.0, TURNING], 3), (6,), "weights")
 PLANNED = 0.95
 """Share of μ that forces may use where the plan uses as much."""
@@ -140,24 +146,53 @@ class BodyController:
             arms_m: feet from the centre of mass, shape (N, 3), world frame.
             stands: who touches; others get what is planned.
         """
-        if not stands.any():
+        whole = stands.all()
+        if not (whole or stands.any()):
             return planned_n
-        rows = slice(None) if stands.all() else stands
+        rows = slice(None) if whole else stands
         frames = sample.frames[rows]
-        wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
         maps = np.concatenate([frames, TURNING * skew(arms_m[rows]) @ frames], axis=1)
         planned = np.einsum("nik,ni->nk", frames, planned_n[rows])
         question = _Asked(
             arms=maps.transpose(1, 0, 2).reshape(6, -1),
-            wanted=wanted,
+            wanted=WEIGHTS * (wrench + sample.wrench) / self._weight,
             planned=planned / self._weight,
             friction=self._friction(sample)[rows],
         )
-        solution = self._program(len(frames)).solve(question)
-        force = self._weight * solution.value("forces") if solution.solved else planned
+        force = self._of_no_cone(question)
+        if force is None:
+            solution = self._program(len(frames)).solve(question)
+            force = solution.value("forces") if solution.solved else question.planned
+            force = self._inside(force, question.friction)
+        given = np.einsum("nik,nk->ni", frames, self._weight * force)
+        if whole:
+            return np.asarray(given)
         result = np.array(planned_n)
-        result[rows] = np.einsum("nik,nk->ni", frames, self._inside(force, question.friction))
+        result[rows] = given
         return result
+
+    def _of_no_cone(self, question: _Asked) -> Array | None:
+        """The program's forces where no cone holds them, p + Aᵀ y, and where they would be less, the
+        least ones; in the feet's frames and units of the weight, shape (n, 3). None where a cone
+        does.
+
+        Arguments:
+            question: y solves (B Bᵀ + ε) y = w − A p, with B = A but zero, and p the least force, in
+                the columns that are held there. Those are found anew until they stay.
+        """
+        arms, planned, least = question.arms, question.planned, self._feedback.least_share
+        free, given, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
+        for _ in range(ROUNDS):
+            lacks = np.linalg.solve(free @ free.T + _EVEN, question.wanted - arms @ given.ravel())
+            force = planned + (lacks @ arms).reshape(planned.shape)
+            light = force[:, 0] < least
+            if (light == held).all():
+                force[held, 0] = least
+                beyond = lengths(force[:, 1:]) > question.friction * force[:, 0]
+                return None if beyond.any() else force
+            free, given, held = arms.copy(), planned.copy(), light
+            free[:, ::3][:, held], given[held, 0] = 0.0, least
+        return None
 
     def _friction(self, sample: Samples) -> Array:
         """The part of μ that the forces of every foot may use, shape (N,)."""
@@ -193,9 +228,9 @@ class BodyController:
 
     def _inside(self, force: Array, friction: Array) -> Array:
         """Project forces into the cones, and onto the least force, which a solver leaves by its
-        tolerance; forces: in their frames.
+        tolerance; forces: in their frames, and units of the weight.
         """
-        along = np.maximum(force[:, 0], self._feedback.least_share * self._weight)
+        along = np.maximum(force[:, 0], self._feedback.least_share)
         share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
         forces_inside = np.empty_like(force)
         forces_inside[:, 0], forces_inside[:, 1:] = along, share[:, None] * force[:, 1:]

@@ -12,6 +12,7 @@ for it only make that foot slide.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,7 @@ class FootPlacement:
     ) -> None:
         self._kinematics, self._feedback, self._weight = kinematics, feedback, weight_n
         self._step_s, self._period_s = step_s, period_s
+        self._left = np.exp(-SMOOTH_HZ * period_s)
         self._most_step = STEP * kinematics.model.stand_height_m
         self._landed, self._planned = first.feet_m, first.feet_m
         self._stepped, self.moved_m, self._drift = (np.zeros_like(first.feet_m) for _ in range(3))
@@ -142,8 +144,9 @@ class FootPlacement:
             felt_n: along the normals, shape (N,).
             late: legs whose joints are not where they should be: they come first.
         """
-        self._listen(np.minimum(felt_n[~then.stands], 0.0))
         stands, lands, wanted = then.stands, ~now.stands, then.along_n
+        if not stands.all():
+            self._listen(np.minimum(felt_n[~stands], 0.0))
         late = late & stands & lands & self._feedback.waits
         touches = self._touches(felt_n)
         self._met = stands & (touches | (self._met & ~lands))
@@ -151,10 +154,8 @@ class FootPlacement:
         missing = stands & ~late & (lands | unmet | (wanted > 4.0 * self._touch_n))
         missing &= ~touches & (self._depth < self._on(self._deepest, then))
         self.seeks = missing & unmet
-        self._depth = np.where(
-            missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth
-        )
-        self._depth = np.where(stands, self._depth, FADES * self._depth)
+        deeper = self._depth + self._feedback.seek_m_s * self._period_s
+        self._depth = np.where(stands, np.where(missing, deeper, self._depth), FADES * self._depth)
         return np.asarray((missing & (lands | unmet)) | late)
 
     def _touches(self, felt_n: Array) -> NDArray[np.bool_]:
@@ -170,12 +171,12 @@ class FootPlacement:
         Arguments:
             of_footholds: shape (P + 1,).
         """
-        return np.asarray(of_footholds[np.clip(sample.foothold, -1, len(of_footholds) - 1)])
+        return np.asarray(of_footholds[np.minimum(sample.foothold, len(of_footholds) - 1)])
 
     @property
     def _touch_n(self) -> float:
         """A foot that presses so hard touches."""
-        return max(self._feedback.touch_n, QUIET * float(np.sqrt(self._variance)))
+        return max(self._feedback.touch_n, QUIET * sqrt(self._variance))
 
     def _listen(self, below_n: Array) -> None:
         """Estimate the noise of the feet by what those in the air feel below zero, shape (K,)."""
@@ -201,33 +202,36 @@ class FootPlacement:
             rolled_m: how far feet have rolled, shape (N, 3).
             seen: the robot, and where its body should be; None where that is not measured.
         """
-        stands, goal = then.stands, np.zeros_like(self.moved_m)
+        stands = then.stands
         if seen is None:
-            self.touched = stands
+            self.touched, goal = stands, np.zeros(3)
         else:
             (state, body), before = seen, self.touched | self._leaves
             landed = self._land(now, then, felt_n, state, rolled_m)
             self._settle(then, state, rolled_m)
             self._lean(then, landed)
-            step = self._step(state, body, then)
-            below = np.einsum("ij,ij->i", self._landed - then.feet_m, then.normals) > 0.0
-            self._leaves = before & below & ~stands & ~self.touched
+            self._leaves = before & ~(stands | self.touched)
+            if self._leaves.any():
+                over = np.einsum("ij,ij->i", self._landed - then.feet_m, then.normals)
+                self._leaves &= over > 0.0
             held = self.touched | self._leaves
-            self._stepped = np.where((stands | held)[:, None], self._stepped, step)
+            if self._step_s > 0.0:
+                step = self._step(state, body, then)
+                self._stepped = np.where((stands | held)[:, None], self._stepped, step)
             placed = np.where(held[:, None], self._landed, then.feet_m + self._stepped)
             origin = body.origin_m + self.shift_m
             carried = (
                 origin + (placed - state.position_m) @ state.rotation @ body.rotation.T - placed
             )
-            shift = np.where(held[:, None] | (self._step_s == 0.0), self.shift_m, 0.0)
+            goes = self._step_s == 0.0 or held.all()
+            shift = self.shift_m if goes else np.where(held[:, None], self.shift_m, 0.0)
             goal = placed + self._free(carried, felt_n, then, held) - then.feet_m - shift
             self._stay(then, early=held & ~stands, landed=landed)
         self._planned, self._heard = then.feet_m, True
         away = goal - self._depth[:, None] * then.normals - self.moved_m
-        turns = (
-            SMOOTH_HZ * self._period_s
-        )  # ẍ = ω² (goal − x) − 2 ω ẋ over a period, exactly: whatever ω T is
-        coming, left = self._drift - SMOOTH_HZ * away, np.exp(-turns)
+        # ẍ = ω² (goal − x) − 2 ω ẋ over a period, exactly: whatever ω T is
+        turns, left = SMOOTH_HZ * self._period_s, self._left
+        coming = self._drift - SMOOTH_HZ * away
         self.moved_m = self.moved_m + away - left * (away - self._period_s * coming)
         self._drift = left * (self._drift - turns * coming)
 
@@ -236,15 +240,16 @@ class FootPlacement:
     ) -> NDArray[np.bool_]:
         """Find the feet that land just now, early or late, shape (N,); where they do is kept."""
         before, stands = self.touched, then.stands
-        comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
-        early = comes & (felt >= max(EARLY * self._weight, self._touch_n))
-        self.touched = (stands & (before | self._touches(felt))) | (
-            ~stands & comes & (before | early)
-        )
-        feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
+        self.touched = stands & (before | self._touches(felt))
+        if not stands.all():
+            comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
+            early = felt >= max(EARLY * self._weight, self._touch_n)
+            self.touched |= ~stands & comes & (before | early)
         landed = self.touched & ~before
-        self._landed = np.where(landed[:, None], feet - rolled, self._landed)
-        self._depth = np.where(landed, 0.0, self._depth)
+        if landed.any():
+            feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
+            self._landed = np.where(landed[:, None], feet - rolled, self._landed)
+            self._depth = np.where(landed, 0.0, self._depth)
         return np.asarray(landed)
 
     def _settle(self, then: Samples, found: State, rolled: Array) -> None:
@@ -253,8 +258,9 @@ class FootPlacement:
         rolled to.
         """
         rate = self._feedback.settle_hz * self._period_s
-        moves = then.velocity_m_s.any() or then.rotation_rate_rad_s.any()
-        if not rate or moves or not (self.touched & then.stands).all():
+        if not rate or then.velocity_m_s.any() or then.rotation_rate_rad_s.any():
+            return
+        if not (self.touched & then.stands).all():
             return
         feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
         self._landed = self._landed + rate * (feet - rolled - self._landed)
@@ -264,10 +270,10 @@ class FootPlacement:
         """Feet that have landed early stop at once, although their path goes on, and those that
         leave stay: late, they would push the ground.
         """
-        self.moved_m = np.where(
-            early[:, None], self.moved_m - (then.feet_m - self._planned), self.moved_m
-        )
-        self._drift = np.where((early & landed)[:, None], 0.0, self._drift)
+        if early.any():
+            path = then.feet_m - self._planned
+            self.moved_m = np.where(early[:, None], self.moved_m - path, self.moved_m)
+            self._drift = np.where((early & landed)[:, None], 0.0, self._drift)
 
     def _free(self, carried: Array, felt: Array, then: Samples, held: NDArray[np.bool_]) -> Array:
         """Part that feet take of the way from their places to those for a body that is where it
@@ -292,7 +298,10 @@ class FootPlacement:
         """Find ``shift_m``: a body that is pulled to its place over feet that stepped aside tips
         over them, the other way; one that goes with its feet never comes back.
         """
-        self._aside = np.where(landed[:, None], self._landed - then.feet_m, self._aside)
+        if landed.any():
+            self._aside = np.where(landed[:, None], self._landed - then.feet_m, self._aside)
+        if not (self._feedback.settle_hz or self._step_s):
+            return
         bear = np.where(self.touched & then.stands, then.forces_n[:, 2].clip(0.0), 0.0)
         if self._feedback.settle_hz > 0.0 and bear.any():
             borne = (bear @ self._aside) / bear.sum() * [1.0, 1.0, 0.0]
@@ -304,8 +313,6 @@ class FootPlacement:
         """Distance that feet which go with the body step aside, along their surfaces, (N, 3) [m]:
         to where it comes to rest over them, x + v √(h/g) of what it is off, and a little farther.
         """
-        if self._step_s == 0.0:
-            return np.zeros_like(sample.feet_m)
         late, away = found.velocity[:3] - body.velocity[:3], found.position_m - body.origin_m
         aside = BEYOND * self._step_s * late + (BEYOND - 1.0) * away
         aside = aside * min(1.0, self._most_step / max(float(np.linalg.norm(aside)), 1e-9))

@@ -51,7 +51,7 @@ class SilentFeet:
         wanted_n, felt_n = sample.along_n, np.einsum("ij,ij->i", state.forces_n, sample.normals)
         presses = sample.stands & (wanted_n >= self._presses_n) & np.logical_not(seeks)
         self._silent = np.where(felt_n >= TOUCH_N, 0.0, self._silent + presses)
-        limb = int(np.argmax(self._silent))
+        limb = int(self._silent.argmax())
         if self._silent[limb] < self._periods:
             return ""
         return (

@@ -38,6 +38,7 @@ class SwingSpeed:
             SPEED_SHARE * velocity_rad_s,
             period_s,
         )
+        self._most_change = period_s / RAMP_S * self._most
         self._wanted: Array | None = None
         self.pace, self.late = 1.0, np.zeros(len(kinematics.robot.limbs), dtype=bool)
 
@@ -54,7 +55,7 @@ class SwingSpeed:
             air: which legs are there, shape (N,).
         """
         period, slower = self._period_s, self._period_s / PAUSE_S
-        if not air.any():  # nobody is led, so nobody is late
+        if not air.any() or self._keeps_up(before, rates, angles):  # nobody is led, or late
             self._wanted, self.late = angles, np.zeros_like(air)
             self.pace = min(max(self.pace + slower, 0.0), 1.0)
             return angles
@@ -83,7 +84,19 @@ class SwingSpeed:
         self._wanted = angles
         self.late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > LATE_RAD
         self.pace = min(max(self.pace + (-slower if self.late.any() else slower), 0.0), 1.0)
+        if not self.late.any():
+            return angles
         return np.asarray(np.where(self._each(self.late) > 0.0, led, angles))
+
+    def _keeps_up(self, before: Array, rates: Array, angles: Array) -> bool:
+        """Tell whether joints that were where they should be come to the next angles within what
+        they can, so that ``led`` leads them there, too.
+        """
+        if before is not self._wanted:
+            return False
+        velocity = (angles - before) / self._period_s
+        fast, change = np.abs(velocity) > self._most, np.abs(velocity - rates) > self._most_change
+        return not (fast | change).any()
 
     def _each(self, legs: Array | NDArray[np.bool_]) -> Array:
         """Values of legs, repeated for their joints."""

@@ -36,6 +36,7 @@ from .swing_speed import SwingSpeed
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel
 led them off it."""
+_LOWER, _UPPER = np.array([7, 2, 3]), np.array([5, 6, 1])  # of a 3 × 3 matrix laid end to end
 ASIDE_RAD = 0.2
 """A joint in the air that stays so far from its posture on its foot's path goes straight there."""
 
@@ -307,8 +308,8 @@ class Tracker:
         Arguments:
             turned: orientations of the feet, (N, 3, 3).
         """
-        between = turned @ self._turned.transpose(0, 2, 1)
-        turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
+        between = (turned @ self._turned.transpose(0, 2, 1)).reshape(-1, 9)
+        turn = 0.5 * (between.take(_LOWER, axis=1) - between.take(_UPPER, axis=1))
         moved = self._kinematics.radii_m[:, None] * cross(turn, sample.normals)
         stands = sample.stands[:, None]
         self._rolled = np.where(stands, self._rolled + moved, FADES * self._rolled)
@@ -316,7 +317,7 @@ class Tracker:
 
     def _of(self, legs: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Flags of legs, repeated for their joints."""
-        return np.asarray(self._kinematics.of_joints(legs.astype(np.float64)) > 0.0)
+        return np.asarray(legs[self._kinematics.legs])
 
     def _solved(self, sample: Samples, wish: Array) -> tuple[Array, Array, Array]:
         """Angles, errors of the feet and the body's origin.
@@ -330,7 +331,9 @@ class Tracker:
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)
-        air, aside = ~sample.stands, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
+        if (stands := sample.stands).all():
+            return angles, error, origin
+        air, aside = ~stands, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
         stuck = air & ((error > STRAY_M) | (self._feedback.waits & (aside > ASIDE_RAD)))
         if (
             stuck.any()

@@ -325,7 +325,7 @@ class SafeWorld:
         self._away = np.where(
             away > self._path, self._away + 1.0, np.maximum(self._away - FORGIVEN, 0.0)
         )
-        worst = int(np.argmax(self._away))
+        worst = int(self._away.argmax())
         if self._away[worst] > self.limits.path_s * self.rate_hz + 1e-6:
             limit = f"more than {self._path[worst]:g} rad for {self.limits.path_s:g} s"
             hint = (

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.planners.files.arrays import checked, checked_name
+from stancekit.planners.files.arrays import Array, checked, checked_name
 from stancekit.planners.files.validation import shown
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo
@@ -20,6 +20,7 @@ from ..safety.latch import StopLatch
 from .capabilities import WorldCapabilities
 from .world import State, WorldKind
 
+_NUMBER = np.dtype(np.float64)
 METHODS = ("reset", "step", "close")
 
 
@@ -104,12 +105,13 @@ def _plain_and_finite(state: State, shapes: dict[str, tuple[int, ...]]) -> bool:
     """Tell whether all of it is arrays of finite numbers in these shapes, as it nearly always
     is.
     """
-    arrays = [getattr(state, name) for name, shape in shapes.items() if shape]
-    if not all(type(each) is np.ndarray and each.dtype == np.float64 for each in arrays):
-        return False
-    if [each.shape for each in arrays] != [shape for shape in shapes.values() if shape]:
-        return False
-    numbers = (state.time_s, state.bump_n)
-    return all(type(each) is float and isfinite(each) for each in numbers) and bool(
-        np.isfinite(np.concatenate(arrays, axis=None)).all()
-    )
+    arrays = list[Array]()
+    for name, shape in shapes.items():
+        value = getattr(state, name)
+        if shape:
+            if type(value) is not np.ndarray or value.shape != shape or value.dtype is not _NUMBER:
+                return False
+            arrays.append(value)
+        elif type(value) is not float or not isfinite(value):
+            return False
+    return bool(np.isfinite(np.concatenate(arrays, axis=None)).all())

@@ -186,7 +186,8 @@ class Imperfections:
         read = self.felt_share * forces_n
         if self.felt_noise_n > 0.0:
             read = read + self.felt_noise_n * draw.standard_normal(read.shape)
-        read[list(self.deaf)] = 0.0
+        if self.deaf:
+            read[list(self.deaf)] = 0.0
         return read
 
     def pushed_n(self, time_s: float) -> Array:

@@ -26,6 +26,8 @@ STIFF = 100.0
 """Friction rows are this much harder than normal ones (impratio): feet under load creep less."""
 UNDER_M = 0.5
 """Depth of a field of heights below its lowest place."""
+NET_FORCE = 3
+"""Kind of contact sensor that adds forces up, in the world's axes."""
 TERRAIN, ROBOT = 1, 2
 """Bits of what meets what: links meet the terrain and each other."""
 CREEP = 2.5e-6
@@ -35,7 +37,6 @@ IMPEDANCES = (1e-4, 0.9999)
 """MuJoCo's bounds of d in R = (1 − d) / d · Â."""
 ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
-_AXES = np.arange(3)  # of a contact: along its normal, and two across
 
 
 def mujoco_module() -> Any:
@@ -76,6 +77,7 @@ class MujocoWorld(SimulatedWorld):
         self._views = tuple(
             getattr(self._data, name) for name in ("qpos", "qvel", "xmat", "xpos", "actuator_force")
         )
+        self._sensed = self._data.sensordata.reshape(-1, 4)  # contacts, and their force, of a foot
         quaternion = np.empty(4)
         self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         self._data.qpos[:7] = [*position_m, *quaternion]
@@ -86,7 +88,8 @@ class MujocoWorld(SimulatedWorld):
         self._base = self._model.body(self.body.base).id
         self._feet = np.array([self._model.body(name).id for name in self.body.feet])
         self._bodies = np.array(self._model.geom_bodyid)
-        self._rubs = bool((self._model.geom_condim == 3).all())
+        self._tips = self.body.tips_m[:, :, None]
+        self._fades = bool(self.drives.fading.any())
         self._foot = np.full(self._model.nbody, -1)
         self._foot[self._feet] = np.arange(len(self._feet))
         self._mujoco.mj_forward(self._model, self._data)
@@ -94,16 +97,17 @@ class MujocoWorld(SimulatedWorld):
 
     def _advanced(self, targets_rad: Array) -> State:
         self._data.ctrl[:] = targets_rad
-        contacts = list[tuple[NDArray[np.int_], Array]]()
-        fades, ranges = bool(self.drives.fading.any()), self._model.actuator_forcerange
+        felt, bump, sensed = np.zeros((len(self._feet), 4)), 0.0, self._sensed
         self._data.xfrc_applied[self._base] = self._on_body()
         for _ in range(self._substeps):
-            if fades:
+            if self._fades:
+                ranges = self._model.actuator_forcerange
                 ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])
             self._step()
-            contacts.append(self._contacts())
-        forces, bump = self._felt_of(contacts)
-        return self._state(forces / self._substeps, bump / self._substeps)
+            felt += sensed
+            if self._data.ncon > sensed[:, 0].sum():
+                bump += self._bumped()
+        return self._state(felt[:, 1:] / self._substeps, bump / self._substeps)
 
     def close(self) -> None:
         """Drop the model."""
@@ -139,13 +143,26 @@ class MujocoWorld(SimulatedWorld):
         robot's, and pushes.
         """
         wrench = np.array(self._carried)
+        if not (self.imperfections.pushes or wrench.any()):
+            return wrench
         arm = self._data.subtree_com[self._base] - self._data.xipos[self._base]
         wrench[3:] += cross(arm, self._carried[:3])
         wrench[:3] += self.imperfections.pushed_n(float(self._data.time))
         return wrench
 
     def _compiled(self, terrain: Terrain) -> Any:
-        spec = self.scene(terrain)
+        spec, kinds = self.scene(terrain), self._mujoco
+        wanted = kinds.mjtConDataField.mjCONDATA_FOUND, kinds.mjtConDataField.mjCONDATA_FORCE
+        for foot in self.body.feet:
+            spec.add_sensor(
+                name=f"felt by {foot}",
+                type=kinds.mjtSensor.mjSENS_CONTACT,
+                objtype=kinds.mjtObj.mjOBJ_BODY,
+                objname="world",
+                reftype=kinds.mjtObj.mjOBJ_BODY,
+                refname=foot,
+                intprm=[sum(1 << int(field) for field in wanted), NET_FORCE, 1],
+            )
         return spec.compile() if self.contact is None else self._softened(spec)
 
     def scene(self, terrain: Terrain) -> Any:
@@ -275,42 +292,20 @@ class MujocoWorld(SimulatedWorld):
                 **contact,
             )
 
-    def _contacts(self) -> tuple[NDArray[np.int_], Array]:
-        """Pairs of bodies that touch, shape (K, 2), and the forces on the second, world frame,
-        shape (K, 3) [N].
-        """
-        contact, forces = self._data.contact, self._data.efc_force
-        rows = contact.efc_address
-        if self._rubs:
-            local = forces[rows[:, None] + _AXES]
-        else:  # one of ice presses along its normal alone
-            there = contact.dim[:, None] > _AXES
-            local = np.zeros(there.shape)
-            local[there] = forces[(rows[:, None] + _AXES)[there]]
-        return self._bodies[contact.geom], (local[:, None] @ contact.frame.reshape(-1, 3, 3))[:, 0]
+    def _bumped(self) -> float:
+        """Sum of the forces of the terrain on anything but feet, and of links on each other [N]."""
+        contact, force = self._data.contact, np.zeros(6)
+        total, feet = 0.0, self._under(self._bodies[contact.geom])
+        for index in np.flatnonzero(feet < 0).tolist():
+            self._mujoco.mj_contactForce(self._model, self._data, index, force)
+            total += float(np.linalg.norm(force[:3]))
+        return total
 
     def _under(self, pairs: NDArray[np.int_]) -> NDArray[np.int_]:
         """Foot that is on the terrain in each pair of bodies, −1 where none is."""
         feet = self._foot[np.where(pairs[:, 0] == 0, pairs[:, 1], pairs[:, 0])]
         feet[pairs.all(axis=1)] = -1
         return np.asarray(feet)
-
-    def _felt_of(self, contacts: Sequence[tuple[NDArray[np.int_], Array]]) -> tuple[Array, float]:
-        """Forces of the terrain on feet, summed over substeps, shape (N, 3); and those on anything
-        else, and of links on each other [N].
-        """
-        forces, bump = np.zeros((len(self._feet), 3)), 0.0
-        pairs, pushes = (np.concatenate([each[k] for each in contacts]) for k in (0, 1))
-        feet, on_second = self._under(pairs), pairs[:, 0] == 0
-        feet_rows = feet >= 0
-        np.add.at(forces, feet[feet_rows], np.where(on_second[:, None], pushes, -pushes)[feet_rows])
-        if not feet_rows.all():
-            ends = np.cumsum([len(each) for each, _ in contacts])[:-1]
-            for others, force in zip(
-                np.split(~feet_rows, ends), np.split(pushes, ends), strict=True
-            ):
-                bump += sum((float(np.linalg.norm(one)) for one in force[others]), start=0.0)
-        return forces, bump
 
     def _state(self, forces: Array, bump: float) -> State:
         data, (places, rates, turned, origins, torques) = self._data, self._views
@@ -324,7 +319,7 @@ class MujocoWorld(SimulatedWorld):
             angles_rad=places[self._angles],
             rates_rad_s=rates[self._rates],
             torques_nm=torques.copy(),
-            feet_m=origins[self._feet] + (turns @ self.body.tips_m[:, :, None])[..., 0],
+            feet_m=origins[self._feet] + (turns @ self._tips)[..., 0],
             forces_n=forces,
             bump_n=bump,
             sent_rad=self._sent.copy(),

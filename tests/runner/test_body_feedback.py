@@ -5,7 +5,9 @@ walks with it.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ pytest.importorskip("mujoco")
 import stancekit
 from stancekit.pictures import view_of
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.trajectory_file import write_trajectory
@@ -32,7 +35,13 @@ from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.body_feedback import BodyController, BodyFeedback, BodyPose
+from stancekit.runner.control.body_feedback import (
+    EVEN,
+    WEIGHTS,
+    BodyController,
+    BodyFeedback,
+    BodyPose,
+)
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
@@ -115,6 +124,34 @@ def test_forces_of_feet_add_up_to_what_was_planned_and_the_wrench() -> None:
         np.testing.assert_allclose(
             total(forces) - total(now.forces_n), wrench, atol=0.02 * np.linalg.norm(wrench)
         )
+
+
+def test_no_other_forces_within_the_bounds_come_nearer_to_what_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng, asked = np.random.default_rng(6), list[object]()
+    solve, planned = Rows[Any].solve, sample().forces_n
+    monkeypatch.setattr(Rows, "solve", lambda *args: asked.append(args) or solve(*args))
+
+    def cost(forces: Array, wrench: Array) -> float:
+        lacks = WEIGHTS * (total(forces - planned) - wrench) / WEIGHT
+        return float(lacks @ lacks + EVEN * np.sum(((forces - planned) / WEIGHT) ** 2))
+
+    light = 0
+    for friction, size in product((0.5, 20.0), np.geomspace(0.01, 2.0, 30)):
+        now = sample(friction)
+        wrench, before = size * rng.normal(size=6) * [40.0, 40.0, 90.0, 20.0, 20.0, 5.0], len(asked)
+        forces = controller().forces(wrench, now, FEET, planned, ALL)
+        slack = 1e-7 if len(asked) > before else 1e-15
+        light += slack < 1e-7 and bool((forces[:, 2] < 0.0300001 * WEIGHT).any())
+        for far in np.geomspace(1e-4, 10.0, 40):
+            other = forces + far * rng.normal(size=(4, 3))
+            other[:, 2] = np.maximum(other[:, 2], 0.03 * WEIGHT)
+            across = np.linalg.norm(other[:, :2], axis=1, keepdims=True)
+            other[:, :2] *= np.minimum(1.0, 0.8 * friction * other[:, 2:] / across)
+            assert cost(other, wrench) >= cost(forces, wrench) - slack
+    assert light >= 3, light
+    assert 5 < len(asked) < 50, len(asked)
 
 
 def test_no_foot_leaves_its_share_of_the_cone_or_pulls_or_carries_in_the_air() -> None:
