@@ -9,9 +9,11 @@ with the same seed and actions (the heuristic box, moved by normal noise of .05)
 reward and ``info`` is compared, bit for bit. The pool is a folder of `stancekit label`, or, without
 one, the fresh scenes once more. A yardstick, cold solves of one fixed cone program of a posture's
 size in which nothing is ours, is timed between the turns, and so is P1 alone, loaded and solved
-cold, on the scenes of the run. --digest: only play, so many fresh steps and so many of a pool of
-the first fresh scenes, and print the digests of all that the environment said. --against: the same
-here and in another checkout, in which `python setup.py links` was run.
+cold, on the scenes of the run. The bare planners take turns, too, on the problems, scenes and boxes
+that the environments had: drawing all problems, the exact search of every scene that was kept, to
+its end, and P1 in a program that is kept. --digest: only play, so many fresh steps and so many of a
+pool of the first fresh scenes, and print the digests of all that the environment said. --against:
+the same here and in another checkout, in which `python setup.py links` was run.
 """
 
 from __future__ import annotations
@@ -20,8 +22,9 @@ import hashlib
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +33,13 @@ from _bench import Options, checkouts, launch, of_checkout
 from _yardstick import yardstick
 from vector import actions_for
 
+from stancekit.envs.distributions.postures import PostureDistribution
 from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.problem import PostureBatch
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import Boxed, McCormick
+from stancekit.planners.search.exact import ExactPlanner
 
 TURN = 250
 """Steps of one way before it is the next one's turn."""
@@ -91,11 +100,8 @@ def digest(arguments: Arguments) -> str:
 
     kept, found = Kept(SampledScenes(distribution(arguments.problem))), []
     for of_pool in (False, True):
-        env = (
-            pool_env(arguments, kept.scenes)
-            if of_pool
-            else EnvelopeSelectionEnv(arguments.problem, scenes=kept)
-        )
+        source = pool_source(arguments, kept.scenes) if of_pool else kept
+        env = EnvelopeSelectionEnv(arguments.problem, scenes=source)
         sha = hashlib.sha256()
         for said in played(env, arguments):
             sha.update(as_bytes(said))
@@ -109,12 +115,18 @@ Said = list[tuple[str, Any]]
 
 def played(env: EnvelopeSelectionEnv, arguments: Arguments) -> Iterator[Said]:
     """Play, and tell what the environment says of each step."""
-    rng, base = np.random.default_rng(arguments.seed), actions_for(arguments.problem, 1)[0]
-    for step in range(arguments.steps):
+    for step, action in enumerate(actions_of(arguments)):
         observation, _ = env.reset(seed=arguments.seed if step == 0 else None)
-        moved = base + NOISE * rng.standard_normal(len(base))
-        after, reward, _, _, info = env.step(np.clip(moved, -1.0, 1.0).astype(np.float32))
+        after, reward, _, _, info = env.step(action)
         yield [*observation.items(), *after.items(), ("reward", reward), *info.items()]
+
+
+def actions_of(arguments: Arguments) -> Iterator[Any]:
+    """The actions, the same for every way."""
+    rng, base = np.random.default_rng(arguments.seed), actions_for(arguments.problem, 1)[0]
+    for _ in range(arguments.steps):
+        moved = base + NOISE * rng.standard_normal(len(base))
+        yield np.clip(moved, -1.0, 1.0).astype(np.float32)
 
 
 def as_bytes(said: Said) -> bytes:
@@ -143,26 +155,35 @@ def rates(arguments: Arguments) -> dict[str, float]:
     from stancekit.envs.distributions.postures import distribution
     from stancekit.envs.sampling import OneByOne, SampledScenes
 
-    law = distribution(arguments.problem)
+    law = TimedDraws.of(distribution(arguments.problem))
     kept = Kept(SampledScenes(law))
     sources: dict[str, Any] = {"fresh, in blocks": kept, "fresh, one by one": OneByOne(law)}
     ways = {
         name: Way(played(EnvelopeSelectionEnv(law, scenes=it), arguments))
         for name, it in sources.items()
     }
-    pool = Way(iter(()))
-    cold, yard, solves, equal = 0.0, 0.0, 0, True
+    pool, bare, actions = Way(iter(())), Bare(), actions_of(arguments)
+    cold, yard, solves, equal, drawing = 0.0, 0.0, 0, True, 0.0
     for begin in range(0, arguments.steps, TURN):
         steps = min(TURN, arguments.steps - begin)
         yard, solves = yard + yardstick(SOLVES), solves + SOLVES
-        for way in ways.values():
+        for name, way in ways.items():
+            law.seconds.clear()
             way.turn(steps)
+            drawing += sum(law.seconds) if name == "fresh, in blocks" else 0.0
         equal = equal and ways["fresh, in blocks"].last == ways["fresh, one by one"].last
         if begin == 0:
-            pool = Way(played(pool_env(arguments, kept.scenes), arguments))
-            pool.turn(1)  # compiles
-            pool.seconds = 0.0
+            dealt = pool_source(arguments, kept.scenes)
+            pool = Way(played(EnvelopeSelectionEnv(arguments.problem, scenes=dealt), arguments))
+            next(pool.said)  # compiles
+            bare.relax("P1, pool", dealt.scenes, [next(actions)])
+            bare.search("searches", kept.scenes[:1])
+            bare.seconds.clear()
         pool.turn(steps - (begin == 0))
+        boxes = [next(actions) for _ in range(steps - (begin == 0))]
+        bare.search("searches", kept.scenes[-len(boxes) :])
+        bare.relax("P1, fresh", kept.scenes[-len(boxes) :], boxes)
+        bare.relax("P1, pool", dealt.scenes[-len(boxes) :], boxes)
         cold += timed(lambda: p1_cold(kept.scenes[-SOLVES:]))
     one, count = yard / solves, arguments.steps
     found = {"bits that differ, of all that is said": float(not equal), "yardstick [ms]": 1e3 * one}
@@ -171,7 +192,58 @@ def rates(arguments: Arguments) -> dict[str, float]:
         found[f"{name}: steps a CPU-second"] = count / way.seconds
         found[f"{name}: a step in yardsticks"] = way.seconds / count / one
         found[f"{name}: a step in cold solves of P1"] = way.seconds / count / (cold / solves)
+    alone = {"draws": drawing, **bare.seconds}
+    found |= {f"bare, {name} [ms a step]": 1e3 * took / count for name, took in alone.items()}
+    fresh = alone["draws"] + alone["searches"] + alone["P1, fresh"]
+    found["fresh, in blocks: speed, of bare planners'"] = fresh / ways["fresh, in blocks"].seconds
+    found["pool: speed, of bare P1's"] = alone["P1, pool"] / pool.seconds
     return found
+
+
+@dataclass(frozen=True)
+class TimedDraws(PostureDistribution):
+    """A distribution that remembers how long its draws took [s]."""
+
+    seconds: list[float] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, law: Any) -> TimedDraws:
+        """The same distribution, timed."""
+        return cls(**{each.name: getattr(law, each.name) for each in fields(law)})
+
+    def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
+        """Draw and remember."""
+        begin = time.process_time()
+        batch = super().batch(rng, count)
+        self.seconds.append(time.process_time() - begin)
+        return batch
+
+
+class Bare:
+    """The planners without an environment around them, their programs kept.
+
+    seconds: that they took, by name.
+    """
+
+    def __init__(self) -> None:
+        self._programs, self.seconds = Programs(), defaultdict[str, float](float)
+        self._expert = ExactPlanner(programs=self._programs)
+
+    def search(self, name: str, scenes: Sequence[Any]) -> None:
+        """The exact search of each, to its end."""
+        begin = time.process_time()
+        for scene in scenes:
+            self._expert.search(scene.scaled)
+        self.seconds[name] += time.process_time() - begin
+
+    def relax(self, name: str, scenes: Sequence[Any], actions: Sequence[Any]) -> None:
+        """P1 of each over the box of an action."""
+        model = self._programs.get(McCormick, scenes[0].scaled.layout)
+        boxes = [Envelope.from_vector(action.astype(np.float64)) for action in actions]
+        begin = time.process_time()
+        for scene, box in zip(scenes, boxes, strict=True):
+            model.solve_any(scene.scaled, (box,))
+        self.seconds[name] += time.process_time() - begin
 
 
 class Kept:
@@ -186,13 +258,16 @@ class Kept:
         return self.scenes[-1]
 
 
-def pool_env(arguments: Arguments, scenes: list[Any]) -> EnvelopeSelectionEnv:
-    """The environment on a pool: of the folder, or of the scenes of the first turn."""
+def pool_source(arguments: Arguments, scenes: list[Any]) -> Kept:
+    """A pool: of the folder, or of the scenes of the first turn."""
+    from stancekit.envs.distributions.postures import distribution
+    from stancekit.envs.scene_sources import SceneSettings
     from stancekit.envs.scenes import PooledScenes
 
-    if arguments.pool is not None:
-        return EnvelopeSelectionEnv(arguments.problem, scenes=arguments.pool)
-    return EnvelopeSelectionEnv(arguments.problem, scenes=PooledScenes(scenes[:TURN]))
+    if arguments.pool is None:
+        return Kept(PooledScenes(scenes[:TURN]))
+    law = distribution(arguments.problem)
+    return Kept(SceneSettings(scenes=arguments.pool).source(law, Programs()))
 
 
 def p1_cold(scenes: list[Any]) -> None:
@@ -200,8 +275,6 @@ def p1_cold(scenes: list[Any]) -> None:
     import clarabel
 
     from stancekit.planners.equilibrium.clarabel_settings import solver_settings
-    from stancekit.planners.relaxation.envelope import Envelope
-    from stancekit.planners.relaxation.mccormick import Boxed, McCormick
 
     model = McCormick(scenes[0].scaled.layout)
     half = np.full(scenes[0].point.shape, 0.5)

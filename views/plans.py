@@ -215,12 +215,19 @@ class PlanView(View):
     def _window(self, foothold: int) -> DrawnBody:
         """The chosen patch of a foothold, framed in the colour of its limb; made once."""
         if foothold not in self._windows:
-            patch = self.chosen[foothold]
-            colour = self.friction.to_rgba(np.array(patch.friction))[:3]
             self._windows[foothold] = window(
-                f"chosen {foothold}", patch, colour, self.colours[foothold]
+                f"chosen {foothold}",
+                self.chosen[foothold],
+                self._tints[foothold],
+                self.colours[foothold],
             )
         return self._windows[foothold]
+
+    @cached_property
+    def _tints(self) -> list[Colour]:
+        """Colour of the friction of every chosen patch."""
+        frictions = np.array([patch.friction for patch in self.chosen])
+        return [tuple(tint) for tint in self.friction.to_rgba(frictions)[:, :3].tolist()]
 
     _windows = cached_property(lambda self: dict[int, DrawnBody]())
 
@@ -230,6 +237,10 @@ class PlanView(View):
         return None if key is None else between(key, now.frame)
 
     def at(self, now: Samples, *, cone_m: float | None = None) -> Scene:
+        """``moving``, and what carries it: the support region."""
+        return self.moving(now, cone_m=cone_m) + Scene(paths=self.support(now))
+
+    def moving(self, now: Samples, *, cone_m: float | None = None) -> Scene:
         """The robot at a time, and the forces of feet that stand, in cones as high as the normal
         force or so.
         """
@@ -241,7 +252,7 @@ class PlanView(View):
             if foothold >= 0 and height > 1e-9:
                 shape = self._cone(foothold, height) if cone_m is None else self._cones[foothold]
                 bodies.append(cone_body(f"cone {foothold}", shape, toe))
-        return Scene(bodies=bodies, arrows=self.forces(now), paths=self.support(now))
+        return Scene(bodies=bodies, arrows=self.forces(now))
 
     def support(self, now: Samples) -> list[Path]:
         """Region in which the centre of mass may be before its contacts no longer carry it, and

@@ -228,7 +228,12 @@ def cone(friction: float, frame: Array, height_m: float) -> Mesh:
     """
     turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     across = np.column_stack([np.cos(turn), np.sin(turn)]) @ frame[:, 1:].T
-    return hull(np.vstack([np.zeros(3), height_m * (frame[:, 0] + max(friction, 1e-3) * across)]))
+    rim = height_m * (frame[:, 0] + max(friction, 1e-3) * across)
+    corner = 1 + np.arange(len(rim))
+    after = np.roll(corner, -1)
+    sides = np.column_stack([0 * corner, after, corner])
+    base = np.column_stack([np.ones_like(corner), corner, after])[1:-1]
+    return Mesh(np.vstack([np.zeros(3), rim]), np.concatenate([sides, base]))
 
 
 def cone_body(name: str, shape: Mesh, foot_m: Array) -> DrawnBody:

@@ -128,6 +128,26 @@ def hull(points: Array) -> Mesh:
     return Mesh(points, np.where(inward[:, None], result.simplices[:, ::-1], result.simplices))
 
 
+def plate(outline: Array, offset_m: Array) -> Mesh:
+    """The solid between a convex outline, shape (K, 3) [m], and the same moved, by shape (3,) [m]."""
+    count, corner = len(outline), np.arange(len(outline))
+    after, fan = np.roll(corner, -1), np.column_stack([0 * corner, corner - 1, corner])[2:]
+    faces = np.concatenate(
+        [
+            np.column_stack([corner, after, count + after]),
+            np.column_stack([corner, count + after, count + corner]),
+            fan[:, ::-1],
+            count + fan,
+        ]
+    )
+    first = outline[0]
+    area = np.cross(outline[1:-1] - first, outline[2:] - first).sum(axis=0)
+    to_the_left = float(area @ offset_m) > 0.0
+    return Mesh(
+        np.concatenate([outline, outline + offset_m]), faces if to_the_left else faces[:, ::-1]
+    )
+
+
 def prism(outline: Array, low_m: float, high_m: float) -> Mesh:
     """The convex prism over an outline in the plane, shape (K, 2) [m]."""
     return hull(

@@ -97,7 +97,9 @@ class Stage:
             node.wxyz = quaternion(body.rotation)
         self._places[name] = place
         if isinstance(body.shape, Capsule) and isinstance(first.shape, Capsule):
-            node.scale = (1.0, 1.0, body.shape.length_m / max(first.shape.length_m, 1e-9))
+            scale = (1.0, 1.0, body.shape.length_m / max(first.shape.length_m, 1e-9))
+            if node.scale != scale:
+                node.scale = scale
         return name
 
     def _arrow(self, name: str, arrow: Arrow) -> str:

@@ -21,7 +21,7 @@ from stancekit.planners.terrain import Patch
 from .film import film_frames
 from .robots import RobotShape, climber, limb_of_three
 from .scene import ON_M, Animation, Arrow, Colour, DrawnBody, Layer, Path, Scene
-from .shapes import hull, ring, unit
+from .shapes import plate, ring, unit
 from .sheet import Size
 from .video import Frame
 
@@ -156,7 +156,7 @@ def window(name: str, patch: Patch, colour: Colour, edge: Colour) -> DrawnBody:
     """A chosen patch in full colour, framed in the colour of its limb."""
     return DrawnBody(
         name=name,
-        shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
+        shape=plate(patch.vertices_m, ON_M * patch.normal),
         position_m=np.zeros(3),
         colour=colour,
         edge=edge,

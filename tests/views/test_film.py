@@ -23,7 +23,7 @@ from stancekit.views.film import check_film, rendered
 from stancekit.views.gaits import GaitView
 from stancekit.views.robots import cone
 from stancekit.views.scene import Animation, Arrow, DrawnBody, Facet, Scene
-from stancekit.views.shapes import Box, Capsule, Sphere, disc, hull, mesh_of, triangles_of
+from stancekit.views.shapes import Box, Capsule, Sphere, disc, hull, mesh_of, plate, triangles_of
 from stancekit.views.video import write_video
 
 SMALL = (480, 300)
@@ -169,6 +169,9 @@ def test_without_ffmpeg_the_extra_is_named(tmp_path, monkeypatch):
 # shapes
 
 
+SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.4, 0.0], [0.0, 0.4, 0.0]])
+
+
 @pytest.mark.parametrize(
     ("shape", "volume"),
     [
@@ -177,8 +180,10 @@ def test_without_ffmpeg_the_extra_is_named(tmp_path, monkeypatch):
         (Capsule(0.5, (0.1, 0.1)), np.pi * 0.01 * (0.5 + 4.0 / 3.0 * 0.1)),
         (disc(np.array([0.6, 0.0, 0.8]), 0.5), 0.02 * np.pi * 0.5),
         (cone(0.5, np.eye(3), 0.6), np.pi * 0.3**2 * 0.6 / 3.0),
+        (plate(SQUARE, np.array([0.1, 0.0, 0.3])), 0.12),
+        (plate(SQUARE[::-1], np.array([0.1, 0.0, 0.3])), 0.12),
     ],
-    ids=["sphere", "box", "capsule", "disc", "cone"],
+    ids=["sphere", "box", "capsule", "disc", "cone", "plate", "plate the other way round"],
 )
 def test_shapes_are_closed_look_outward_and_have_their_volume(shape, volume):
     """By the divergence theorem; what is round has corners, and so a few percent less."""

@@ -11,6 +11,7 @@ from functools import partial
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.plan_course import LayOut, plan_course
@@ -62,7 +63,11 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
     longer. Raises nothing.
     """
     planner = TwoStagePlanner(
-        time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS
+        time_limit_s=QUICK_S,
+        max_nodes=QUICK_NODES,
+        cuts=False,
+        steps=QUICK_STEPS,
+        programs=programs_of_this_thread(),
     )
     return _planned(
         scenario, partial(plan_course, planner=planner, shares=SHARES, presses=(), limits=None)
@@ -76,7 +81,7 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
     """
 
     def plan(question: LayOut) -> Answer[Plan]:
-        planner = TwoStagePlanner(time_limit_s=PATIENT_S)
+        planner = TwoStagePlanner(time_limit_s=PATIENT_S, programs=programs_of_this_thread())
         deadline = time.perf_counter() + PATIENT_S
         return plan_course(question, planner, layouts=scenario.layouts, deadline=deadline)
 

@@ -94,7 +94,7 @@ class Pictures:
         names = Scene(
             labels=[each for each in view.names(now).labels if each.name != "goal"]
         )  # its grip has it
-        return view.at(now), names
+        return view.moving(now), names
 
 
 def _between(scene: Scene) -> Scene:
