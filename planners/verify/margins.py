@@ -394,8 +394,11 @@ def _sure_distances(every: Sequence[_Contacts], shifts: Sequence[Array]) -> Arra
     counts = np.array([len(at.friction) for at in every], dtype=np.int_)
     for count in np.unique(counts):
         rows = np.flatnonzero(counts == count)
-        same = [every[row] for row in rows]
-        balance, shift = np.array([at.balance for at in same]), np.array([shifts[r] for r in rows])
+        same = [every[int(row)] for row in rows]
+        balance, shift = (
+            np.array([at.balance for at in same]),
+            np.array([shifts[int(row)] for row in rows]),
+        )
         given, borne = np.array([at.given for at in same]), np.array([at.borne for at in same])
         low, high = np.array([at.low for at in same]), np.array([at.high for at in same])
         friction = np.array([at.friction for at in same])
