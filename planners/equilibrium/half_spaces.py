@@ -136,7 +136,7 @@ def within_half_spaces(
     put_toes(is_leg, foothold, -1.0)
     which, row = layout.standing_rows
     rows_of_leg = leg[which]
-    if inner:
+    if inner and not layout.level:  # else both sets are a·d ≤ b
         cone = rows.cones("reach_rows", len(row), 3)
         at, levers, bounds = cone[:, 0], "levers", "bounds"
         rows.put(cone[:, 1:, None], rows_of_leg[:, None], -Of("scaled.half_spaces.arms", row))
