@@ -19,6 +19,8 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Protocol
 
+from .data_classes import share_methods
+
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
 A session, from terrain to a picture:
@@ -46,7 +48,7 @@ INTERNAL = 70
 """Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a
 refusal."""
 TRACE = "STANCEKIT_TRACE"
-RARELY = (50_000, 20, 20)
+RARELY = (200_000, 20, 20)
 """Objects made between two searches for those that only hold each other, and how many searches make
 one of older objects."""
 
@@ -94,7 +96,7 @@ class Command(Protocol):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and exit with its code."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    alone, arguments = arguments is None, list(sys.argv[1:] if arguments is None else arguments)
     os.environ.setdefault(
         "PYDANTIC_DISABLE_PLUGINS", "__all__"
     )  # to look for some it reads every package's metadata
@@ -111,6 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(_overview(), flush=True)
             return
         gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
+        if alone:
+            share_methods()
         command = parse(arguments)
     except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
@@ -124,6 +128,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             sys.stdout.flush()
     except OSError:  # nobody reads it any more
         _close_output()
+    if alone:
+        gc.freeze()  # the process ends: nobody looks for what only holds itself
     sys.exit(code)
 
 

@@ -103,16 +103,15 @@ class PlanVariables:
         leg = cp.Variable((len(frame), 3), name="leg")
         is_leg = leg - self.toes[foothold] + self.com[frame] == 0
         normals, legs, turn = rows.normals[row], leg[which], self.rotation[frame[which]]
-        along, most = (
-            cp.sum(cp.multiply(normals, legs), axis=1),
-            turned_most(normals, self.scaled.tilt),
-        )
-        if inner:
+        along = cp.sum(cp.multiply(normals, legs), axis=1)
+        if inner and not self.layout.level:
             room = rows.bounds[row] - along - cp.sum(cp.multiply(rows.levers[row], turn), axis=1)
-            across = cp.multiply(most[:, None], cross(normals, legs) - rows.levers[row])
+            arms = [cp.sum(cp.multiply(rows.arms[row, k], legs), axis=1) for k in (0, 1)]
+            across = cp.vstack(arms).T - rows.offsets[row]
             return {"leg": is_leg, "reach_rows": cp.SOC(room, across, axis=1)}
         shoulders = self.scaled.shoulders[limb]
         turned = cp.sum(cp.multiply(np.cross(normals, shoulders), turn), axis=1)
+        most = turned_most(normals, self.scaled.tilt)
         far = self.scaled.reach[limb] + turned_most(shoulders, self.scaled.tilt)
         return {"leg": is_leg, "reach_rows": along + turned <= rows.bounds[row] + most * far}
 

@@ -26,16 +26,16 @@ class HalfSpaces:
     Arguments:
         normals: a.
         bounds: b. Of the inner sets levers: a × z.
-        arms: t(a) [a]×.
-        offsets: t(a) a × z. Of the outer ones outer_levers: a × s.
+        arms: t(a) U(a), with ‖U(a) x‖ = ‖a × x‖: two rows across a, as long as a.
+        offsets: t(a) U(a) z. Of the outer ones outer_levers: a × s.
         outer_bounds: b + t(a) (ρ + t(s)).
     """
 
     normals: Array  # (H, 3)
     bounds: Array  # (H,)
     levers: Array  # (H, 3)
-    arms: Array  # (H, 3, 3)
-    offsets: Array  # (H, 3)
+    arms: Array  # (H, 2, 3)
+    offsets: Array  # (H, 2)
     outer_levers: Array  # (H, 3)
     outer_bounds: Array  # (H,)
 
@@ -60,12 +60,13 @@ class HalfSpaces:
             turned_most(normals, tilt_rad),
         )
         shoulders, reach, levers = owners[:, :3], owners[:, 3], np.cross(normals, owners[:, 4:])
+        arms = turned[:, None, None] * _across(normals)
         return cls(
             normals=normals,
             bounds=bounds,
             levers=levers,
-            offsets=turned[:, None] * levers,
-            arms=turned[:, None, None] * np.cross(normals[:, None], np.eye(3)).transpose(0, 2, 1),
+            offsets=(arms @ owners[:, 4:, None])[:, :, 0],
+            arms=arms,
             outer_levers=np.cross(normals, shoulders),
             outer_bounds=bounds + turned * (reach + turned_most(shoulders, tilt_rad)),
         )
@@ -78,8 +79,8 @@ class HalfSpaces:
             normals=vectors,
             bounds=line,
             levers=vectors,
-            arms=np.zeros((0, 3, 3)),
-            offsets=vectors,
+            arms=np.zeros((0, 2, 3)),
+            offsets=np.zeros((0, 2)),
             outer_levers=vectors,
             outer_bounds=line,
         )
@@ -91,6 +92,17 @@ class HalfSpaces:
             0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs
         )
         return result if any(result) else ()
+
+
+def _across(normals: Array) -> Array:
+    """U(a) of vectors of shape (H, 3): with the axis that is least along a, a × e and a × (a × e),
+    both as long as a; shape (H, 2, 3).
+    """
+    axes = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, axes)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    first *= length / np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normals, first) / length], axis=1)
 
 
 def _centre(limb: Limb | Contact, rows: ReachRows) -> Array:
@@ -124,8 +136,8 @@ def within_half_spaces(
     put_toes(is_leg, foothold, -1.0)
     which, row = layout.standing_rows
     rows_of_leg = leg[which]
-    if inner:
-        cone = rows.cones("reach_rows", len(row), 4)
+    if inner and not layout.level:  # else both sets are a·d ≤ b
+        cone = rows.cones("reach_rows", len(row), 3)
         at, levers, bounds = cone[:, 0], "levers", "bounds"
         rows.put(cone[:, 1:, None], rows_of_leg[:, None], -Of("scaled.half_spaces.arms", row))
         rows.right(cone[:, 1:], -Of("scaled.half_spaces.offsets", row))

@@ -44,6 +44,7 @@ class Layout:
             pushes alone.
         relative: (limb, other, how many half-spaces) of every pair of feet whose distance is
             limited where the limb moves.
+        level: whether the body is never tilted.
         least_toes: whether each step of a toe has a row of least length, which is one of relative
             reach between the foothold before and the one after.
     """
@@ -59,6 +60,7 @@ class Layout:
     pushes: int = 0
     stands: bool = False
     wrench: bool = False
+    level: bool = False
 
     def __hash__(self) -> int:
         return self._hash

@@ -46,6 +46,7 @@ def of_problem(scaled: Callable[..., Scaled], course: Problem) -> Scaled:
             least_toes=len(toe_sides) > 0,
             linear=linear.shape[1],
             stands=course.weights is not None and course.weights.stance > 0.0,
+            level=course.tilt_limit_rad == 0.0,
         )
     )
     wrench = _wrench(course, layout)

@@ -41,6 +41,8 @@ DIRECTIONS = 32
 SAME = 1e-5
 """Corners of a region this close to each other are one: what a solver leaves of a corner that it
 finds twice."""
+TINY = 1e-9
+"""A part of the weight, or a length [m], that is none."""
 FRICTION_STEPS = 5
 """Halvings of the interval in which the least share of the friction is sought."""
 OUTLINE = 24
@@ -86,6 +88,8 @@ class _Contacts:
         weight_n: of the robot [N].
         borne: sum and moment about the centre of mass of the contacts' forces, in units of the
             weight and metres, (6,).
+        given: the plan's forces (f_n, f_y, f_z), a sole's in equal parts, in units of the weight,
+            shape (n, 3).
     """
 
     arms_m: Array
@@ -95,6 +99,7 @@ class _Contacts:
     high: Array
     weight_n: float
     borne: Array
+    given: Array
 
     @property
     def balance(self) -> Array:
@@ -196,8 +201,8 @@ def stance_margins(
     """
     programs: dict[int, _Program] = {}
     margins = []
-    for stance in plan.problem.stances:
-        at = _contacts(plan, stance)
+    for index, stance in enumerate(plan.problem.stances):
+        at = _contacts(plan, index)
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
         push = _inner_distance(program.support(at, PUSH + yields_m * _shift(at.borne)))
@@ -220,7 +225,7 @@ def support_region(plan: Plan, stance: Stance) -> Array:
 
     Returns shape (K, 2) [m], empty where the stance carries it nowhere.
     """
-    at = _contacts(plan, stance)
+    at = _contacts(plan, plan.problem.stances.index(stance))
     farthest = _Program(len(at.friction)).support(at, _shift(at.borne))
     turns = np.linspace(0.0, 2.0 * math.pi, OUTLINE, endpoint=False)
     corners = [farthest(np.array([math.cos(turn), math.sin(turn)])) for turn in turns]
@@ -244,25 +249,25 @@ def least_margins(plan: Plan) -> dict[str, StanceMargin]:
     bears as much, which a few directions of a push say, and one program of the friction.
     """
     course, yields_m = plan.problem, verdict_yields_m(plan)
+    every = [_contacts(plan, index) for index in range(len(course.stances))]
+    places = [_shift(at.borne) for at in every]
+    pushes = [PUSH + yields_m * place for place in places]
+    sure = {"push_n": _sure_distances(every, pushes), "support_m": _sure_distances(every, places)}
     programs: dict[int, _Program] = {}
     least: dict[str, float] = dict.fromkeys(("push_n", "support_m", "friction_left"), math.inf)
     weakest: dict[str, Stance] = {}
-    for stance in course.stances:
-        at = _contacts(plan, stance)
+    for index, at in enumerate(every):
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
-        least_found = {
-            "push_n": _inner_distance(
-                program.support(at, PUSH + yields_m * _shift(at.borne)), enough=least["push_n"]
-            ),
-            "support_m": _inner_distance(
-                program.support(at, _shift(at.borne)), enough=least["support_m"]
-            ),
-            "friction_left": _friction_left(program, at, enough=least["friction_left"]),
+        found = {
+            name: _inner_distance(program.support(at, shifts[index]), enough=least[name])
+            for name, shifts in (("push_n", pushes), ("support_m", places))
+            if sure[name][index] < least[name]
         }
-        for name, value in least_found.items():
+        found["friction_left"] = _friction_left(program, at, enough=least["friction_left"])
+        for name, value in found.items():
             if value < least[name]:
-                least[name], weakest[name] = value, stance
+                least[name], weakest[name] = value, course.stances[index]
     least["push_n"] *= course.weight_n
     return {
         name: StanceMargin(
@@ -282,15 +287,15 @@ def borne_share(plan: Plan, shares: Sequence[float], yields_m: float = 0.0) -> f
         yields_m: as of ``stance_margins``.
     """
     programs: dict[int, _Program] = {}
+    every = [_contacts(plan, index) for index in range(len(plan.problem.stances))]
+    shifts = [PUSH + yields_m * _shift(at.borne) for at in every]
     left = list(shares)
-    for stance in plan.problem.stances:
+    for index in np.flatnonzero(_sure_distances(every, shifts) < max(left, default=0.0)):
         if not left:
             break
-        at = _contacts(plan, stance)
-        count = len(at.friction)
+        count = len(every[index].friction)
         program = programs[count] = programs.get(count) or _Program(count)
-        shifts = PUSH + yields_m * _shift(at.borne)
-        push = _inner_distance(program.support(at, shifts), enough=left[0])
+        push = _inner_distance(program.support(every[index], shifts[index]), enough=left[0])
         left = [share for share in left if push >= share]
     return left[0] if left else 0.0
 
@@ -333,9 +338,10 @@ def _asked_push(course: Problem) -> float:
     return course.push_n
 
 
-def _contacts(plan: Plan, stance: Stance) -> _Contacts:
-    """The contacts of a stance, on the patches that were chosen."""
-    course, holds = plan.problem, plan.problem.holds[stance.frame]
+def _contacts(plan: Plan, index: int) -> _Contacts:
+    """The contacts of a stance, by its number, on the patches that were chosen."""
+    course, stance = plan.problem, plan.problem.stances[index]
+    holds = course.holds[stance.frame]
     feet = [int(holds[limb]) for limb in stance.limbs]
     chosen = [course.patch(foot, plan.choice) for foot in feet]
     offsets = [course.offsets_m[foot][int(plan.choice[foot])] for foot in feet]
@@ -348,14 +354,19 @@ def _contacts(plan: Plan, stance: Stance) -> _Contacts:
             for foot, offsets_of_foot in zip(feet, offsets, strict=True)
         ]
     )
+    frames = np.repeat(contact_frames(axes[:, 0], axes[:, 1]), counts, axis=0)
+    forces = plan.forces_n[index][list(stance.limbs)] / (
+        course.weight_n * np.array(counts)[:, None]
+    )
     return _Contacts(
         arms_m=points - plan.com_m[stance.frame],
-        frames=np.repeat(contact_frames(axes[:, 0], axes[:, 1]), counts, axis=0),
+        frames=frames,
         friction=np.repeat([patch.friction for patch in chosen], counts),
         low=np.repeat(low, counts, axis=0),
         high=np.repeat(high, counts, axis=0),
         weight_n=course.weight_n,
         borne=_borne(course, stance.frame),
+        given=(np.repeat(forces, counts, axis=0)[:, None] @ frames)[:, 0],
     )
 
 
@@ -363,6 +374,50 @@ def _borne(course: Problem, frame: int) -> Array:
     """``_Contacts.borne`` at a key frame."""
     weight = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     return weight if course.wrench is None else weight - course.wrench[frame] / course.weight_n
+
+
+def _sure_distances(every: Sequence[_Contacts], shifts: Sequence[Array]) -> Array:
+    """Distances that the origin surely has from the border of each stance's set of shifts, less the
+    share that ``_inner_distance`` leaves open.
+
+    The plan's forces f, made to balance, and those that balance a shift t by K t, the larger the
+    normal force is: f − K t are within their bounds and cones for every t of that length. 0 where
+    there are none, or these do not balance.
+
+    Arguments:
+        every: the contacts of each stance.
+        shifts: what a unit of each shift adds to the balances, shape (6, 2) each.
+
+    Returns shape (S,).
+    """
+    sure = np.zeros(len(every))
+    counts = np.array([len(at.friction) for at in every], dtype=np.int_)
+    for count in np.unique(counts):
+        rows = np.flatnonzero(counts == count)
+        same = [every[int(row)] for row in rows]
+        balance, shift = (
+            np.array([at.balance for at in same]),
+            np.array([shifts[int(row)] for row in rows]),
+        )
+        given, borne = np.array([at.given for at in same]), np.array([at.borne for at in same])
+        low, high = np.array([at.low for at in same]), np.array([at.high for at in same])
+        friction = np.array([at.friction for at in same])
+        scale = np.repeat(np.maximum(given[:, :, 0], TINY), 3, axis=1)[:, :, None]
+        across = scale * balance.transpose(0, 2, 1)
+        answer = across @ np.linalg.pinv(balance @ across, hermitian=True)
+        flat = given.reshape(len(rows), -1, 1)
+        flat = flat + answer @ (borne[:, :, None] - balance @ flat)
+        change = answer @ shift
+        off = np.abs(balance @ change - shift).max(axis=(1, 2))
+        off = np.maximum(off, np.abs(balance @ flat - borne[:, :, None]).max(axis=(1, 2)))
+        force, change = flat.reshape(given.shape), change.reshape(*given.shape, 2)
+        slope = np.maximum(np.linalg.norm(change, axis=3), TINY)
+        bounds = np.minimum((high - force) / slope, (force - low) / slope).min(axis=(1, 2))
+        room = friction * force[:, :, 0] - np.linalg.norm(force[:, :, 1:], axis=2)
+        used = np.linalg.norm(change[:, :, 1:], axis=(2, 3)) + friction * slope[:, :, 0]
+        cones = (room / np.maximum(used, TINY)).min(axis=1)
+        sure[rows] = np.where(off < TINY, np.minimum(bounds, cones), 0.0)
+    return (1.0 - CLOSE) * np.maximum(0.0, sure)
 
 
 def _inner_distance(farthest: Callable[[Array], Array | None], enough: float = math.inf) -> float:

@@ -84,6 +84,9 @@ def test_the_inner_set_is_in_the_true_one_and_that_in_the_outer_one(tilt):
             d = shoulder + np.cross(turn, shoulder) + out  # in the ball
             true = ((normals + np.cross(turn, normals)) @ d - bounds).max()
             across = np.linalg.norm(spaces.arms @ d - spaces.offsets, axis=1)
+            middle = np.array([spaces.levers, np.cross(normals, d)])
+            most = turned_most(normals, tilt) * np.linalg.norm(middle[1] - middle[0], axis=1)
+            np.testing.assert_allclose(across, most, atol=1e-14)  # t(a) ‖a × (d − z)‖
             inner = (spaces.normals @ d + spaces.levers @ turn + across - spaces.bounds).max()
             outer = (spaces.normals @ d + spaces.outer_levers @ turn - spaces.outer_bounds).max()
             assert outer - 1e-12 <= true <= inner + 1e-12

@@ -13,8 +13,10 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.equilibrium.terms import Given
 from stancekit.planners.problem import Contact, Problem
+from stancekit.planners.projection.held import FixToes
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.model import Limb, Robot
@@ -69,6 +71,32 @@ def on_one_foot(ahead_m: float, tilt: float = 0.0) -> Problem:
 def test_without_a_tilt_a_half_space_decides_to_the_millimetre(planner, ahead_m, holds):
     outcome = planner.solve(on_one_foot(ahead_m))
     assert outcome.status is (Status.FEASIBLE if holds else Status.INFEASIBLE)
+
+
+def test_a_level_body_has_rows_where_one_that_leans_has_cones():
+    """With t(a) = 0 a cone of the inner set is its first row, and the outer set is the inner one."""
+    scaled = Scaled.of(on_one_foot(-0.02))
+    assert scaled.layout.level
+    assert not Scaled.of(on_one_foot(-0.02, 1e-6)).layout.level
+    leans = replace(scaled, layout=replace(scaled.layout, level=False))
+    point = Point(
+        com=scaled.com,
+        rotation=np.zeros((1, 3)),
+        toes=scaled.vertices[:1],
+        forces=np.ones((1, 3)),
+        residual=1.0,
+    )
+    left = []
+    for each in (scaled, leans):
+        rows = FixToes(each.layout, False, True).rows
+        _, _, matrix, b = rows.load(Given(each, point))
+        x = np.random.default_rng(0).normal(size=rows.shape[1])
+        x[rows.columns["rotation"]] = 0.0  # as |Θ| ≤ 0 asks
+        product = np.bincount(matrix.indices, matrix.data * x[matrix.columns], minlength=len(b))
+        left.append((product - b)[rows.groups["reach_rows"]])
+    assert (left[0].shape, left[1].shape) == ((6,), (6, 3))
+    np.testing.assert_allclose(left[1][:, 0], left[0], atol=1e-15)
+    assert not left[1][:, 1:].any()
 
 
 def test_a_body_that_leans_gains_height_times_tilt_and_no_proof_says_less(planner):

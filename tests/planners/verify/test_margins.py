@@ -16,9 +16,11 @@ from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.problem import Problem, Stance
 from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.terrain.patch import Patch
-from stancekit.planners.verify import check_plan
+from stancekit.planners.verify import check_plan, margins
 from stancekit.planners.verify.margins import (
     YIELDS,
+    borne_share,
+    least_margins,
     margin_group,
     stance_margins,
     support_region,
@@ -153,6 +155,45 @@ def test_a_push_that_is_said_to_be_borne_has_forces_in_all_directions(climb: Pla
     for margin, stance in zip(stance_margins(climb), climb.problem.stances, strict=True):
         assert all(held(climb, stance, 0.99 * margin.push_n, turn) for turn in turns)
         assert not all(held(climb, stance, 1.05 * margin.push_n, turn) for turn in turns)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02, 0.1, 0.5, 2.0])
+def test_what_forces_near_the_plans_show_is_never_more_than_there_is(
+    climb: Plan, scatter: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Least margins and borne pushes are those of every stance looked at, also of forces that are
+    none.
+    """
+    rng = np.random.default_rng(int(100 * scatter))
+    asked, spared = [], 0
+    for _ in range(6):
+        noise = scatter * climb.problem.weight_n * rng.standard_normal(climb.forces_n.shape)
+        plan = replace(climb, forces_n=np.where(climb.forces_n == 0.0, 0.0, climb.forces_n + noise))
+        every = stance_margins(plan, yields_m=0.05)
+        contacts = [margins._contacts(plan, index) for index in range(len(every))]
+        shifts = [margins.PUSH + 0.05 * margins._shift(at.borne) for at in contacts]
+        sure = margins._sure_distances(contacts, shifts)
+        assert all(sure * plan.problem.weight_n <= [margin.push_n for margin in every])
+        spared += int(np.sum(sure > 0.02))
+        asked.append(plan)
+    assert spared > 0 or scatter >= 0.5
+    found = [
+        (
+            least_margins(plan),
+            borne_share(plan, (0.14, 0.06, 0.03)),
+            borne_share(plan, (0.01,), 0.05),
+        )
+        for plan in asked
+    ]
+    monkeypatch.setattr(margins, "_sure_distances", lambda every, _: np.zeros(len(every)))
+    assert found == [
+        (
+            least_margins(plan),
+            borne_share(plan, (0.14, 0.06, 0.03)),
+            borne_share(plan, (0.01,), 0.05),
+        )
+        for plan in asked
+    ]
 
 
 def test_a_plan_bears_the_push_that_is_asked_for() -> None:
