@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import io
 import os
@@ -111,6 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(_overview(), flush=True)
             return
         gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
+        atexit.register(gc.freeze)  # and whose end needs no search either
         command = parse(arguments)
     except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
