@@ -91,10 +91,3 @@ def slope_about(terrain: HeightField, xy: Array) -> Array:
     """‖∇h‖ where it is largest in a place and those about it, shape (…, 2) [m] → (…)."""
     about = np.clip(xy[..., None, :] + OFF_M * AROUND, *np.transpose(terrain.domain_m))
     return np.asarray(np.linalg.norm(terrain.gradient(about), axis=-1).max(axis=-1))
-
-
-def steepest(terrain: HeightField, spacing_m: float = 0.05) -> float:
-    """The largest gradient over a grid on the terrain's domain, non-dimensional."""
-    axes = [np.arange(low, high + 0.5 * spacing_m, spacing_m) for low, high in terrain.domain_m]
-    slopes = terrain.gradient(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
-    return float(np.linalg.norm(slopes, axis=-1).max())
