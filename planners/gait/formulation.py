@@ -19,7 +19,7 @@ from .constraints.contact import contact
 from .constraints.durations import durations
 from .constraints.dynamics import dynamics
 from .constraints.ends import goal, heading_end, poised, start, still_end, still_start
-from .constraints.footing import SHARE, footing, slope_about, steepest
+from .constraints.footing import SHARE, footing, slope_about
 from .constraints.reach import reach
 from .constraints.swing import swing
 from .constraints.trunk import trunk
@@ -93,7 +93,7 @@ def sure(task: Walk, settings: GaitSettings) -> GaitSettings:
     if settings.footing is not None:
         return settings
     limit = SHARE * task.friction
-    if steepest(task.terrain) <= limit or all(task.adhesive):
+    if task.terrain.steepest <= limit or all(task.adhesive):
         return replace(settings, footing=0.0)
     surer = replace(settings, footing=SHARE)
     walk = GuessedWalk(Structure(task, surer, Shear(task.terrain)))

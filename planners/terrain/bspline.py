@@ -108,6 +108,9 @@ class CubicBasis:
             values.append(c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]))
         if orders > 1:
             values.append(2.0 * c[2] + 6.0 * u * c[3])
+        if orders > 2:
+            values.append(6.0 * c[3])
+        values += [np.zeros_like(c[0])] * (orders - 3)
         return interval, values
 
     def matrix(self, x: Array, order: int = 0) -> csr_array:

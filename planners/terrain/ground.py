@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cached import cached_property
 from ..files.arrays import Array
@@ -33,25 +32,25 @@ class Ground:
         (control,), knots = self.heights.spline
         return control, knots
 
-    def near(self, low: Array, high: Array) -> NDArray[np.bool_]:
-        """Tell which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its
-        control points. Shape (S,).
+    def tops(self, low: Array, high: Array) -> Array:
+        """Height above which no part of boxes is in it, corners of shape (S, 3) [m]: a spline is
+        below its control points, those about a box alone where the box is not above all; shape (S,).
         """
         control, each = self._spline
-        near = low[:, 2] < control.max()
-        low, high = low[near], high[near]
+        tops = np.full(len(low), control.max())
+        near = np.flatnonzero(low[:, 2] < tops)
         (x0, x1), (y0, y1) = (
             [
-                np.clip(np.searchsorted(knots, at[:, k], side="right") - 4, 0, len(knots) - 8)
+                np.clip(np.searchsorted(knots, at[near, k], side="right") - 4, 0, len(knots) - 8)
                 for at in (low, high)
             ]
             for k, knots in enumerate(each)
         )
-        tops = [
-            control[a : b + 4, c : d + 4].max() for a, b, c, d in zip(x0, x1, y0, y1, strict=True)
+        tops[near] = [
+            control[a : b + 4, c : d + 4].max()
+            for a, b, c, d in zip(*(line.tolist() for line in (x0, x1, y0, y1)), strict=True)
         ]
-        near[near] = low[:, 2] < np.array(tops)
-        return np.asarray(near)
+        return tops
 
     def depth(self, points: Array) -> Array:
         """Depth of points in it, along the normal where it is even, negative above, shape (…, 3) to

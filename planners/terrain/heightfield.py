@@ -20,6 +20,8 @@ FEWEST = 4
 WIDEST_M = 200.0
 """No terrain of a legged robot spans more [m]; one that does is a file in millimetres."""
 MOST_POINTS = 4_000_000
+STEP_M = 0.05
+"""Distance of the places at which the steepest is looked for [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +145,16 @@ class HeightField:
         """The height and ∇h by one look-up, shape (…, 2) → (…), (…, 2)."""
         value, *slopes = self._derivatives(xy, ((0, 0), (1, 0), (0, 1)))
         return value, np.stack(slopes, axis=-1)
+
+    @cached_property
+    def steepest(self) -> float:
+        """The largest gradient over a grid of 5 cm on the domain, non-dimensional."""
+        (x, along_x), (y, along_y) = (
+            [basis.matrix(np.arange(low, high + 0.5 * STEP_M, STEP_M), order) for order in (0, 1)]
+            for basis, (low, high) in zip(self._bases, self.domain_m, strict=True)
+        )
+        slopes = (along_x @ self._coefficients @ y.T, x @ self._coefficients @ along_y.T)
+        return float(np.hypot(*slopes).max())
 
     def normal(self, xy: Array) -> Array:
         """Upward unit normal (−∇h, 1)/‖·‖ (Pan et al., after W5), shape (…, 2) → (…, 3)."""

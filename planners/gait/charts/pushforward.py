@@ -25,12 +25,13 @@ class Pushforward:
 
     def torso(self, bar: Array) -> tuple[Array, Array]:
         """(p̄, θ̄), shape (K, 6), to p_WB (K, 3) [m] and R_WB (K, 3, 3)."""
-        p, r = self._torso.map(len(bar))(bar.T)
+        p, r = self._torso.map(len(bar))(bar.T, self._jets(self._chart.torso_map, bar))
         return np.asarray(p).T, np.asarray(r).T.reshape(-1, 3, 3).swapaxes(1, 2)
 
     def foot(self, bar: Array, force: Array) -> tuple[Array, Array]:
         """p̄_i and f̄_i, shape (K, 3), to p_i (K, 3) [m] and f_i (K, 3)."""
-        p, f = self._foot.map(len(bar))(bar.T, force.T)
+        jets = self._jets(self._chart.foot_map, bar)
+        p, f = self._foot.map(len(bar))(bar.T, force.T, jets)
         return np.asarray(p).T, np.asarray(f).T
 
     @cached_property
@@ -38,14 +39,14 @@ class Pushforward:
         bar = cs.SX.sym("y", 6)
         expansion, jets = self._expansion(self._chart.torso_map, bar)
         p, r = self._chart.torso(bar, expansion)
-        return self._evaluated(self._chart.torso_map, [bar], jets, [p, cs.vec(r)])
+        return cs.Function("torso", [bar, jets], [cs.densify(p), cs.densify(cs.vec(r))])
 
     @cached_property
     def _foot(self) -> cs.Function:
         bar, force = cs.SX.sym("p", 3), cs.SX.sym("f", 3)
         expansion, jets = self._expansion(self._chart.foot_map, bar)
         p, f = self._chart.foot(bar, expansion), self._chart.force(force, bar, expansion)
-        return self._evaluated(self._chart.foot_map, [bar, force], jets, [p, f])
+        return cs.Function("foot", [bar, force, jets], [cs.densify(p), cs.densify(f)])
 
     @staticmethod
     def _expansion(chart_map: TaylorMap | None, bar: cs.SX) -> tuple[ExpansionPoint | None, cs.SX]:
@@ -54,15 +55,9 @@ class Pushforward:
         jet, point = cs.SX.sym("j", chart_map.size(1)), bar[: chart_map.inputs]
         return ExpansionPoint(chart_map.polynomial(1), point, point, jet), jet
 
-    def _evaluated(
-        self, chart_map: TaylorMap | None, inputs: list[cs.SX], jets: cs.SX, outputs: list[cs.SX]
-    ) -> cs.Function:
-        kernel = cs.Function("chart", [*inputs, jets], [cs.densify(output) for output in outputs])
+    def _jets(self, chart_map: TaylorMap | None, bar: Array) -> Array:
+        """Jets of order 1 at places, shape (K, …), one a column."""
         if chart_map is None:
-            jet = cs.MX(0, 1)
-            symbols = [cs.MX.sym("v", one.shape[0]) for one in inputs]
-        else:
-            symbols = [cs.MX.sym("v", one.shape[0]) for one in inputs]
-            jet = chart_map.jet(1)(symbols[0][: chart_map.inputs])
-            jet = jet * self._factor if chart_map.homogeneous else jet
-        return cs.Function("pushforward", symbols, list(kernel(*symbols, jet)))
+            return np.zeros((0, len(bar)))
+        jets = chart_map.at(bar[:, : chart_map.inputs], 1).T
+        return self._factor * jets if chart_map.homogeneous else jets

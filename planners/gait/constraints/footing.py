@@ -18,7 +18,7 @@ from ...answer.trajectory import OFF_M
 from ...files.arrays import Array
 from ...problem.walk import Walk
 from ...terrain.heightfield import HeightField
-from ..transcription.blocks import Block, Constraint, Place
+from ..transcription.blocks import Block, Constraint
 from ..transcription.taylor import ExpansionPoint, TaylorMap
 from ..variables.structure import Structure
 
@@ -43,31 +43,32 @@ def footing(structure: Structure) -> Constraint | None:
     if not structure.settings.footing or not feet:
         return None
     limit = structure.settings.footing * task.friction
-    plain = structure.entries("footholds", np.concatenate(feet), True)
-    ground, rows = TaylorMap.of_heights(task.terrain), np.arange(plain.count)
+    entries = np.concatenate(feet)
+    every, ground = np.tile(entries, (len(AROUND), 1)), TaylorMap.of_heights(task.terrain)
+    plain = structure.entries("footing", every, True)
+
+    def features(v: cs.SX, off_m: cs.SX) -> cs.SX:
+        return cs.vertcat(plain.features(v, off_m), off_m)
+
+    def place(feature: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
+        return chart.foot(feature[:3], expansion)[:2] + feature[3:]
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (below,) = expansions[-1:]
         assert below is not None
         return limit**2 - cs.sumsqr(below.here[1])
 
-    blocks = []
-    for at, off in enumerate(OFF_M * AROUND):
-        there = replace(
-            plain, name="footing", map=ground, inner=chart.foot_map, place=beside(structure, off)
-        )
-        blocks.append(Block(kernel, ((there, rows),), at * plain.count + rows[:, None]))
-    count = len(AROUND) * plain.count
-    return Constraint("footing", np.zeros(count), np.full(count, np.inf), tuple(blocks))
-
-
-def beside(structure: Structure, off_m: Array) -> Place:
-    """The place so far from a foot's, seen from above."""
-
-    def place(feature: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
-        return structure.chart.foot(feature[:3], expansion)[:2] + off_m
-
-    return place
+    there = replace(
+        plain,
+        map=ground,
+        inner=chart.foot_map,
+        place=place,
+        features=features,
+        constants=np.repeat(OFF_M * AROUND, len(entries), axis=0),
+    )
+    rows = np.arange(there.count)
+    block = Block(kernel, ((there, rows),), rows[:, None])
+    return Constraint("footing", np.zeros(there.count), np.full(there.count, np.inf), (block,))
 
 
 def sure_xy(task: Walk, share: float, xy: Array) -> Array:
@@ -90,10 +91,3 @@ def slope_about(terrain: HeightField, xy: Array) -> Array:
     """‖∇h‖ where it is largest in a place and those about it, shape (…, 2) [m] → (…)."""
     about = np.clip(xy[..., None, :] + OFF_M * AROUND, *np.transpose(terrain.domain_m))
     return np.asarray(np.linalg.norm(terrain.gradient(about), axis=-1).max(axis=-1))
-
-
-def steepest(terrain: HeightField, spacing_m: float = 0.05) -> float:
-    """The largest gradient over a grid on the terrain's domain, non-dimensional."""
-    axes = [np.arange(low, high + 0.5 * spacing_m, spacing_m) for low, high in terrain.domain_m]
-    slopes = terrain.gradient(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
-    return float(np.linalg.norm(slopes, axis=-1).max())

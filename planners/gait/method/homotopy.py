@@ -22,7 +22,6 @@ from ...errors import InvalidInput
 from ...files.arrays import Array
 from ...terrain.heightfield import HeightField
 from ..charts import CHARTS
-from ..constraints.footing import steepest
 from ..gait_program import GaitProgram, GaitSolution
 from .attempt import Attempt, Homotopy, Workbench
 from .smoothing import Solver
@@ -45,7 +44,7 @@ def heights_for(
     """Factors on the gradients, the last 1: the first makes the terrain gentle, each next one
     steeper by ``growth``.
     """
-    slope = steepest(terrain)
+    slope = terrain.steepest
     if slope <= gentle:
         return (1.0,)
     stages = int(np.ceil(np.log(slope / gentle) / np.log(growth)))
@@ -60,14 +59,14 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
 
     Raises InvalidInput for an uneven grid.
     """
-    goal = factor * steepest(terrain)
+    goal = factor * terrain.steepest
     if factor == 1.0 or goal == 0.0:
         return terrain
 
     from scipy.optimize import brentq  # slow to import
 
     def above(sigma_m: float) -> float:
-        return steepest(terrain.smoothed(sigma_m)) - goal
+        return terrain.smoothed(sigma_m).steepest - goal
 
     widest_m = 0.05
     while above(widest_m) > 0.0 and widest_m < WIDEST_M:

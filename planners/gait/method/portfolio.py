@@ -24,7 +24,6 @@ from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked, checked_int
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory, with_body
-from ..constraints.footing import steepest
 from ..forbidden import forbidden
 from ..gait_program import GaitSolution
 from ..task import GaitSettings
@@ -220,7 +219,7 @@ def plan_gait(
 
 def default_attempts(task: Walk) -> list[Attempt]:
     """The charts in the order in which they are worth trying on a task's terrain."""
-    if steepest(task.terrain) > STEEP and task.terrain.even:
+    if task.terrain.steepest > STEEP and task.terrain.even:
         widened = heights_for(task.terrain, gentle=WIDENED)
         return [
             Attempt(chart="ambient", heights=widened, by="smoothing"),

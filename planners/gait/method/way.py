@@ -27,7 +27,6 @@ from ...problem.candidates import NoPlace
 from ...problem.guide_path import Footprint, GuidePath, guide_over
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
-from ..constraints.footing import steepest
 from ..task import GaitSettings
 from .attempt import Attempt, Attempted, Progress
 from .budget import SolveRecord, cpu_s
@@ -65,7 +64,7 @@ def guided(task: Walk) -> GuidePath | None:
     """
     length = float(np.linalg.norm(task.goal_xy_m - task.start_xy_m))
     turns = task.yaws()[0] != task.yaws()[1]
-    if any(task.adhesive) or turns or (length < FAR_M and steepest(task.terrain) < WALL):
+    if any(task.adhesive) or turns or (length < FAR_M and task.terrain.steepest < WALL):
         return None
     footprint = Footprint.of_walker(task.robot, task.start_yaw_rad)
     ends = np.array([task.start_xy_m, task.goal_xy_m])

@@ -274,7 +274,7 @@ class TaylorBank:
         return self._found[key]
 
     def _jets(self, chart_map: TaylorMap, points: cs.MX, order: int) -> cs.MX:
-        jets = chart_map.jet(order).map(points.shape[1])(points[: chart_map.inputs, :])
+        jets = chart_map.jets(order, points.shape[1])(points[: chart_map.inputs, :])
         return self._factor * jets if chart_map.homogeneous else jets
 
     @staticmethod

@@ -73,12 +73,13 @@ class Program:
 
     @cached_property
     def jacobian(self) -> cs.Function:
-        """(x, p) → g, ∂g/∂x, sparse."""
+        """(x, p) → nothing, ∂g/∂x, sparse; IPOPT asks for g apart."""
         total = cs.MX(self._linear)
         for compiled, scatter in zip(self._blocks, self._scatters, strict=True):
             total += scatter @ self._slopes(compiled)
+        nothing = cs.MX(self.rows, 1)
         return cs.Function(
-            "nlp_jac_g", [self._x, self._p], [self._constraint, total], ["x", "p"], ["g", "jac_g_x"]
+            "nlp_jac_g", [self._x, self._p], [nothing, total], ["x", "p"], ["g", "jac_g_x"]
         )
 
     def _slopes(self, compiled: Compiled) -> cs.MX:

@@ -20,12 +20,11 @@ import numpy as np
 
 from ...cached import cached_property
 from ...files.arrays import Array
+from ...terrain.bspline import CubicBasis
 
 if TYPE_CHECKING:
     from ...terrain.heightfield import HeightField
     from ...warp.spline_map import SplineMap
-
-DEGREE = 3
 
 
 class TaylorMap:
@@ -41,9 +40,9 @@ class TaylorMap:
     def __init__(self, control: Array, knots: Sequence[Array], *, homogeneous: bool) -> None:
         self.homogeneous = homogeneous
         self.outputs, self.inputs = control.shape[0], len(knots)
-        self._control, self._knots = control, tuple(np.asarray(line) for line in knots)
-        self._derivatives: dict[tuple[int, ...], cs.Function] = {}
-        self._jets: dict[int, cs.Function] = {}
+        self._control = np.ascontiguousarray(control)
+        self._bases = [CubicBasis(line) for line in knots]
+        self._jets: dict[tuple[int, int], _Jets] = {}
         self._polynomials: dict[int, cs.Function] = {}
 
     @classmethod
@@ -63,38 +62,36 @@ class TaylorMap:
         """Length of a jet of this order."""
         return int(self.outputs * len(self.powers(order)))
 
-    def jet(self, order: int) -> cs.Function:
-        """CasADi function from the point (d) to the jet, all ∂^α of all outputs, α by α."""
-        if order not in self._jets:
-            point = cs.MX.sym("x", self.inputs)
-            derivatives = [self._derivative(power)(point) for power in self.powers(order)]
-            self._jets[order] = cs.Function("jet", [point], [cs.vertcat(*derivatives)])
-        return self._jets[order]
+    def jets(self, order: int, count: int) -> cs.Function:
+        """CasADi function from points, shape (d, K), to their jets, (size, K), each all ∂^α of all
+        outputs, α by α.
 
-    def _derivative(self, power: tuple[int, ...]) -> cs.Function:
-        """∂^α as a spline of its own: differences of the coefficients, one degree less for each."""
-        if power not in self._derivatives:
-            control, knots, degrees = self._control, list(self._knots), [DEGREE] * self.inputs
-            if max(power) > DEGREE:
-                self._derivatives[power] = cs.Function(
-                    "d", [cs.MX.sym("x", self.inputs)], [cs.DM.zeros(self.outputs)]
-                )
-                return self._derivatives[power]
-            for axis, count in enumerate(power):
-                for _ in range(count):
-                    line, degree = knots[axis], degrees[axis]
-                    size = control.shape[axis + 1]
-                    rise = (line[degree + 1 : degree + size] - line[1:size]) / degree
-                    shape = [-1 if k == axis + 1 else 1 for k in range(control.ndim)]
-                    control = np.diff(control, axis=axis + 1) / rise.reshape(shape)
-                    knots[axis], degrees[axis] = line[1:-1], degree - 1
-            point = cs.MX.sym("x", self.inputs)
-            lines = [line.tolist() for line in knots]
-            value = cs.bspline(
-                point, cs.DM(control.ravel(order="F")), lines, degrees, self.outputs, {}
-            )
-            self._derivatives[power] = cs.Function("d", [point], [value])
-        return self._derivatives[power]
+        NumPy evaluates it: CasADi's own splines write out of their bounds where a third derivative
+        is asked for on a knot.
+        """
+        if (order, count) not in self._jets:
+            self._jets[order, count] = _Jets(self, order, count)
+        return self._jets[order, count]
+
+    def at(self, points: Array, order: int) -> Array:
+        """Jets at points, shape (K, d) → (K, size)."""
+        first, weights = zip(
+            *(
+                basis.weights(np.ascontiguousarray(points[:, k]), order)
+                for k, basis in enumerate(self._bases)
+            ),
+            strict=True,
+        )
+        shape = self._control.shape[1:]
+        steps = np.ravel_multi_index(np.indices((4,) * self.inputs), shape)
+        flat = np.ravel_multi_index(first, shape)[:, None] + steps.ravel()
+        near = self._control.reshape(self.outputs, -1)[:, flat]
+        parts: dict[tuple[int, ...], Array] = {(): near.reshape(*near.shape[:2], *steps.shape)}
+        for axis in reversed(range(self.inputs)):  # along the last axis first
+            for power in {power[axis:] for power in self.powers(order)}:
+                rest = parts[power[1:]]
+                parts[power] = np.einsum("cn...k,nk->cn...", rest, weights[axis][power[0]])
+        return np.concatenate([parts[power] for power in self.powers(order)]).T
 
     def polynomial(self, order: int) -> cs.Function:
         """Function of (point, base, jet) to the Taylor polynomial's value (m) and Jacobian (m,
@@ -134,14 +131,12 @@ class SnappedMap(TaylorMap):
         """Length of both jets."""
         return super().size(order) + (self._snap.size(order) if self._snap else 0)
 
-    def jet(self, order: int) -> cs.Function:
-        """CasADi function from the point to both jets."""
-        plain = super().jet(order)
+    def at(self, points: Array, order: int) -> Array:
+        """Both jets at points, shape (K, 3) → (K, size)."""
+        plain = super().at(points, order)
         if self._snap is None:
             return plain
-        point = cs.MX.sym("x", 3)
-        first = plain(point)
-        return cs.Function("jet", [point], [cs.vertcat(first, self._snap.jet(order)(first[:2]))])
+        return np.concatenate([plain, self._snap.at(plain[:, :2], order)], axis=1)
 
     def taylor(self, point: cs.SX, base: cs.SX, jet: cs.SX, order: int) -> cs.SX:
         """The polynomial of s, corrected by that of δ about s_xy(base)."""
@@ -153,6 +148,41 @@ class SnappedMap(TaylorMap):
         fade = 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))
         correction = self._snap.taylor(value[:2], jet[:2], jet[size:], order)
         return value + cs.vertcat(0.0, 0.0, fade * correction)
+
+
+class _Jets(cs.Callback):
+    """A map's jets at so many points, shape (d, K) → (size, K), without derivatives of its own."""
+
+    def __init__(self, chart_map: TaylorMap, order: int, count: int) -> None:
+        super().__init__()
+        self._map, self._order, self._count = chart_map, order, count
+        self.construct("jets", {})
+
+    def get_n_in(self) -> int:
+        """The points alone."""
+        return 1
+
+    def get_n_out(self) -> int:
+        """The jets alone."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> cs.Sparsity:
+        """All dense."""
+        return cs.Sparsity.dense(self._map.inputs, self._count)
+
+    def get_sparsity_out(self, i: int) -> cs.Sparsity:
+        """All dense."""
+        return cs.Sparsity.dense(self._map.size(self._order), self._count)
+
+    def has_eval_buffer(self) -> bool:
+        """Numbers are read and written where CasADi has them."""
+        return True
+
+    def eval_buffer(self, arguments: Sequence[memoryview], results: Sequence[memoryview]) -> int:
+        """CasADi's call; 0 is its word for a success."""
+        points = np.frombuffer(arguments[0]).reshape(self._count, -1)
+        np.frombuffer(results[0]).reshape(self._count, -1)[:] = self._map.at(points, self._order)
+        return 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -212,4 +212,4 @@ def test_depth_in_heights_is_that_of_a_box_in_a_slope() -> None:
     expected = (slope @ point[:2] - point[2]) / np.sqrt(1.0 + slope @ slope)
     assert ground.depth(point[None])[0] == pytest.approx(expected, abs=1e-9)
     low = np.array([[0.1, 0.1, 0.5], [0.1, 0.1, -0.5], [-30.0, 0.0, 5.0]])
-    assert ground.near(low, low + 0.1).tolist() == [False, True, False]
+    assert (low[:, 2] < ground.tops(low, low + 0.1)).tolist() == [False, True, False]

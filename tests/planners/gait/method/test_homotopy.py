@@ -15,7 +15,6 @@ from stancekit.planners.gait.method.homotopy import (
     heights_for,
     softened,
     stage_program,
-    steepest,
 )
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
@@ -50,8 +49,8 @@ def bench():
 
 
 def test_the_steepest_gradient_of_a_plane_is_its_own():
-    assert steepest(slope(0.7)) == pytest.approx(0.7, abs=1e-9)
-    assert steepest(reference_terrain("hill")) == pytest.approx(
+    assert slope(0.7).steepest == pytest.approx(0.7, abs=1e-9)
+    assert reference_terrain("hill").steepest == pytest.approx(
         1.7, rel=0.02
     )  # 60° is what its formula has
 
@@ -99,13 +98,13 @@ def test_without_stages_a_failure_is_final(bench):
 def test_a_wall_that_is_widened_keeps_its_height_and_has_the_share_of_its_gradient(share):
     pit = reference_terrain("pit")
     wider = softened(pit, share)
-    assert steepest(wider) == pytest.approx(share * steepest(pit), rel=0.02)
+    assert wider.steepest == pytest.approx(share * pit.steepest, rel=0.02)
     assert wider.height(np.zeros(2)) == pytest.approx(pit.height(np.zeros(2)), abs=5e-3)
     assert wider.height(np.array([2.2, 0.0])) == pytest.approx(
         pit.height(np.array([2.2, 0.0])), abs=5e-3
     )
     assert softened(pit, 1.0) is pit
-    assert steepest(softened(slope(0.7), 0.5)) == pytest.approx(0.7)  # a plane has no wall to widen
+    assert softened(slope(0.7), 0.5).steepest == pytest.approx(0.7)  # a plane has no wall to widen
 
 
 def test_a_step_of_84_degrees_is_climbed_by_widening_it():
@@ -122,13 +121,13 @@ def test_a_step_of_84_degrees_is_climbed_by_widening_it():
     asked = []
 
     def solve(program, guess, /, **options):
-        asked.append(steepest(program.task.terrain))
+        asked.append(program.task.terrain.steepest)
         return program.solve(guess, **options)
 
     found = follow_homotopy(Workbench(task), ambient(0.4, 1.0, by="smoothing"), solve=solve)
     assert found.reached == 1.0
-    assert asked[0] == pytest.approx(0.4 * steepest(step), rel=0.02)
-    assert asked[-1] == steepest(step)
+    assert asked[0] == pytest.approx(0.4 * step.steepest, rel=0.02)
+    assert asked[-1] == step.steepest
     report = check_trajectory(found.solutions[-1].trajectory())
     swings = {"penetration", "penetration_between", "clearance"}  # between the nodes
     assert {group.name for group in report.refused} <= swings, report.message

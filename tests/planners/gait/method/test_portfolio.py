@@ -14,7 +14,6 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.budget import SolveBudget, cpu_s
 from stancekit.planners.gait.method.checkpoint import Checkpoint
-from stancekit.planners.gait.method.homotopy import steepest
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.task import GaitSettings
@@ -211,7 +210,7 @@ def test_walls_beyond_81_degrees_are_widened_first():
     )
     first = default_attempts(deep)[0]
     assert first.name == "ambient, 4 smoothings"
-    assert first.heights[0] * steepest(deep.terrain) == pytest.approx(4.0)
+    assert first.heights[0] * deep.terrain.steepest == pytest.approx(4.0)
     assert first.heights[-1] == 1.0
     assert {way.by for way in default_attempts(TASK)} == {"height"}
 

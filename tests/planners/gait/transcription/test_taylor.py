@@ -40,7 +40,7 @@ def expanded(chart_map: TaylorMap, order: int) -> cs.Function:
     second = cs.jacobian(cs.vec(jacobian), point)
     kernel = cs.Function("kernel", [point, base, jet], [value, jacobian, second])
     at = cs.MX.sym("x", chart_map.inputs)
-    return cs.Function("at", [at], kernel(at, at, chart_map.jet(order)(at)))
+    return cs.Function("at", [at], kernel(at, at, chart_map.jets(order, 1)(at)))
 
 
 def test_a_terrains_expansion_is_its_height_and_gradient_also_far_outside(
