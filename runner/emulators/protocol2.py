@@ -114,7 +114,7 @@ class Reader:
             whole, payload = self._bytes[:size], self._bytes[7 : size - 2]
             if HEADER in payload.replace(
                 HEADER + b"\xfd", b""
-            ):  # a header that is not _stuffed begins a new packet
+            ):  # a header that is not stuffed begins a new packet
                 self._bytes = self._bytes[3:]
                 continue
             self._bytes = self._bytes[size:]
