@@ -212,7 +212,7 @@ class FootPlacement:
             self._lean(then, landed)
             self._leaves = before & ~(stands | self.touched)
             if self._leaves.any():
-                over = np.einsum("ij,ij->i", self._landed - then.feet_m, then.normals)
+                over = np.vecdot(self._landed - then.feet_m, then.normals)
                 self._leaves &= over > 0.0
             held = self.touched | self._leaves
             if self._step_s > 0.0:
@@ -242,7 +242,7 @@ class FootPlacement:
         before, stands = self.touched, then.stands
         self.touched = stands & (before | self._touches(felt))
         if not stands.all():
-            comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
+            comes = np.vecdot(then.feet_m - now.feet_m, then.normals) < 0.0
             early = felt >= max(EARLY * self._weight, self._touch_n)
             self.touched |= ~stands & comes & (before | early)
         landed = self.touched & ~before
@@ -291,7 +291,7 @@ class FootPlacement:
         bears = (1.0 - self._borne)[:, None] * carried
         if self._step_s == 0.0:
             return np.asarray(bears)
-        up = np.einsum("ij,ij->i", carried, then.normals)[:, None] * then.normals
+        up = np.vecdot(carried, then.normals)[:, None] * then.normals
         return np.asarray(np.where(held[:, None], bears, LEVEL * up))
 
     def _lean(self, then: Samples, landed: NDArray[np.bool_]) -> None:

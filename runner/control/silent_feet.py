@@ -48,7 +48,7 @@ class SilentFeet:
                 does not count.
         """
         sample = target.sample
-        wanted_n, felt_n = sample.along_n, np.einsum("ij,ij->i", state.forces_n, sample.normals)
+        wanted_n, felt_n = sample.along_n, np.vecdot(state.forces_n, sample.normals)
         presses = sample.stands & (wanted_n >= self._presses_n) & np.logical_not(seeks)
         self._silent = np.where(felt_n >= TOUCH_N, 0.0, self._silent + presses)
         limb = int(self._silent.argmax())

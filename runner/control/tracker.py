@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.files.arrays import Array, cross, lengths
+from stancekit.planners.files.arrays import Array, lengths
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.motion.motion import Motion, Samples, smooth
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio
@@ -36,7 +36,6 @@ from .swing_speed import SwingSpeed
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel
 led them off it."""
-_LOWER, _UPPER = np.array([7, 2, 3]), np.array([5, 6, 1])  # of a 3 × 3 matrix laid end to end
 ASIDE_RAD = 0.2
 """A joint in the air that stays so far from its posture on its foot's path goes straight there."""
 
@@ -110,6 +109,7 @@ class Tracker:
         )
         model = kinematics.model
         self._drives = drives or Drives.of(kinematics.robot, kinematics.servo, model)
+        self._rolls = 0.5 * kinematics.radii_m[:, None]
         self._weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
         self._body = BodyController(
             kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body
@@ -136,6 +136,7 @@ class Tracker:
             0.0,
             SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s),
         )
+        self._log = pinocchio().log3
         self._whole: tuple[bytes, Array] = b"", np.zeros((0, 0))
         self._pressed, self._rolled = np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 0.0
@@ -195,7 +196,7 @@ class Tracker:
         if self._time_s >= self._motion.duration_s:
             return None
         (now, wished), (then, wish) = self._coming.at(self._time_s), self._next
-        felt = np.einsum("ij,ij->i", forces_n, then.normals)
+        felt = np.vecdot(forces_n, then.normals)
         lands = self._feet.seek(now, then, felt, self._swing.late) & self._feedback.waits
         seen = None
         if self._found is not None and self._placed is not None:
@@ -220,7 +221,7 @@ class Tracker:
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
             return
-        feels = stands & (np.einsum("ij,ij->i", forces_n, sample.normals) >= self._feedback.touch_n)
+        feels = stands & (np.vecdot(forces_n, sample.normals) >= self._feedback.touch_n)
         moving = self._moving(
             sample.arms_m, feels
         )  # a dead sensor asks for no more, and balances nothing
@@ -288,7 +289,7 @@ class Tracker:
         if self._found is None:
             return self._kinematics.torques_of(loads, pressed)
         if placed is not None:
-            turn = pinocchio().log3(rotation @ placed[1].T)
+            turn = self._log(rotation @ placed[1].T)
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
         pressed = np.where(self._feet.touched[:, None], pressed, 0.0)
         wanted = BodyPose(
@@ -308,9 +309,9 @@ class Tracker:
         Arguments:
             turned: orientations of the feet, (N, 3, 3).
         """
-        between = (turned @ self._turned.transpose(0, 2, 1)).reshape(-1, 9)
-        turn = 0.5 * (between.take(_LOWER, axis=1) - between.take(_UPPER, axis=1))
-        moved = self._kinematics.radii_m[:, None] * cross(turn, sample.normals)
+        between = turned @ self._turned.transpose(0, 2, 1)
+        turn = between - between.transpose(0, 2, 1)  # 2 [ω]×
+        moved = self._rolls * (turn @ sample.normals[:, :, None])[:, :, 0]
         stands = sample.stands[:, None]
         self._rolled = np.where(stands, self._rolled + moved, FADES * self._rolled)
         self._turned = turned

@@ -67,6 +67,7 @@ class MujocoWorld(SimulatedWorld):
         self._model: Any = None
         self._data: Any = None
         self._views: tuple[Array, ...] = ()
+        self._sensed = np.zeros((0, 4))
 
     def _placed(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
@@ -77,7 +78,7 @@ class MujocoWorld(SimulatedWorld):
         self._views = tuple(
             getattr(self._data, name) for name in ("qpos", "qvel", "xmat", "xpos", "actuator_force")
         )
-        self._sensed = self._data.sensordata.reshape(-1, 4)  # contacts, and their force, of a foot
+        self._sensed = self._data.sensordata.reshape(-1, 4)  # of a foot: its contacts, their force
         quaternion = np.empty(4)
         self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         self._data.qpos[:7] = [*position_m, *quaternion]
@@ -98,6 +99,7 @@ class MujocoWorld(SimulatedWorld):
     def _advanced(self, targets_rad: Array) -> State:
         self._data.ctrl[:] = targets_rad
         felt, bump, sensed = np.zeros((len(self._feet), 4)), 0.0, self._sensed
+        of_feet = sensed[:, 0]  # contacts
         self._data.xfrc_applied[self._base] = self._on_body()
         for _ in range(self._substeps):
             if self._fades:
@@ -105,14 +107,14 @@ class MujocoWorld(SimulatedWorld):
                 ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])
             self._step()
             felt += sensed
-            if self._data.ncon > sensed[:, 0].sum():
+            if self._data.ncon > sum(of_feet.tolist()):
                 bump += self._bumped()
         return self._state(felt[:, 1:] / self._substeps, bump / self._substeps)
 
     def close(self) -> None:
         """Drop the model."""
         self._model = self._data = None
-        self._views = ()
+        self._views, self._sensed = (), np.zeros((0, 4))
 
     def _step(self) -> None:
         """A step of physics.

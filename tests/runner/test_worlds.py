@@ -110,6 +110,37 @@ def test_heights_carry_a_robot_where_they_are(world: World) -> None:
     assert last.bump_n == 0.0
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.7])
+def test_feet_of_mujoco_feel_what_their_contacts_with_the_terrain_press_and_all_else_is_a_bump(
+    friction: float,
+) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    angles, targets = standing()
+    tipped = Rotation.from_rotvec([0.3, 0.2, 0.0]).as_matrix()
+    several = bumps = 0
+    with make_world("mujoco", ROBOT, rate_hz=1000.0) as world:  # one step of physics a period
+        world.reset(hollow(friction), angles, np.array([0.3, 0.2, 0.1]), tipped)
+        for _ in range(600):
+            state = world.step(targets)
+            model, data = world._model, world._data  # type: ignore[attr-defined]
+            feet = [model.body(leg.foot).id for leg in world.model.legs]  # type: ignore[attr-defined]
+            felt, bump, force, met = np.zeros((6, 3)), 0.0, np.zeros(6), [0] * 6
+            for index, contact in enumerate(data.contact):
+                mujoco.mj_contactForce(model, data, index, force)
+                first, second = (int(model.geom_bodyid[geom]) for geom in contact.geom)
+                if 0 in (first, second) and (foot := first + second) in feet:
+                    pressed = force[:3] @ contact.frame.reshape(3, 3)
+                    felt[feet.index(foot)] += pressed if first == 0 else -pressed
+                    met[feet.index(foot)] += 1
+                else:
+                    bump += float(np.linalg.norm(force[:3]))
+            several, bumps = several + (max(met) > 1), bumps + (bump > 0.0)
+            np.testing.assert_allclose(state.forces_n, felt, atol=1e-9)
+            assert state.bump_n == pytest.approx(bump, abs=1e-9)
+    assert several > 20
+    assert bumps > 5
+
+
 @pytest.mark.parametrize(("friction", "holds"), [(0.44, True), (0.30, False)])
 def test_the_friction_of_heights_is_theirs(world: World, friction: float, holds: bool) -> None:
     lines, rise = np.linspace(-1.0, 1.0, 41), float(np.tan(np.deg2rad(20.0)))
