@@ -95,6 +95,8 @@ def _linear(rows: Array, turn_sides: Array, steps: int) -> Array:
         rows: of each step, shape (R, 7).
         turn_sides: n·(Θ′ − Θ) ≥ b by step, shape (M − 1, 4) or (0, 4).
     """
+    if not steps:
+        return np.zeros((0, *rows.shape))
     each = np.broadcast_to(rows, (steps, *rows.shape))
     if not len(turn_sides):
         return each

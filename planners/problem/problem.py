@@ -666,7 +666,7 @@ class Problem:
         hold always where a side is open; shapes (·, 4).
         """
         count = sum(self._least_counts)
-        rows = np.tile(OPEN, (count, 1)) if self.sides is None else self.sides
+        rows = np.full((count, 4), OPEN) if self.sides is None else self.sides
         toes = self._least_counts[0]
         return rows[:toes], rows[toes:]
 

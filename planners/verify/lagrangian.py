@@ -360,6 +360,12 @@ def with_sides(numbers: Numbers, leaves: Leaves) -> tuple[Array, Array, Array]:
     steps, (L, M − 1, R, 7), with the sides of least steps that each leaf has.
     """
     count, steps = len(leaves.problem), len(numbers.schedule.holds) - 1
+    if not steps:  # a posture has no rows of either kind
+        return (
+            np.zeros((count, 0, 3)),
+            np.zeros((count, 0)),
+            np.zeros((count, 0, *numbers.linear.shape)),
+        )
     toes, turns = np.split(leaves.sides, [numbers.schedule.least_toes], axis=1)
     normals = np.broadcast_to(numbers.apart_normals, (count, *numbers.apart_normals.shape))
     bounds = np.broadcast_to(numbers.apart_bounds, (count, len(numbers.apart_bounds)))
@@ -395,11 +401,12 @@ def body_pulls(
     pull[..., 1] -= weight * moments[..., 0]
     if numbers.wrench is not None:  # ν·(c × F) = (F × ν)·c
         pull += np.add.reduceat(cross(numbers.wrench[problem, :, :3], m.nu_M), first, axis=1)
-    step = m.com_step - m.progress[..., None] * numbers.ahead
-    pull[:, 1:] += step
-    pull[:, :-1] -= step
-    twist[:, 1:] += m.rotation_step
-    twist[:, :-1] -= m.rotation_step
+    if len(who.holds) > 1:
+        step = m.com_step - m.progress[..., None] * numbers.ahead
+        pull[:, 1:] += step
+        pull[:, :-1] -= step
+        twist[:, 1:] += m.rotation_step
+        twist[:, :-1] -= m.rotation_step
     if who.linear:
         weighed = np.matmul(m.linear_step[:, :, None], linear[..., :6])[:, :, 0]
         for slopes, change in ((pull, weighed[..., :3]), (twist, weighed[..., 3:])):
@@ -418,7 +425,8 @@ def toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
     toes = np.add.reduceat(
         pulls.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1
     )
-    before, after = who.moves.T
-    toes[:, after] += m.toe_step  # a foothold is moved to once at most, and from once
-    toes[:, before] -= m.toe_step
+    if len(who.moves):
+        before, after = who.moves.T
+        toes[:, after] += m.toe_step  # a foothold is moved to once at most, and from once
+        toes[:, before] -= m.toe_step
     return np.asarray(toes)
