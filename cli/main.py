@@ -6,20 +6,15 @@ import gc
 import io
 import os
 import re
-import shutil
 import sys
 import textwrap
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
-from dataclasses import fields, is_dataclass
 from importlib import import_module
-from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Protocol
-
-from .data_classes import share_methods
 
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
@@ -86,6 +81,10 @@ are looked for where a name is none of ours, since to look for them takes as lon
 ``--help``."""
 
 
+BRIEF = r'(?ms)^class {}\b[^\n]*:\n    """(.*?)(?:\n\n|""")'
+"""A class of this name and the first paragraph of its docstring, in the text of a file."""
+
+
 class Command(Protocol):
     """Base of all commands: the fields are the options, the docstring is the help."""
 
@@ -112,6 +111,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if arguments in ([], ["--help"], ["-h"]):
             print(_overview(), flush=True)
             return
+        from .data_classes import share_methods
+
         gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
         if alone:
             share_methods()
@@ -145,12 +146,9 @@ def brief(name: str) -> str:
     """The first paragraph of a command's docstring, read from its file: to import all of them takes
     a second.
     """
-    import ast
-
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
-    for node in ast.parse(source).body:
-        if isinstance(node, ast.ClassDef) and node.name == COMMANDS[name]:
-            return " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
+    if found := re.search(BRIEF.format(COMMANDS[name]), source):
+        return " ".join(found[1].split())
     raise LookupError(f"{name}.py: expected class {COMMANDS[name]}")
 
 
@@ -221,6 +219,8 @@ class _Page(io.StringIO):
 
     def broken(self) -> str:
         """The text, the lines ahead of its tables broken between words."""
+        import shutil
+
         width = min(80, shutil.get_terminal_size().columns)
         text, table, rest = self.getvalue().partition("╭")
         lines = [
@@ -241,6 +241,9 @@ def _texts(*, told: bool) -> Iterator[None]:
         told: whether they are shown; else they are not read from the source at all, which takes as
             long as the rest.
     """
+    from dataclasses import fields, is_dataclass
+    from inspect import cleandoc
+
     import docstring_parser
     from tyro._docstrings import parse_docstring_from_object as kept
 

@@ -67,9 +67,11 @@ def _write(
     answer: Answer[Any], plan_file: Path | None, proof: Path | None, pictures: Mapping[str, Any]
 ) -> list[Path]:
     """Write the files; their names."""
+    written: list[Path] = []
+    if plan_file is None and proof is None and not any(pictures.values()):
+        return written
     from stancekit.files import save
 
-    written: list[Path] = []
     if plan_file is not None and answer.solution is not None and answer.report is not None:
         with progress(f"write {plan_file}"):
             save(answer, plan_file)

@@ -224,15 +224,11 @@ def _rolled(
     skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
     turns = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
     moved = kinematics.radii_m[:, None] * cross(turns, normals[1:])
-    stands, rolled, left = (
-        moments.foothold >= 0,
-        np.zeros_like(normals),
-        1.0 - moments.lifted[..., None],
-    )
-    last = rolled[0]
-    for t in range(1, len(rolled)):
-        last = np.where(
-            stands[t, :, None], np.where(stands[t - 1, :, None], last + moved[t - 1], 0.0), last
-        )
-        rolled[t] = last * left[t]
+    stands, rolled = moments.foothold >= 0, np.zeros_like(normals)
+    rolled[1:] = np.where((stands[1:] & stands[:-1])[..., None], moved, 0.0)
+    for i in range(len(legs)):
+        landed = np.flatnonzero(stands[1:, i] & ~stands[:-1, i]) + 1
+        for path in np.split(rolled[:, i], landed):
+            np.cumsum(path, axis=0, out=path)
+    rolled *= 1.0 - moments.lifted[..., None]
     return rolled

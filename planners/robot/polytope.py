@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,15 +43,22 @@ class Polytope:
 
         Raises InvalidInput for none.
         """
-        from scipy.optimize import linprog  # slow to import
+        import highspy  # as SciPy's linprog has it, which is slow to import
 
-        rows = np.column_stack([self.normals, np.ones(len(self.normals))])
-        result = linprog(
-            [0.0, 0.0, 0.0, -1.0], rows, self.offsets_m, bounds=[(None, None)] * 3 + [(0.0, None)]
-        )
-        if result.status != 0 or result.x is None or not result.x[3] > 0.0:
+        solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]
+        infinity = highspy.kHighsInf
+        solver.setOptionValue("output_flag", False)
+        solver.addVars(4, np.array([-infinity] * 3 + [0.0]), np.full(4, infinity))
+        solver.changeColCost(3, -1.0)
+        for row, offset in zip(
+            np.column_stack([self.normals, np.ones(len(self.normals))]), self.offsets_m, strict=True
+        ):
+            solver.addRow(-infinity, offset, 4, np.arange(4), row)
+        solver.run()
+        ball = np.array(solver.getSolution().col_value)
+        if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal or not ball[3] > 0.0:
             raise InvalidInput("polytope: expected one that is bounded and has an inside")
-        return np.asarray(result.x)
+        return ball
 
     @cached_property
     def _dual(self) -> HalfspaceIntersection:

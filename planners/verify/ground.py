@@ -44,24 +44,28 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
     )
     low = np.array([patch.vertices_m.min(axis=0) for patch in terrain])
     high = np.array([patch.vertices_m.max(axis=0) for patch in terrain])
-    distances = np.full(len(toes), np.inf)
-    for p, (patch, toe) in enumerate(zip(patches, toes, strict=True)):
+    near = list[list[int]]()
+    for patch, toe in zip(patches, toes, strict=True):
         bears = (normals @ patch.normal >= SAME_WAY) & (friction >= patch.friction - ROUGHER)
-        if not bears.any():
-            continue
         about = np.where(
             bears,
             np.linalg.norm(np.maximum(low - toe, 0.0) + np.maximum(toe - high, 0.0), axis=1),
             np.inf,
         )
-        near = np.flatnonzero(about <= max(THICK_M, float(about.min()))).tolist()
-        gaps = patch_distances(
-            [terrain[i].vertices_m for i in near], np.repeat(toe[None], len(near), axis=0)
-        )
-        off = np.maximum(0.0, gaps - THICK_M)
+        most = max(THICK_M, float(about.min()))
+        near.append(np.flatnonzero(bears & (about <= most)).tolist())
+    distances, counts = np.full(len(toes), np.inf), [len(each) for each in near]
+    if not any(counts):
+        return distances
+    gaps = patch_distances(
+        [terrain[i].vertices_m for each in near for i in each], np.repeat(toes, counts, axis=0)
+    )
+    for p, off in enumerate(np.split(np.maximum(0.0, gaps - THICK_M), np.cumsum(counts)[:-1])):
+        if not len(off):
+            continue
         for k in np.flatnonzero(off <= float(off.min())).tolist():
-            if (sure := terrain[near[k]].certainty) is not None:
-                off[k] = max(float(off[k]), sure.wider_m - border_m(terrain, near[k], toe))
+            if (sure := terrain[near[p][k]].certainty) is not None:
+                off[k] = max(float(off[k]), sure.wider_m - border_m(terrain, near[p][k], toes[p]))
         distances[p] = float(off.min())
     return distances
 
