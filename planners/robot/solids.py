@@ -84,6 +84,6 @@ def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
     the indices of the first point in each cell.
     """
     cells = np.round(points / (0.5 * apart_m)).astype(np.int64)
-    cells -= cells.min(axis=0)
-    number = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    cells -= cells.min(axis=0, initial=0)
+    number = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
     return np.asarray(np.unique(number, return_index=True)[1])
