@@ -533,7 +533,7 @@ def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = 
         node = ends[b]
         for n, (joint, k) in enumerate(zip(joints.tolist(), hardest.tolist(), strict=True)):
             angles, rotation = body.postures.angles[k], body.rotation[k]
-            levers = solver.loads(angles, rotation)[1][joints]
+            levers = (solver.levers(angles) @ rotation.T)[joints]
             turns = np.linalg.pinv(levers.T)  # q̇ = −(∂p/∂q)⁻¹ (v + ω × (p − c)), in world axes
             turn = turns[n]
             x, y, z = body.toes_m[k, i] - body.com_m[k]
@@ -548,7 +548,7 @@ def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = 
             for d in range(3):  # as the leg bends
                 bent = angles.copy()
                 bent[joints] += BEND_M * turns[:, d]
-                other = solver.loads(bent, rotation)[1][joints]
+                other = (solver.levers(bent) @ rotation.T)[joints]
                 slower = np.linalg.pinv(other.T)[n] - turn
                 speed_placed[b, n, d] = -slower @ moves / limit / BEND_M
                 push = frames[b] @ force * weight

@@ -384,8 +384,7 @@ class Kinematics:
         weight = self._pin.computeGeneralizedGravity(
             self.known, self._masses, self._configured(angles)
         )
-        self._placed(angles)
-        return np.array(weight[self._column]), self._levers() @ rotation.T
+        return np.array(weight[self._column]), self.levers(angles) @ rotation.T
 
     def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
         """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation
@@ -432,6 +431,13 @@ class Kinematics:
             self._at, self._centres = key, np.array(self._middles)
             self._centres.flags.writeable = False
         return self._centres
+
+    def levers(self, angles: Array) -> Array:
+        """Derivatives of every joint's own foot in that joint, in the base's frame, shape (J, 3) [m,
+        or 1 where it slides].
+        """
+        self._placed(angles)
+        return self._levers()
 
     def _levers(self) -> Array:
         """Derivatives of every joint's own foot in that joint, where ``_placed`` put them, shape

@@ -58,21 +58,20 @@ class LinksInGround:
         near = low[..., 2] < tops
         for shape in np.flatnonzero(near.any(axis=0)).tolist():
             moments, limb = np.flatnonzero(near[:, shape]), int(self._feet[shape])
-            surface, turn = self._surface(shape), turns[moments, shape]
-            heights = turn[:, 2] @ surface.T + origins[moments, shape, 2, None]
-            at, which = np.nonzero(heights < tops[moments, shape, None])
-            points = np.einsum("nij,nj->ni", turn[at], surface[which])
-            points += origins[moments[at], shape]
-            depths = self.ground.depth_inside(points)
+            points = (
+                self._surface(shape) @ np.swapaxes(turns[moments, shape], 1, 2)
+                + origins[moments, shape, None]
+            )
+            asked = points[..., 2] < tops[moments, shape, None]
             if limb >= 0:
                 apart = (
-                    np.linalg.norm(points - bodies.toes_m[moments[at], limb], axis=1)
+                    np.linalg.norm(points - bodies.toes_m[moments, None, limb], axis=2)
                     > self._patches_m[limb]
                 )
-                depths[~apart & bodies.stands[moments[at], limb]] = -np.inf
-            deepest = np.full(len(moments), -np.inf)
-            np.maximum.at(deepest, at, depths)
-            for t, depth in zip(moments.tolist(), deepest.tolist(), strict=True):
+                asked &= apart | ~bodies.stands[moments, None, limb]
+            depths = np.full(asked.shape, -np.inf)
+            depths[asked] = self.ground.depth_inside(points[asked])
+            for t, depth in zip(moments.tolist(), depths.max(axis=1).tolist(), strict=True):
                 yield t, shape, depth
 
     def depth(self, turns: Array, origins: Array, shape: int) -> float:

@@ -83,4 +83,7 @@ def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
     """Thin out points: lay a grid of cells half as wide as ``apart_m`` [m] over them, and return
     the indices of the first point in each cell.
     """
-    return np.asarray(np.unique(np.round(points / (0.5 * apart_m)), axis=0, return_index=True)[1])
+    cells = np.round(points / (0.5 * apart_m)).astype(np.int64)
+    cells -= cells.min(axis=0, initial=0)
+    number = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
+    return np.asarray(np.unique(number, return_index=True)[1])

@@ -68,13 +68,23 @@ class MovingBodyMeasurements:
         self._base = slice(base.idx_q, base.idx_q + 7)
         self._home = self._pin.XYZQUATToSE3(at_rest(self._known)[self._base])
 
+    @cached_property
+    def _legs(self) -> tuple[Array, Array]:
+        """Centres of the feet and levers of the joints in the base's frame, shapes (K, N, 3) [m] and
+        (K, J, 3), by one sweep.
+        """
+        solver = self.kinematics
+        swept = [(solver.feet(angles), solver.levers(angles)) for angles in self.postures.angles]
+        feet, levers = zip(*swept, strict=True)
+        return np.array(feet), np.array(levers)
+
     def off_toes(self) -> Series:
         """Distance of every foot, as the URDF has it within the joints' limits, from where it
         touches, (K, N) [m].
         """
         radii, path = self.kinematics.radii_m, self.path
         wanted = path.toes_m + radii[:, None] * path.normals
-        feet = np.array([self.kinematics.feet(angles) for angles in self.postures.angles])
+        feet, _ = self._legs
         placed = self.postures.origin_m[:, None] + np.einsum(
             "kij,knj->kni", self.path.rotation, feet
         )
@@ -139,12 +149,8 @@ class MovingBodyMeasurements:
                 for each in zip(states[1:-1], velocity, rising, strict=True)
             ]
         )
-        angles, rotation, forces = (
-            of[1:-1] for of in (self.postures.angles, self.path.rotation, forces_n)
-        )
-        levers = np.array(
-            [solver.loads(q, turn)[1] for q, turn in zip(angles, rotation, strict=True)]
-        )
+        rotation, forces = self.path.rotation[1:-1], forces_n[1:-1]
+        levers = self._legs[1][1:-1] @ np.swapaxes(rotation, 1, 2)
         turned = solver.rotor_kg_m2 * rising[:, solver.columns]
         return np.asarray(moved + turned - np.einsum("kji,kji->kj", levers, forces[:, solver.legs]))
 

@@ -77,14 +77,16 @@ def sure_xy(task: Walk, share: float, xy: Array) -> Array:
     Arguments:
         share: of the slope on which friction holds, as ``GaitSettings.footing``.
     """
+    limit, domain = share * task.friction, np.transpose(task.terrain.domain_m)
+    places = np.clip(xy, *domain)
+    unsure = np.flatnonzero(slope_about(task.terrain, places) > limit)
     line = FINE_M * np.arange(-round(NEAREST_M / FINE_M), round(NEAREST_M / FINE_M) + 1)
     offs = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     offs = offs[np.argsort(np.linalg.norm(offs, axis=1), kind="stable")]
-    places = np.clip(xy[:, None] + offs, *np.transpose(task.terrain.domain_m))
-    first = np.argmax(
-        slope_about(task.terrain, places) <= share * task.friction, axis=1
-    )  # 0, itself, for none
-    return np.asarray(places[np.arange(len(xy)), first])
+    near = np.clip(xy[unsure, None] + offs, *domain)
+    first = np.argmax(slope_about(task.terrain, near) <= limit, axis=1)  # 0, itself, for none
+    places[unsure] = near[np.arange(len(unsure)), first]
+    return np.asarray(places)
 
 
 def slope_about(terrain: HeightField, xy: Array) -> Array:

@@ -21,8 +21,7 @@ stop."""
 OPTIONS: dict[str, Any] = {
     "ipopt.linear_solver": "mumps",
     "ipopt.mumps_pivot_order": 0,  # approximate minimum degree, the quickest on these patterns
-    "ipopt.mumps_permuting_scaling": 0,  # both scalings cost a third of a factorisation here
-    "ipopt.mumps_scaling": 0,
+    "ipopt.mumps_permuting_scaling": 0,  # half of a factorisation, for nothing
     "ipopt.nlp_scaling_method": "none",
     "ipopt.mu_strategy": "adaptive",  # monotone barriers of the default take tens of iterations more, or fail
     "ipopt.tol": 1e-6,

@@ -75,3 +75,13 @@ def test_a_maps_expansion_is_its_points_and_jacobians_and_bends_as_they_do(warp:
                 2 * step
             )
             np.testing.assert_allclose(bend[:, :, axis], difference, atol=2e-4)
+
+
+def test_third_derivatives_on_a_knot_are_those_beside_it(rough: HeightField) -> None:
+    """CasADi's splines of degree 0 gave 0 there, and wrote out of their bounds."""
+    surface = TaylorMap.of_heights(rough)
+    knot = np.array([rough.x_m[9], rough.y_m[7]])
+    jets = surface.jets(3, 2)
+    on, beside = np.asarray(jets(np.column_stack([knot, knot + 1e-9]))).T
+    assert np.abs(on[6:]).min() > 1e-3
+    np.testing.assert_allclose(on, beside, rtol=1e-6, atol=1e-6)
