@@ -182,11 +182,8 @@ class FootPlacement:
         """Estimate the noise of the feet by what those in the air feel below zero, shape (K,)."""
         if below_n.size:
             self._listened = min(self._listened + self._period_s, LISTEN_S)
-            self._variance += (
-                (2.0 * float(np.mean(below_n**2)) - self._variance)
-                * self._period_s
-                / self._listened
-            )
+            share = min(1.0, self._period_s / self._listened)
+            self._variance += (2.0 * float(np.mean(below_n**2)) - self._variance) * share
 
     def follow(
         self,

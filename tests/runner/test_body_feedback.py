@@ -182,6 +182,13 @@ def test_a_plan_that_uses_more_of_the_cone_than_feedback_may_keeps_its_forces(
     assert (across <= max(given, 0.8) * 0.6 * forces[:, 2] + 1e-9).all()
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_wrench_that_is_no_number_leaves_what_was_planned(value: float) -> None:
+    now = sample()
+    forces = controller().forces(np.full(6, value), now, FEET, now.forces_n, ALL)
+    np.testing.assert_allclose(forces, now.forces_n, atol=1e-9)
+
+
 def test_a_foot_that_has_not_landed_is_made_up_for() -> None:
     now, three = sample(friction=2.0), np.array([True, True, True, False])
     given = np.where(three[:, None], now.forces_n, 0.0)

@@ -20,7 +20,7 @@ from scipy.sparse import csc_array, csr_array, vstack
 
 from ...cached import cached_property
 from ...files.arrays import Array
-from .taylor import ExpansionPoint, TaylorMap
+from .taylor import ExpansionPoint, Jets, TaylorMap
 
 Rows = NDArray[np.intp]
 
@@ -244,11 +244,16 @@ class Compiled:
 
 
 class TaylorBank:
-    """Jets of whole groups at one decision vector, each asked for once."""
+    """Jets of whole groups at one decision vector, each asked for once.
+
+    ``errors`` holds what was raised where they were evaluated.
+    """
 
     def __init__(self, x: cs.MX, height_factor: cs.MX) -> None:
+        self.errors: list[BaseException] = []
         self._x, self._factor = x, height_factor
         self._found: dict[tuple[int, int], cs.MX] = {}
+        self._functions: dict[tuple[TaylorMap, int, int], Jets] = {}
 
     def __call__(self, variables: VariableGroup, order: int) -> cs.MX:
         """Jets of all instances, shape (jets, K)."""
@@ -274,7 +279,10 @@ class TaylorBank:
         return self._found[key]
 
     def _jets(self, chart_map: TaylorMap, points: cs.MX, order: int) -> cs.MX:
-        jets = chart_map.jets(order, points.shape[1])(points[: chart_map.inputs, :])
+        key = chart_map, order, points.shape[1]
+        if key not in self._functions:
+            self._functions[key] = Jets(*key, self.errors)
+        jets = self._functions[key](points[: chart_map.inputs, :])
         return self._factor * jets if chart_map.homogeneous else jets
 
     @staticmethod

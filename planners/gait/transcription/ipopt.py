@@ -75,6 +75,8 @@ class Ipopt:
     ) -> IpoptResult:
         """Solve from a point, shape (size,).
 
+        An interrupt, or whatever else is raised on the way, ends the solve and is raised.
+
         Arguments:
             parameters: of the program's functions, shape (size + 4,).
             costs: the objective with all its parts, else the distance from the reference alone.
@@ -82,8 +84,14 @@ class Ipopt:
         """
         solver, recorder = self._solver(costs, max_iterations, dict(options or {}))
         recorder.begin(callback, stop_when_feasible)
+        errors = self._program.errors
+        errors.clear()
         began = time.process_time()
-        solver(x0=start, p=parameters, lbg=self._program.lower, ubg=self._program.upper)
+        try:
+            solver(x0=start, p=parameters, lbg=self._program.lower, ubg=self._program.upper)
+        finally:
+            if errors:
+                raise errors[0]
         seconds = time.process_time() - began
         stats = solver.stats()
         x, iterations, success = recorder.result()
@@ -207,4 +215,5 @@ class IterateRecorder(cs.Callback):
         stop = bool(self._callback and self._callback(len(self.history) - 1, *self.history[-1]))
         if violation < self._tolerance and self._feasible is None:
             self._feasible = self._x.copy()
+        stop = stop or bool(self._program.errors)
         return [int(stop or (self._stop and self._feasible is not None))]

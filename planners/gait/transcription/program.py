@@ -55,6 +55,11 @@ class Program:
         """Number of constraints."""
         return len(self.lower)
 
+    @property
+    def errors(self) -> list[BaseException]:
+        """What was raised where the functions were evaluated, which CasADi does not pass on."""
+        return self._bank.errors
+
     # ------------------------------------------------------------------------------------------ the
     # constraints
 

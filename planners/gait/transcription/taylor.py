@@ -42,7 +42,6 @@ class TaylorMap:
         self.outputs, self.inputs = control.shape[0], len(knots)
         self._control = np.ascontiguousarray(control)
         self._bases = [CubicBasis(line) for line in knots]
-        self._jets: dict[tuple[int, int], _Jets] = {}
         self._polynomials: dict[int, cs.Function] = {}
 
     @classmethod
@@ -61,17 +60,6 @@ class TaylorMap:
     def size(self, order: int) -> int:
         """Length of a jet of this order."""
         return int(self.outputs * len(self.powers(order)))
-
-    def jets(self, order: int, count: int) -> cs.Function:
-        """CasADi function from points, shape (d, K), to their jets, (size, K), each all ∂^α of all
-        outputs, α by α.
-
-        NumPy evaluates it: CasADi's own splines write out of their bounds where a third derivative
-        is asked for on a knot.
-        """
-        if (order, count) not in self._jets:
-            self._jets[order, count] = _Jets(self, order, count)
-        return self._jets[order, count]
 
     def at(self, points: Array, order: int) -> Array:
         """Jets at points, shape (K, d) → (K, size)."""
@@ -150,12 +138,26 @@ class SnappedMap(TaylorMap):
         return value + cs.vertcat(0.0, 0.0, fade * correction)
 
 
-class _Jets(cs.Callback):
-    """A map's jets at so many points, shape (d, K) → (size, K), without derivatives of its own."""
+class Jets(cs.Callback):
+    """CasADi function from points, shape (d, K), to a map's jets there, (size, K), all ∂^α of all
+    outputs, α by α; without derivatives of its own.
 
-    def __init__(self, chart_map: TaylorMap, order: int, count: int) -> None:
+    NumPy evaluates it: CasADi's own splines write out of their bounds where a third derivative is
+    asked for on a knot.
+
+    Arguments:
+        chart_map: the map.
+        order: of the jets.
+        count: K.
+        errors: what is raised in a call, an interrupt, too, is put here, for whoever solves: a
+            solver takes it for a place where the function has no value, and goes on elsewhere.
+    """
+
+    def __init__(
+        self, chart_map: TaylorMap, order: int, count: int, errors: list[BaseException]
+    ) -> None:
         super().__init__()
-        self._map, self._order, self._count = chart_map, order, count
+        self._map, self._order, self._count, self._errors = chart_map, order, count, errors
         self.construct("jets", {})
 
     def get_n_in(self) -> int:
@@ -180,8 +182,13 @@ class _Jets(cs.Callback):
 
     def eval_buffer(self, arguments: Sequence[memoryview], results: Sequence[memoryview]) -> int:
         """CasADi's call; 0 is its word for a success."""
-        points = np.frombuffer(arguments[0]).reshape(self._count, -1)
-        np.frombuffer(results[0]).reshape(self._count, -1)[:] = self._map.at(points, self._order)
+        try:
+            points = np.frombuffer(arguments[0]).reshape(self._count, -1)
+            jets = self._map.at(points, self._order)
+            np.frombuffer(results[0]).reshape(self._count, -1)[:] = jets
+        except BaseException as error:
+            self._errors.append(error)
+            return 1
         return 0
 
 

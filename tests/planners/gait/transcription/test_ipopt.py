@@ -2,12 +2,16 @@
 processes.
 """
 
+import copy
+import itertools
 import os
+import pickle
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +20,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.formulation import GaitProgram
 from stancekit.planners.gait.gait_program import Costs, GaitSolution
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
+from stancekit.planners.gait.transcription.taylor import TaylorMap
 from stancekit.planners.verify.trajectories import check_trajectory
 
 Build = Callable[..., GaitProgram]
@@ -171,3 +176,38 @@ def test_a_child_process_finds_the_same_and_an_alarm_ends_one_that_hangs(walked:
     with pytest.raises(PlanningFailed, match=r"did not answer within 0\.5 s"):
         solve_in_subprocess(program, time_limit_s=0.5, callback=hang)
     assert time.monotonic() - began < 10.0
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, TimeoutError])
+def test_whatever_is_raised_inside_a_solve_is_raised_by_it_and_the_next_is_as_ever(
+    small: Build, monkeypatch: pytest.MonkeyPatch, error: type[BaseException]
+) -> None:
+    program = small(chart="decoupled")
+    expected, at = program.solve().x, TaylorMap.at
+
+    def interrupted(last: int) -> Callable[..., Any]:
+        calls = itertools.count()
+
+        def jets(chart_map: TaylorMap, *arguments: Any) -> Any:
+            if next(calls) == last:
+                raise error("now")
+            return at(chart_map, *arguments)
+
+        return jets
+
+    for last in (0, 5, 9, 12, 20):
+        monkeypatch.setattr(TaylorMap, "at", interrupted(last))
+        with pytest.raises(error, match="now"):
+            program.solve()
+    monkeypatch.undo()
+    np.testing.assert_array_equal(program.solve().x, expected)
+
+
+def test_a_chart_is_copied_whatever_was_solved_in_it(walked: Walked) -> None:
+    program, found = walked(chart="decoupled")
+    chart = pickle.loads(pickle.dumps(program.structure.chart))
+    again = copy.deepcopy(program.structure.chart)
+    assert (
+        chart.foot_map.size(2) == again.foot_map.size(2) == program.structure.chart.foot_map.size(2)
+    )
+    assert found.success
