@@ -179,7 +179,7 @@ def parse(arguments: Sequence[str]) -> Command:
             )
             sys.exit(2)
     asks, command = bool({"-h", "--help"} & set(arguments)), _command(arguments[0])
-    for value in (asks, True):  # what is refused is said with the options' texts
+    for value in (asks, True):  # what is missing is said with the options' texts
         box, page = io.StringIO(), _Page()
         try:
             with redirect_stderr(box), redirect_stdout(page), _texts(told=value):
@@ -190,7 +190,7 @@ def parse(arguments: Sequence[str]) -> Command:
                     config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
                 )
         except SystemExit as end:
-            if not value and end.code:
+            if not value and "Missing from" in box.getvalue():
                 continue
             print(page.broken(), end="", flush=True)
             if end.code:
