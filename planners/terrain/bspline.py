@@ -2,8 +2,8 @@
 warp maps.
 
 A basis over K knots has K − 4 functions and is C² from its fourth knot to its fourth last. Outside
-that span the first and the last polynomial piece go on; CasADi's splines fall to 0 there, so the
-knots reach ``REACH_M`` beyond the data.
+that span the first and the last polynomial piece go on; the knots reach ``REACH_M`` beyond the
+data, and control points there go on straight.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..cached import cached_property
 from ..files.arrays import Array
 
 REACH_M = 100.0
-"""Distance beyond its data at which a spline is the same function for numpy and for CasADi [m]."""
+"""Distance beyond its data that a spline's knots reach [m]."""
 
 
 def cubics(x: Array, knots: Array, order: int = 0) -> tuple[NDArray[np.intp], Array]:
