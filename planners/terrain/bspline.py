@@ -3,7 +3,7 @@ warp maps.
 
 A basis over K knots has K − 4 functions and is C² from its fourth knot to its fourth last. Outside
 that span the first and the last polynomial piece go on; the knots reach ``REACH_M`` beyond the
-data.
+data, and control points there go on straight.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..cached import cached_property
 from ..files.arrays import Array
 
 REACH_M = 100.0
-"""Distance beyond its data to which the knots of a spline reach [m]."""
+"""Distance beyond its data that a spline's knots reach [m]."""
 
 
 def cubics(x: Array, knots: Array, order: int = 0) -> tuple[NDArray[np.intp], Array]:
