@@ -188,8 +188,8 @@ class BodyController:
             light = force[:, 0] < least
             if (light == held).all():
                 force[held, 0] = least
-                beyond = lengths(force[:, 1:]) > question.friction * force[:, 0]
-                return None if beyond.any() else force
+                within = lengths(force[:, 1:]) <= question.friction * force[:, 0]
+                return force if within.all() else None
             free, given, held = arms.copy(), planned.copy(), light
             free[:, ::3][:, held], given[held, 0] = 0.0, least
         return None
