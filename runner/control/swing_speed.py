@@ -95,8 +95,8 @@ class SwingSpeed:
         if before is not self._wanted:
             return False
         velocity = (angles - before) / self._period_s
-        fast, change = np.abs(velocity) > self._most, np.abs(velocity - rates) > self._most_change
-        return not (fast | change).any()
+        change = np.abs(velocity - rates)
+        return bool(((np.abs(velocity) <= self._most) & (change <= self._most_change)).all())
 
     def _each(self, legs: Array | NDArray[np.bool_]) -> Array:
         """Values of legs, repeated for their joints."""
