@@ -83,7 +83,7 @@ def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
     """Thin out points: lay a grid of cells half as wide as ``apart_m`` [m] over them, and return
     the indices of the first point in each cell.
     """
-    cells = np.round(points / (0.5 * apart_m)).astype(np.int64)
-    cells -= cells.min(axis=0, initial=0)
-    number = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
+    cells = np.round(points / (0.5 * apart_m))
+    ranks = [np.unique(axis, return_inverse=True)[1] for axis in cells.T]
+    number = np.ravel_multi_index(ranks, [int(rank.max(initial=0)) + 1 for rank in ranks])
     return np.asarray(np.unique(number, return_index=True)[1])
