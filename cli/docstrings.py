@@ -4,10 +4,9 @@ NumPy is not loaded whole, and Moreau is not loaded to see whether it is there.
 SciPy 1.17 parses the docstring of every public function while it is imported, and writes it anew
 with a table of array libraries in it, which takes longer than the rest of the import. Beside that
 it copies all names of NumPy, and so loads the modules that NumPy loads only when somebody asks for
-them, a compiler for Fortran and helpers of tests among them. Hulls of points do without the trees and
-sparse matrices that are imported with them. cvxpy imports every solver to list those that are
-installed, and Moreau imports torch with its compiler, three quarters of the time that cvxpy takes.
-What SciPy and cvxpy compute is the same.
+them, a compiler for Fortran and helpers of tests among them. cvxpy imports every solver to list
+those that are installed, and Moreau imports torch with its compiler, three quarters of the time
+that cvxpy takes. What SciPy and cvxpy compute is the same.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from __future__ import annotations
 import sys
 from collections import defaultdict
 from collections.abc import Callable
-from functools import partial
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
@@ -75,9 +73,6 @@ def _looked_for(solver: Any) -> Any:
     return type(solver.__name__, (solver,), {"is_installed": is_installed})
 
 
-PARTS = {"scipy.spatial": ("_qhull", ("ConvexHull", "HalfspaceIntersection", "QhullError"))}
-"""A module of a package, and names of it that are asked for alone: the package itself is loaded
-when another name is asked for."""
 INSTEAD: dict[str, tuple[str, Callable[[Any], Any]]] = {
     PARSER: ("FunctionDoc", lambda _: Unparsed),
     COPIES: ("clone_module", lambda _: _names_at_hand),
@@ -97,16 +92,13 @@ class AsWritten(MetaPathFinder, Loader):
     ) -> ModuleSpec | None:
         """The module's, loaded by this; none for any other module."""
         if (
-            fullname not in (*INSTEAD, *PARTS)
+            fullname not in INSTEAD
             or (spec := PathFinder.find_spec(fullname, path)) is None
             or spec.loader is None
         ):
             return None
         self._loaders[fullname] = spec.loader
-        other = ModuleSpec(fullname, self, origin=spec.origin)
-        other.submodule_search_locations = spec.submodule_search_locations
-        other.has_location = spec.has_location
-        return other
+        return ModuleSpec(fullname, self, origin=spec.origin)
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:
         """Nothing but the usual one."""
@@ -114,30 +106,17 @@ class AsWritten(MetaPathFinder, Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Load the module, then put the other object in its place."""
-        if module.__name__ in PARTS:
-            vars(module)["__getattr__"] = partial(self._asked, module)
-            return
         self._loaders[module.__name__].exec_module(module)
         name, other = INSTEAD[module.__name__]
         if hasattr(module, name):
             vars(module)[name] = other(vars(module)[name])
 
-    def _asked(self, package: ModuleType, name: str) -> Any:
-        """A name of a package that is not imported as a whole yet."""
-        part, names = PARTS[package.__name__]
-        if name in names:
-            return getattr(import_module(f"{package.__name__}.{part}"), name)
-        if name.startswith("_") or vars(package).pop("__getattr__", None) is None:
-            raise AttributeError(f"module {package.__name__!r} has no attribute {name!r}")
-        self._loaders[package.__name__].exec_module(package)
-        return getattr(package, name)
-
 
 def keep_as_written() -> None:
     """Have modules of SciPy that are not imported yet leave their docstrings as they are, and
-    NumPy's modules and each other alone; have cvxpy leave Moreau alone.
+    NumPy's modules alone; have cvxpy leave Moreau alone.
     """
-    if not {*INSTEAD, *PARTS} & sys.modules.keys() and not any(
+    if not INSTEAD.keys() & sys.modules.keys() and not any(
         isinstance(each, AsWritten) for each in sys.meta_path
     ):
         sys.meta_path.insert(0, AsWritten())

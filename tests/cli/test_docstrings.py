@@ -41,24 +41,6 @@ print("MOREAU" in cp.installed_solvers(), {"moreau", "torch"} & sys.modules.keys
 """
 
 
-PARTED = """
-import sys
-import numpy as np
-from stancekit.cli.docstrings import keep_as_written
-keep_as_written()
-from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
-corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-print(ConvexHull(corners).volume, "scipy.sparse" in sys.modules)
-from scipy.spatial.distance import cdist
-import scipy.spatial
-print(hasattr(scipy.spatial, "_nothing"), round(cdist(corners[:1], corners[-1:])[0, 0] ** 2, 9))
-from scipy.spatial import cKDTree, distance, transform
-print(cKDTree(corners).query([0.9, 0.9, 0.9])[1], "scipy.sparse" in sys.modules)
-print(scipy.spatial.ConvexHull is ConvexHull, [n for n in scipy.spatial.__all__ if not hasattr(scipy.spatial, n)])
-print(hasattr(scipy.spatial, "_nothing"), hasattr(scipy.spatial, "nothing"))
-"""
-
-
 def said(line: str) -> str:
     return subprocess.run(
         [sys.executable, "-c", ASKED.format(line)], capture_output=True, text=True, check=True
@@ -89,18 +71,3 @@ def test_a_command_does_not_load_moreau_to_see_whether_it_is_there() -> None:
         [sys.executable, "-c", SOLVERS], capture_output=True, text=True, check=True
     ).stdout
     assert found == f"{there} set()\n"
-
-
-def test_hulls_are_had_without_trees_and_sparse_matrices() -> None:
-    """The rest of scipy.spatial is there when it is asked for, by either way of asking."""
-    found = subprocess.run(
-        [sys.executable, "-c", PARTED], capture_output=True, text=True, check=True
-    ).stdout
-    assert found.split("\n") == [
-        "1.0 False",
-        "False 3.0",
-        "7 True",
-        "True []",
-        "False False",
-        "",
-    ]
