@@ -52,6 +52,9 @@ OF_POSTURES = (
 OF_LEAPS = ("scenes", "tries")
 """Options that postures have no use for."""
 
+FEW = 500
+"""Rows of postures that one process labels before others have started."""
+
 
 @dataclass
 class LabelPostures:
@@ -101,8 +104,9 @@ class LabelPostures:
     enough rows is passed over undecided; what is kept has its evidence as always."""
     screen_error: OptionalFloat = None
     """Share of the other kind's rows that may be lost so: 0.04 where nothing is said."""
-    workers: int = max(os.cpu_count() or 1, 1)
-    """Processes."""
+    workers: OptionalInt = None
+    """Processes: one a processor where nothing is said, and this one alone for up to 500 rows of
+    postures, which take less time than to start others."""
     executor: Literal["processes", "ray"] = "processes"
     """Where to work: on this machine, or on a Ray cluster, which brings its own number of
     workers."""
@@ -121,7 +125,8 @@ class LabelPostures:
                 if (setting := getattr(self, name)) is not None and setting is not False:
                     of = f"leaps of {self.problem}" if leaps else "postures"
                     raise InvalidInput(f"--{name}: expected none with {of}, got {setting}")
-            where = executor(self.executor, workers=self.workers, address=self.address)
+            workers = self._usual_workers(leaps) if self.workers is None else self.workers
+            where = executor(self.executor, workers=workers, address=self.address)
             with progress(f"label {self.problem}, rows written") as bar:
                 record, remarks = self._leaps(where, bar) if leaps else self._postures(where, bar)
         if self.json:
@@ -134,17 +139,26 @@ class LabelPostures:
             out.print(f"  {name:15} {_plain(value)}")
         return 0
 
+    def _usual_workers(self, leaps: bool) -> int:
+        """The number of processes where nothing is said."""
+        few = not leaps and sum(self._rows()) <= FEW
+        return 1 if few else max(os.cpu_count() or 1, 1)
+
+    def _rows(self) -> tuple[int, int]:
+        """Feasible and infeasible rows, of postures."""
+        feasible, infeasible = (500 if n is None else n for n in (self.feasible, self.infeasible))
+        return feasible, infeasible
+
     def _postures(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:
         """The summary of labelled postures, and what their labels speak of."""
         from stancekit.datasets import label
 
-        feasible, infeasible = (500 if n is None else n for n in (self.feasible, self.infeasible))
         dataset = label(
             self.problem,
             self.folder,
             robot=self.robot,
             terrain=self.terrain,
-            rows=(feasible, infeasible),
+            rows=self._rows(),
             natural=self.natural,
             seed=self.seed,
             shard_size=self.shard_size,

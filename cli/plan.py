@@ -231,15 +231,9 @@ class PlanCourse:
         Raises InvalidInput for options that it has no use for.
         """
         from stancekit.courses import plan
-        from stancekit.planners.files.writing import check_writable
 
         self._check_of_leap()
-        for path in (self.out, self.proof):
-            if path is not None:
-                check_writable(path)
-                if path.suffix != ".json":
-                    raise InvalidInput(f"{path}: expected a file whose name ends with .json")
-        check_drawn(self.picture, self.video, self.html)
+        self._check_files()
         finder = self._finder()
         with as_options("robot"), progress(f"plan {Path(self.course).stem} by {finder.order}"):
             return plan(self.course, finder, robot=self.robot, time_limit_s=self.time_limit_s)
@@ -306,7 +300,6 @@ class PlanCourse:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file
         that cannot be.
         """
-        from stancekit.planners.files.writing import check_writable
         from stancekit.planners.search.methods import COURSE_METHODS
 
         check_planner(self, "planner", COURSE_METHODS, "courses")
@@ -324,23 +317,29 @@ class PlanCourse:
             )
         if self.relaxation == "lift" and self.envelope is not None:
             raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
-        targets: list[tuple[str, Path | None]] = [("--proof", self.proof)]
-        if self.out is not None:
-            from stancekit.planners.formats.plan_file import check_name
+        self._check_files()
 
-            targets.append(("--out", check_name(self.out)))
-        for _, target in targets:
-            if target is not None:
-                check_writable(target)
-        check_drawn(self.picture, self.video, self.html)
-        targets += [("--picture", self.picture), ("--video", self.video), ("--html", self.html)]
+    def _check_files(self) -> None:
+        """Raise InvalidInput for a file that cannot be written, and for one that is to be two."""
+        from stancekit.planners.files.writing import check_writable
+
         paths: dict[Path, str] = {}
-        for option, target in targets:
+        for name in ("proof", "out", "picture", "video", "html"):
+            option, target = f"--{name}", getattr(self, name)
             first = option if target is None else paths.setdefault(target.resolve(), option)
             if first != option:
                 raise InvalidInput(
                     f"{option}: expected another file than {first}, got {target} for both"
                 )
+        for path in (self.out, self.proof):
+            if path is not None:
+                check_writable(path)
+                if path.suffix != ".json":
+                    raise InvalidInput(
+                        f"{path}: expected a name that ends in .json, got "
+                        f"{path.suffix or 'no suffix'}"
+                    )
+        check_drawn(self.picture, self.video, self.html)
 
     def _planner(self) -> Planner:
         from stancekit.planners.equilibrium.programs import Programs

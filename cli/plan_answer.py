@@ -56,7 +56,7 @@ def deliver(
         )
         for path in written:
             out.print(f"wrote {path}{'' if path == proof else refused}", highlight=False)
-    if report is None or solution is None:
+    if not accepted:
         complain(f"stancekit: no plan: {name}: {reason or answer.claim or answer.status.value}")
     if proof is not None and proof not in written:
         complain(f"{proof}: not written, since nothing is proved")

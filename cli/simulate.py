@@ -86,7 +86,8 @@ class Simulate:
         timing = Timing().at_pace(self.pace)
         settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
         try:
-            check_run(accepted, self.world, settings, led=False)
+            with as_options("world"):
+                check_run(accepted, self.world, settings, led=False)
         except InvalidInput as error:
             raise InvalidInput(str(error).replace("timing:", "--pace:")) from None
         world: str | World = self.world

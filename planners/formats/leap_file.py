@@ -94,8 +94,13 @@ def write_leap(
 ) -> None:
     """Write a leap, with what answers it, whole or not at all.
 
-    Raises InvalidInput where nothing can be written.
+    Raises InvalidInput for a name that does not end in .json, and where nothing can be written.
     """
+    if Path(path).suffix != ".json":
+        raise InvalidInput(
+            f"{path}: expected a leap's name to end in .json, got "
+            f"{Path(path).suffix or 'no suffix'}"
+        )
     content = leap_content(leap, plan)
     if certificate is not None:
         content["certificate"] = certificate.to_json()

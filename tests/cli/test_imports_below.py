@@ -127,7 +127,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.leaps.scorer",
             "planners.equilibrium.programs",
             "planners.formats.answer_file",
-            "planners.formats.plan_file",
             "planners.projection.whole_body_limits",
             "planners.search.plan_settings",
         ),

@@ -76,7 +76,7 @@ def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
         (["--solver", "scip"], "--solver: expected none with a leap, got scip"),
         (["--max-solves", "3"], "--max-solves: expected none with a leap, got 3"),
         (["--planner", "exact"], f"--planner: expected one of {ORDERS} with a leap, got exact"),
-        (["--out", "leap.npz"], "leap.npz: expected a file whose name ends with .json"),
+        (["--out", "leap.npz"], "leap.npz: expected a name that ends in .json, got .npz"),
     ],
 )
 def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message):

@@ -138,8 +138,8 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
             ("walls", "--time-limit-s", 0),
             "--time-limit-s: expected a number above 0, up to 1e+06, got 0",
         ),
-        (("walls", "--out", "a.txt"), "a.txt: expected a plan's name to end in .json, got .txt"),
-        (("walls", "--out", "a.npz"), "a.npz: expected a plan's name to end in .json, got .npz"),
+        (("walls", "--out", "a.txt"), "a.txt: expected a name that ends in .json, got .txt"),
+        (("walls", "--out", "a.npz"), "a.npz: expected a name that ends in .json, got .npz"),
         (("walls", "--out", "none/a.json"), "none/a.json: expected an existing folder none"),
         (
             ("walls", "--picture", "a.gif"),
