@@ -147,8 +147,8 @@ def brief(name: str) -> str:
     a second.
     """
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
-    if found := re.search(BRIEF.format(COMMANDS[name]), source):
-        return " ".join(found[1].split())
+    if match := re.search(BRIEF.format(COMMANDS[name]), source):
+        return " ".join(match[1].split())
     raise LookupError(f"{name}.py: expected class {COMMANDS[name]}")
 
 

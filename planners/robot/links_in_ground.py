@@ -62,15 +62,15 @@ class LinksInGround:
                 self._surface(shape) @ np.swapaxes(turns[moments, shape], 1, 2)
                 + origins[moments, shape, None]
             )
-            asked = points[..., 2] < tops[moments, shape, None]
+            below = points[..., 2] < tops[moments, shape, None]
             if limb >= 0:
                 apart = (
                     np.linalg.norm(points - bodies.toes_m[moments, None, limb], axis=2)
                     > self._patches_m[limb]
                 )
-                asked &= apart | ~bodies.stands[moments, None, limb]
-            depths = np.full(asked.shape, -np.inf)
-            depths[asked] = self.ground.depth_inside(points[asked])
+                below &= apart | ~bodies.stands[moments, None, limb]
+            depths = np.full(below.shape, -np.inf)
+            depths[below] = self.ground.depth_inside(points[below])
             for t, depth in zip(moments.tolist(), depths.max(axis=1).tolist(), strict=True):
                 yield t, shape, depth
 

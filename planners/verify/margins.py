@@ -88,7 +88,7 @@ class _Contacts:
         weight_n: of the robot [N].
         borne: sum and moment about the centre of mass of the contacts' forces, in units of the
             weight and metres, (6,).
-        given: the plan's forces (f_n, f_y, f_z), a sole's in equal parts, in units of the weight,
+        planned: the plan's forces (f_n, f_y, f_z), a sole's in equal parts, in units of the weight,
             shape (n, 3).
     """
 
@@ -99,7 +99,7 @@ class _Contacts:
     high: Array
     weight_n: float
     borne: Array
-    given: Array
+    planned: Array
 
     @property
     def balance(self) -> Array:
@@ -259,13 +259,13 @@ def least_margins(plan: Plan) -> dict[str, StanceMargin]:
     for index, at in enumerate(every):
         count = len(at.friction)
         program = programs[count] = programs.get(count) or _Program(count)
-        found = {
+        distances = {
             name: _inner_distance(program.support(at, shifts[index]), enough=least[name])
             for name, shifts in (("push_n", pushes), ("support_m", places))
             if sure[name][index] < least[name]
         }
-        found["friction_left"] = _friction_left(program, at, enough=least["friction_left"])
-        for name, value in found.items():
+        distances["friction_left"] = _friction_left(program, at, enough=least["friction_left"])
+        for name, value in distances.items():
             if value < least[name]:
                 least[name], weakest[name] = value, course.stances[index]
     least["push_n"] *= course.weight_n
@@ -366,7 +366,7 @@ def _contacts(plan: Plan, index: int) -> _Contacts:
         high=np.repeat(high, counts, axis=0),
         weight_n=course.weight_n,
         borne=_borne(course, stance.frame),
-        given=(np.repeat(forces, counts, axis=0)[:, None] @ frames)[:, 0],
+        planned=(np.repeat(forces, counts, axis=0)[:, None] @ frames)[:, 0],
     )
 
 
@@ -399,18 +399,18 @@ def _sure_distances(every: Sequence[_Contacts], shifts: Sequence[Array]) -> Arra
             np.array([at.balance for at in same]),
             np.array([shifts[int(row)] for row in rows]),
         )
-        given, borne = np.array([at.given for at in same]), np.array([at.borne for at in same])
+        planned, borne = np.array([at.planned for at in same]), np.array([at.borne for at in same])
         low, high = np.array([at.low for at in same]), np.array([at.high for at in same])
         friction = np.array([at.friction for at in same])
-        scale = np.repeat(np.maximum(given[:, :, 0], TINY), 3, axis=1)[:, :, None]
+        scale = np.repeat(np.maximum(planned[:, :, 0], TINY), 3, axis=1)[:, :, None]
         across = scale * balance.transpose(0, 2, 1)
         answer = across @ np.linalg.pinv(balance @ across, hermitian=True)
-        flat = given.reshape(len(rows), -1, 1)
+        flat = planned.reshape(len(rows), -1, 1)
         flat = flat + answer @ (borne[:, :, None] - balance @ flat)
         change = answer @ shift
         off = np.abs(balance @ change - shift).max(axis=(1, 2))
         off = np.maximum(off, np.abs(balance @ flat - borne[:, :, None]).max(axis=(1, 2)))
-        force, change = flat.reshape(given.shape), change.reshape(*given.shape, 2)
+        force, change = flat.reshape(planned.shape), change.reshape(*planned.shape, 2)
         slope = np.maximum(np.linalg.norm(change, axis=3), TINY)
         bounds = np.minimum((high - force) / slope, (force - low) / slope).min(axis=(1, 2))
         room = friction * force[:, :, 0] - np.linalg.norm(force[:, :, 1:], axis=2)

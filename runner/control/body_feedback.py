@@ -164,11 +164,11 @@ class BodyController:
             solution = self._program(len(frames)).solve(question)
             force = solution.value("forces") if solution.solved else question.planned
             force = self._inside(force, question.friction)
-        given = np.einsum("nik,nk->ni", frames, self._weight * force)
+        force_n = np.einsum("nik,nk->ni", frames, self._weight * force)
         if whole:
-            return np.asarray(given)
+            return np.asarray(force_n)
         result = np.array(planned_n)
-        result[rows] = given
+        result[rows] = force_n
         return result
 
     def _of_no_cone(self, question: _Asked) -> Array | None:
@@ -181,17 +181,17 @@ class BodyController:
                 the columns that are held there. Those are found anew until they stay.
         """
         arms, planned, least = question.arms, question.planned, self._feedback.least_share
-        free, given, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
+        free, start, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
         for _ in range(ROUNDS):
-            lacks = np.linalg.solve(free @ free.T + _EVEN, question.wanted - arms @ given.ravel())
+            lacks = np.linalg.solve(free @ free.T + _EVEN, question.wanted - arms @ start.ravel())
             force = planned + (lacks @ arms).reshape(planned.shape)
             light = force[:, 0] < least
             if (light == held).all():
                 force[held, 0] = least
                 inside = lengths(force[:, 1:]) <= question.friction * force[:, 0]
                 return force if inside.all() else None  # nor where one is not finite
-            free, given, held = arms.copy(), planned.copy(), light
-            free[:, ::3][:, held], given[held, 0] = 0.0, least
+            free, start, held = arms.copy(), planned.copy(), light
+            free[:, ::3][:, held], start[held, 0] = 0.0, least
         return None
 
     def _friction(self, sample: Samples) -> Array:

@@ -57,7 +57,7 @@ class Program:
 
     @property
     def errors(self) -> list[BaseException]:
-        """What was raised where the functions were evaluated, which CasADi does not pass on."""
+        """Errors that were raised where the functions were evaluated; CasADi does not pass them on."""
         return self._bank.errors
 
     # ------------------------------------------------------------------------------------------ the
