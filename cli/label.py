@@ -53,7 +53,7 @@ OF_LEAPS = ("scenes", "tries")
 """Options that postures have no use for."""
 
 FEW = 500
-"""Rows of postures that one process labels before others have started."""
+"""Most rows of postures that one process labels alone: others take longer to start."""
 
 
 @dataclass
@@ -105,8 +105,8 @@ class LabelPostures:
     screen_error: OptionalFloat = None
     """Share of the other kind's rows that may be lost so: 0.04 where nothing is said."""
     workers: OptionalInt = None
-    """Processes: one a processor where nothing is said, and this one alone for up to 500 rows of
-    postures, which take less time than to start others."""
+    """Number of processes. By default one per processor; up to 500 rows of postures are labelled by
+    this process alone, since others take longer to start."""
     executor: Literal["processes", "ray"] = "processes"
     """Where to work: on this machine, or on a Ray cluster, which brings its own number of
     workers."""
@@ -140,7 +140,7 @@ class LabelPostures:
         return 0
 
     def _usual_workers(self, leaps: bool) -> int:
-        """The number of processes where nothing is said."""
+        """The default number of processes."""
         few = not leaps and sum(self._rows()) <= FEW
         return 1 if few else max(os.cpu_count() or 1, 1)
 

@@ -178,8 +178,11 @@ def _change(details: Mapping[str, float], name: str) -> tuple[float, float]:
 
 
 def _frames(answer: Answer[Any]) -> int | None:
-    """The number of key frames; None of a leap, and of a crossing."""
-    return getattr(answer.problem, "frames", None)
+    """The number of key frames; None of a leap, and of a crossing, whose parts have their own."""
+    from stancekit.planners.answer.crossing import Crossing
+
+    crosses = isinstance(answer.solution, Crossing)
+    return None if crosses else getattr(answer.problem, "frames", None)
 
 
 def _lines(answer: Answer[Any]) -> Iterator[str]:
