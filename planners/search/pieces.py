@@ -252,7 +252,8 @@ def _shorter(
     length = _multiple(max(LEAST, 0.5 * (PIECE - SHARED)), cycle)
     if answer.solution is None or at + length >= course.frames - 1:
         return None
-    other = _one(course, at, at + length + _multiple(SHARED // 2, cycle), plans, piece, deadline)
+    last = min(at + length + _multiple(SHARED // 2, cycle), course.frames - 1)
+    other = _one(course, at, last, plans, piece, deadline)
     if other.status is not Status.FEASIBLE or other.solution is None:
         return None
     return beginning(other.solution, length)

@@ -128,6 +128,25 @@ def test_what_follows_soon_after_what_was_kept_is_not_written_again(
     begins(found.plan, kept.plans[0])
 
 
+@pytest.mark.parametrize("frames", range(8, 14))
+def test_a_shorter_piece_ends_with_its_course(short, planner, frames):
+    course = read_course("walls", frames=frames)
+    last = course.com_nominal_m[-1, 0]
+    ends = list[float]()
+
+    def piece(window, angles, end):
+        ends.append(window.com_nominal_m[-1, 0])
+        answer = planner.solve(window)
+        if window.frames > 3 and len(ends) > 1:
+            return replace(answer, status=Status.UNDECIDED, message="made to fail")
+        return answer
+
+    found = plan_pieces(course, piece)
+    assert found.failed is not None
+    assert 2 <= found.plan.problem.frames < frames
+    assert max(ends) <= last + 1e-12
+
+
 @pytest.mark.parametrize("stop", [1, 2])
 def test_what_was_stopped_goes_on_to_the_same_plan(short, course, planner, stop):
     whole = plan_pieces(course, piece_of(planner)[0]).plan
