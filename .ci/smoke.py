@@ -122,7 +122,7 @@ def tried(python: str, artefact: Path, pins: Path | None) -> str:
                 text=True,
                 check=False,
             )
-            named = re.search(r"pip install '(stancekit\[\w+\])'\n$", ran.stderr)
+            named = re.search(r'pip install "(stancekit\[\w+\])"\n$', ran.stderr)
             if ran.returncode != 2 or named is None:
                 return f"stancekit {' '.join(words)}: expected exit code 2 and a package to install, got {ran.stderr}"
             command = named[1]
