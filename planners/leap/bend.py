@@ -323,7 +323,7 @@ class LeapBender:
         leap = unloaded(judged.plan.problem, judged.plan.timing)
         if leap is None or time.perf_counter() > self._deadline:
             return judged
-        begun = self.judge(_over(judged.plan, leap), judged.shortened_m, judged.share)
+        begun = self.judge(_over(judged.plan, leap))
         for eased in self._rounds(begun):
             if eased.accepted:
                 said = self.judge(_as_turned(eased.body), eased.shortened_m, eased.share)
