@@ -26,6 +26,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..motion.leap_body import GATHER, LeapBody
 from ..motion.walk_joints import MovingBody
+from ..problem.leap import MOST_INTERVALS, Leap, Phase
 from ..robot.leg_limits import no_motors
 from ..terrain.obstacles import Obstacles
 from ..verify.leap_whole_body import LeapBodyLimits, LeapBodyMeasurements
@@ -75,6 +76,8 @@ EASY, HARD, WAYS = 0.9, 1.1, 3
 the ground less than the second; so many of the easiest are judged whole."""
 GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
 """Ways of drawing legs up in flight that are tried."""
+MOST_GATHER = (0.49, 1.0)
+"""A plan that says more than this of how legs are drawn up is none."""
 MORE_M, MOST_M = 0.003, 0.1
 """A reach that was too long is shortened by what it misses and this, and by no more in all [m]."""
 RESTARTS, FAR_OFF_M, MOST_SHORT_M = 3, 0.01, 0.2
@@ -87,6 +90,11 @@ SAID = 2
 """A plan says so often anew what legs turn its body by."""
 NEAR_M = 0.06
 """Toes move no farther than this in a round."""
+UNLOADED_S, UNLOADED = 0.025, 0.01
+"""Toes rest on the ground so long before they lift, and press with this share of the largest force
+at most: no control lets go of a force, or begins to draw up a leg, within an instant [s]."""
+FLIGHT_PARTS = 4
+"""A flight says in so many parts what legs turn its body by."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -251,6 +259,7 @@ class LeapBender:
                     (edge, fold + step),
                     (edge, fold - step),
                 )
+                if each[0] <= MOST_GATHER[0] and each[1] <= MOST_GATHER[1]
             ]
             measured = min((measured, *others), key=self._hard)
         return measured
@@ -293,7 +302,7 @@ class LeapBender:
         """
         first = best = self.judge(plan)
         if first.accepted:
-            return first, best
+            return first, self._eased(first)
         for k, (before, flight, after) in enumerate(STRETCHED):
             if time.perf_counter() > self._deadline:
                 break
@@ -304,8 +313,22 @@ class LeapBender:
                 if judged.score < best.score:
                     best = judged
                 if judged.accepted:
-                    return first, judged
+                    return first, self._eased(judged)
         return first, best
+
+    def _eased(self, judged: JudgedLeap) -> JudgedLeap:
+        """The leap whose toes are unloaded before they lift, and that says part by part what legs
+        turn its body by; the one that there is where that is not accepted.
+        """
+        leap = unloaded(judged.plan.problem, judged.plan.timing)
+        if leap is None or time.perf_counter() > self._deadline:
+            return judged
+        begun = self.judge(_over(judged.plan, leap))
+        for eased in self._rounds(begun):
+            if eased.accepted:
+                said = self.judge(_as_turned(eased.body), eased.shortened_m, eased.share)
+                return said if said.accepted else eased
+        return judged
 
     def _from(self, begun: JudgedLeap) -> Iterator[JudgedLeap]:
         """Plans of one timing: in rounds from the one that was judged, and from where its feet miss
@@ -432,6 +455,47 @@ def _as_turned(measured: LeapBodyMeasurements) -> LeapPlan:
         plan,
         rotation_rad=plan.rotation_rad + turned,
         legs_turn_rad=plan.turned_rad + np.diff(turned, axis=0),
+    )
+
+
+def unloaded(leap: Leap, timing: int) -> Leap | None:
+    """A leap of one timing whose toes press with next to nothing just before all of them lift, at
+    the expense of the flight; None where no flight is long enough.
+    """
+    phases, seconds, begins = list[Phase](), list[float](), list[int]()
+    for q, (phase, lasts) in enumerate(zip(leap.phases, leap.timings_s[timing], strict=True)):
+        begins.append(len(phases))
+        if phase.limbs or not (q and leap.phases[q - 1].limbs):
+            phases.append(phase)
+            seconds.append(lasts)
+            continue
+        if lasts < 4.0 * UNLOADED_S:
+            return None
+        phases += [
+            replace(leap.phases[q - 1], intervals=1),
+            replace(phase, intervals=max(phase.intervals, FLIGHT_PARTS)),
+        ]
+        seconds += [UNLOADED_S, lasts - UNLOADED_S]
+        begins[-1] += 1
+    if len(phases) == len(leap.phases) or sum(each.intervals for each in phases) > MOST_INTERVALS:
+        return None
+    return replace(
+        leap,
+        phases=tuple(phases),
+        timings_s=(tuple(seconds),),
+        footholds=tuple(replace(one, frame=begins[one.frame]) for one in leap.footholds),
+        limits=replace(leap.limits, lift=UNLOADED),
+    )
+
+
+def _over(plan: LeapPlan, leap: Leap) -> LeapPlan:
+    """A plan's forces over the finer intervals of another leap."""
+    ends = leap.times_s(0)
+    k = np.searchsorted(plan.times_s, 0.5 * (ends[1:] + ends[:-1])) - 1
+    method = str(plan.provenance.get("method", ""))
+    numbers = LeapNumbers.of(leap, legs_turn=np.zeros((leap.intervals, 3)))
+    return replace(
+        plan_from(numbers, plan.choice, plan.toes_m, plan.forces_n[k], method), gather=plan.gather
     )
 
 

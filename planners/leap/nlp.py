@@ -203,7 +203,7 @@ class LeapNlp:
             normal, friction = ca.dot(row[:3], f), self._share * row[6]
             lands = k > 0 and not stands[k - 1, i]
             lifts = k + 1 < len(stands) and not stands[k + 1, i]
-            ask(normal, 0.0, limits.force_share * (limits.ramp if lands or lifts else 1.0))
+            ask(normal, 0.0, float(limits.most(lands, lifts)))
             ask(ca.dot(f, f) - (1.0 + friction**2) * normal**2, -np.inf, 0.0)
 
     def _straight(self, leap: Leap) -> Array:

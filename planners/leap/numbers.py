@@ -402,7 +402,7 @@ def _scaled(leap: Leap) -> Scaled:
         reach_rows=HalfSpaces.counts(robot.limbs),
     )
     most = np.full((len(layout.contacts[0]), 3), limits.force_share)
-    most[:, 0] *= _ramps(leap, layout)
+    most[:, 0] = _largest(leap, layout)
     return Scaled(
         layout=layout,
         options=max(len(foothold.candidates) for foothold in footholds),
@@ -429,13 +429,13 @@ def _scaled(leap: Leap) -> Scaled:
     )
 
 
-def _ramps(leap: Leap, layout: Layout) -> Array:
-    """The share of the largest force of every stance contact, shape (B,): less just after a toe
-    lands and before it lifts.
+def _largest(leap: Leap, layout: Layout) -> Array:
+    """The largest normal force of every stance contact, shape (B,): less just after a toe lands and
+    before it lifts.
     """
     stance, limb, _ = layout.contacts
     interval = layout.stance_frames[stance] // 2
     by_interval = leap.holds[leap.interval_phases]
     before = np.concatenate([by_interval[:1], by_interval[:-1]])[interval, limb] < 0
     after = np.concatenate([by_interval[1:], by_interval[-1:]])[interval, limb] < 0
-    return np.where(before | after, leap.limits.ramp, 1.0)
+    return leap.limits.most(before, after)

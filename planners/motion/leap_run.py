@@ -22,6 +22,8 @@ SETTLE_S, REST_S = 0.5, 2.0
 """At rest before, and after: a robot that stands so long has landed."""
 PUSHES = 2
 """Intervals before a flight in which legs push so that a body goes into the air, held or not."""
+LIGHT = 0.1
+"""Toes that press with less than this share of the weight in all are about to lift."""
 KNOT_S = 0.02
 """Postures are looked for so often."""
 
@@ -76,15 +78,17 @@ class LeapRun:
     @cached_property
     def committed_s(self) -> tuple[tuple[float, float], ...]:
         """From when the body goes into the air whatever its legs do, and when it rests again [s]:
-        from the beginning of the last but one interval before the first flight to the end; none
-        where some limb always stands. Legs that are held while they push throw a robot off its feet
-        from there on.
+        from the beginning of the last but one interval that pushes before the first flight to the
+        end; none where some limb always stands. Legs that are held while they push throw a robot
+        off its feet from there on.
         """
         leap, ends = self.plan.problem, self.plan.times_s
         air = (leap.holds[leap.interval_phases] < 0).all(axis=1)
         if not air.any():
             return ()
-        first = max(int(np.argmax(air)) - PUSHES, 0)
+        pushes = np.linalg.norm(self.plan.forces_n.sum(axis=1), axis=1) > LIGHT * leap.weight_n
+        lifts = np.flatnonzero(pushes[: int(np.argmax(air))])
+        first = max(int(lifts[-1]) + 1 - PUSHES, 0) if len(lifts) else 0
         begin, rests = float(ends[first]) + self.settle_s, float(ends[-1]) + self.settle_s
         return ((begin, rests + SETTLE_S if self.rest_s > SETTLE_S else self.duration_s),)
 

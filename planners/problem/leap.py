@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_int, checked_members, checked_name, read_only
+from ..files.codec import LATER
 from ..physics import GRAVITY_M_S2
 from ..robot.model import LegLimits, Limb, Robot
 from ..terrain.patch import Patch
@@ -80,6 +81,8 @@ class LeapLimits:
         height_m: least height of the centre of mass over every toe that stands [m].
         force_share: largest normal force of a toe in units of the weight.
         ramp: share of that in the interval after a toe lands and in the one before it lifts.
+        lift: share of it in the one before a toe lifts, where that is another one; None for
+            ``ramp``.
     """
 
     momentum_m2_s: float = 0.02
@@ -88,6 +91,7 @@ class LeapLimits:
     height_m: float = 0.12
     force_share: float = 1.2
     ramp: float = 0.5
+    lift: float | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         for name in ("momentum_m2_s", "tilt_rad", "force_share"):
@@ -95,10 +99,20 @@ class LeapLimits:
         for name in ("goal_tilt_rad", "height_m"):
             object.__setattr__(self, name, checked(getattr(self, name), name, least=0.0))
         object.__setattr__(self, "ramp", checked(self.ramp, "ramp", above=0.0, most=1.0))
+        if self.lift is not None:
+            object.__setattr__(self, "lift", checked(self.lift, "lift", above=0.0, most=1.0))
         if self.tilt_rad > 0.5:
             raise InvalidInput(
                 f"tilt_rad: expected at most 0.5, where rotations are small, got {self.tilt_rad:g}"
             )
+
+    def most(self, lands: bool | NDArray[np.bool_], lifts: bool | NDArray[np.bool_]) -> Array:
+        """Largest normal forces of toes in units of the weight, in intervals after they land, before
+        they lift, or neither.
+        """
+        lift = self.ramp if self.lift is None else self.lift
+        share = np.minimum(np.where(lands, self.ramp, 1.0), np.where(lifts, lift, 1.0))
+        return np.asarray(self.force_share * share)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

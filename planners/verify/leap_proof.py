@@ -400,7 +400,7 @@ class _Bounds:
         stood = self.leap.holds[:, limb] >= 0
         lands = k > 0 and not stood[phases[k - 1]]
         lifts = k + 1 < len(phases) and not stood[phases[k + 1]]
-        return limits.force_share * (limits.ramp if lands or lifts else 1.0)
+        return float(limits.most(lands, lifts))
 
     def _follow(self, slope: Array, time: float, slopes: Array) -> float:
         """slope·c(time) as a constant, and as slopes on the forces of every interval."""

@@ -260,17 +260,17 @@ class _Judge:
             normal = float(force @ patch.normal)
             shear = float(np.linalg.norm(force - normal * patch.normal))
             self._note("friction", shear - patch.friction * max(normal, 0.0), k, limb, scale=weight)
-            most = leap.limits.force_share * weight * self._ramp(k, i)
+            most = weight * self._most(k, i)
             self._note("force_bounds", max(-normal, normal - most), k, limb, scale=weight)
 
-    def _ramp(self, k: int, i: int) -> float:
-        """Share of the largest force: less in the interval after the limb lands and in the one
-        before it lifts.
+    def _most(self, k: int, i: int) -> float:
+        """Largest normal force in units of the weight: less in the interval after the limb lands
+        and in the one before it lifts.
         """
         stands = [bool(self.leap.holds[self.phase[q], i] >= 0) for q in range(self.leap.intervals)]
         lands = k > 0 and not stands[k - 1]
         lifts = k + 1 < len(stands) and not stands[k + 1]
-        return self.leap.limits.ramp if lands or lifts else 1.0
+        return float(self.leap.limits.most(lands, lifts))
 
     def _body(self, k: int) -> None:
         """Tilt at all instants, L at the end of the interval."""

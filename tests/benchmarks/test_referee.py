@@ -268,6 +268,25 @@ def test_a_leap_lands_on_its_patches_and_stands() -> None:
     assert row.missed_mm < 1.0
 
 
+def test_a_leap_whose_toes_are_unloaded_before_they_lift_goes_where_it_is_planned(
+    tmp_path: Path,
+) -> None:
+    """A push that ends at full force loses some: no control lets go of it within an instant."""
+    pytest.importorskip("pinocchio")
+    from stancekit.planners.equilibrium.programs import Programs
+    from stancekit.planners.formats.leap_file import read_leap, write_leap
+    from stancekit.planners.leap.bend import LeapBender
+
+    plan = read_leap(LEAP).plan
+    assert plan is not None
+    _, eased = LeapBender(Programs()).bent(plan)
+    write_leap(tmp_path / "leap.json", eased.plan.problem, eased.plan)
+    before, after = (play(path, SETTINGS) for path in (LEAP, tmp_path / "leap.json"))
+    assert before.most_mm > 15.0
+    assert after.stood
+    assert after.most_mm < 0.5 * before.most_mm
+
+
 def test_a_leap_on_ice_does_not_stand() -> None:
     assert not play(LEAP, SETTINGS, Wrong(feedback=True, friction=0.02)).stood
 

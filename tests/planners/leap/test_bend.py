@@ -18,6 +18,7 @@ from stancekit.planners.leap.bend import (
     judged_answer,
     legged_numbers,
     point_of,
+    unloaded,
 )
 from stancekit.planners.leap.numbers import LeapGiven
 from stancekit.planners.leap.scp import FRICTION_SHARE, reserved
@@ -104,3 +105,32 @@ def test_rows_of_joints_have_the_derivatives_of_legs_that_bend(plan: LeapPlan):
                 checked += 1
     assert checked > 50
     assert np.abs(rows.speed_placed).max() > 1.0
+
+
+def test_toes_are_unloaded_before_they_lift_and_the_flight_says_what_legs_turn(plan: LeapPlan):
+    bender = LeapBender(Programs())
+    first, eased = bender.bent(plan)
+    assert first.accepted
+    assert eased.accepted
+    leap, before = eased.plan.problem, plan.problem
+    assert [len(phase.limbs) for phase in leap.phases] == [4, 4, 0, 4]
+    assert sum(leap.timings_s[0]) == pytest.approx(sum(before.timings_s[plan.timing]))
+    last = int(np.argmax(leap.holds[leap.interval_phases][:, 0] < 0)) - 1
+    assert leap.times_s(0)[last + 1] - leap.times_s(0)[last] == pytest.approx(0.025)
+    assert np.linalg.norm(eased.plan.forces_n[last].sum(axis=0)) < 0.06 * leap.weight_n
+    assert np.linalg.norm(eased.plan.forces_n[last - 1].sum(axis=0)) > leap.weight_n
+    assert np.abs(first.body.turned).max() > 0.01
+    assert np.abs(eased.body.turned).max() < 1e-3
+    assert_allclose(eased.plan.toes_m, plan.toes_m, atol=0.06)
+
+
+def test_a_leap_whose_flight_is_short_or_that_has_none_stays_as_it_is(plan: LeapPlan):
+    leap = plan.problem
+    assert unloaded(leap, plan.timing) is not None
+    assert unloaded(replace(leap, timings_s=((0.6, 0.09, 0.6),)), 0) is None
+    stands = replace(
+        leap, phases=leap.phases[:1], timings_s=((0.6,),), footholds=leap.footholds[:4]
+    )
+    assert unloaded(stands, 0) is None
+    fine = replace(leap.phases[0], intervals=57)
+    assert unloaded(replace(leap, phases=(fine, *leap.phases[1:])), plan.timing) is None

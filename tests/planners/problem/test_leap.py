@@ -85,6 +85,7 @@ def test_footholds_are_one_per_landing(leap: Leap) -> None:
             "tilt_rad: expected at most 0.5, where rotations are small, got 1",
         ),
         (lambda: LeapLimits(ramp=2.0), "ramp: expected a number in (0, 1], got 2"),
+        (lambda: LeapLimits(lift=0.0), "lift: expected a number in (0, 1], got 0"),
         (lambda: BodyState(com_m=np.array([np.nan, 0.0, 0.0])), "com_m: expected finite"),
         (lambda: leap_class("no"), "distribution: expected one of leap-base, "),
     ],
@@ -140,6 +141,31 @@ def test_a_file_gives_back_the_question_the_plan_and_the_proof(tmp_path) -> None
     assert again is not None
     assert refused.certificate is not None
     np.testing.assert_array_equal(again.multipliers, refused.certificate.multipliers)
+
+
+def test_toes_may_press_less_before_they_lift_than_after_they_land(leap: Leap) -> None:
+    found = find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution
+    assert found is not None
+    question = found.problem
+    assert "lift" not in leap_to_json(question)["limits"]
+    last = int(np.argmax(question.holds[question.interval_phases][:, 0] < 0)) - 1
+    normal = max(
+        force @ question.patch(j, found.choice).normal
+        for j, force in zip(question.holds[0], found.forces_n[last], strict=True)
+    )
+    share = float(normal) / (question.limits.force_share * question.weight_n)
+    for factor, holds in ((1.01, True), (0.9, False)):
+        limits = replace(question.limits, lift=factor * share)
+        stricter = replace(question, limits=limits)
+        assert leap_from_keys(leap_to_json(stricter), "leap").limits.lift == limits.lift
+        report = check_leap(replace(found, problem=stricter))
+        assert report.accepted is holds
+        if not holds:
+            assert report.group("force_bounds").when == last
+    limits = replace(question.limits, lift=0.1)
+    assert [limits.most(*at) for at in ((False, False), (True, False), (False, True))] == (
+        pytest.approx([1.2, 0.6, 0.12])
+    )
 
 
 def test_a_damaged_file_is_refused_in_one_line(leap: Leap, tmp_path) -> None:
