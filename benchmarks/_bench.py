@@ -1,5 +1,5 @@
-"""What the tables share: options, rows as text, JSON or Markdown, intervals, other checkouts, kept
-cells.
+"""What the tables share: options, rows as text, JSON or Markdown, the pages' tables of rows that are
+kept, intervals, other checkouts, kept cells.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ import json
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import beta
 from threadpoolctl import threadpool_limits
 
+from stancekit.envs.data.ledger import software
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
@@ -26,6 +27,8 @@ from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # tests.emulators
 Row = dict[str, Any]
+Table = Callable[[list[Row]], Iterable[str]]
+"""Lines of Markdown, of the rows of a run."""
 Given = TypeVar("Given", bound="Options")
 
 
@@ -37,13 +40,20 @@ class Options:
     json: bool = False
     """One object a line on standard output."""
     markdown: bool = False
-    """Tables as pages have them: a row a line, and a head where names are others."""
+    """A row a line, and a head where names are others."""
+    kept: Path | None = None
+    """Print the tables of a page, of the rows that this file keeps; where there is none, measure,
+    and keep them there with the options and versions that made them."""
+    section: str = ""
+    """One of the page's tables alone, where it has several."""
+    _said: Any = field(default_factory=lambda: [], init=False, repr=False)
     _heads: Any = field(default_factory=lambda: [], init=False, repr=False)
 
     def say(self, row: Mapping[str, Any], line: Callable[[Any], str] | None = None) -> None:
         """Print a row: as JSON, as Markdown, or as ``line`` has it for people, names and values
         where there is none.
         """
+        self._said.append(dict(row))
         if self.markdown:
             self._write(row)
             return
@@ -89,12 +99,68 @@ def cell(value: Any) -> str:
     return str(value).replace("|", "\\|").replace("\n", " ")
 
 
-def launch(main: Callable[[Given], int | None], options: type[Given], doc: str | None) -> None:
-    """Run a table with the options of the command line, one thread a solver."""
-    with threadpool_limits(1):
-        code = main(tyro.cli(options, description=doc, config=(tyro.conf.OmitArgPrefixes,)))
+def launch(
+    main: Callable[[Given], int | None], options: type[Given], doc: str | None, **tables: Table
+) -> None:
+    """Run a table with the options of the command line, one thread a solver.
+
+    Arguments:
+        tables: of a page, by name; a row a line where there is none.
+    """
+    given = tyro.cli(options, description=doc, config=(tyro.conf.OmitArgPrefixes,))
+    if given.section and given.section not in tables:
+        sys.exit(f"--section: expected one of {', '.join(tables) or 'none'}, got {given.section}")
+    code = None
+    if given.kept is None or not given.kept.exists():
+        with threadpool_limits(1):
+            code = main(given)
+        if given.kept is not None and not code:
+            _keep(given.kept, given)
+    if given.kept is not None and not code:
+        rows = _kept_rows(given.kept, given)
+        chosen = [tables[given.section]] if given.section else [*tables.values()] or [_plainly]
+        print("\n\n".join("\n".join(each(rows)) for each in chosen))
     if code:
         sys.exit(code)
+
+
+def _options(given: Options) -> dict[str, str]:
+    """What rows depend on."""
+    free = {"json", "markdown", "kept", "section"}
+    named = [each.name for each in fields(given) if each.init and each.name not in free]
+    return {name: str(getattr(given, name)) for name in named}
+
+
+def _keep(path: Path, given: Options) -> None:
+    """Write the rows of a run, under what made them."""
+    head = {"script": Path(sys.argv[0]).name, "options": _options(given), "software": software()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, "".join(f"{json.dumps(row)}\n" for row in (head, *given._said)))
+
+
+def _kept_rows(path: Path, given: Options) -> list[Row]:
+    """The rows of a file, which has to be this script's with these options."""
+    head, *rows = map(json.loads, path.read_text(encoding="utf-8").splitlines())
+    script = Path(sys.argv[0]).name
+    if head["script"] != script:
+        sys.exit(f"{path}: expected rows of {script}, got {head['script']}'s")
+    for name, value in _options(given).items():
+        if head["options"].get(name, value) != value:
+            sys.exit(f"{path}: expected {name} {value}, got {head['options'][name]}")
+    return rows
+
+
+def _plainly(rows: list[Row]) -> Iterable[str]:
+    """A row a line, under the names of the first."""
+    return markdown(list(map(str, rows[0])), (row.values() for row in rows))
+
+
+def markdown(head: Sequence[str], rows: Iterable[Iterable[Any]]) -> Iterator[str]:
+    """A table: its head, and its rows."""
+    yield f"| {' | '.join(head)} |"
+    yield "|" + "---|" * len(head)
+    for row in rows:
+        yield f"| {' | '.join(map(cell, row))} |"
 
 
 def realtime(wanted: bool) -> None:

@@ -15,13 +15,13 @@ histograms.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _bench import Options, launch
+from _bench import Options, Row, launch, markdown
 
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.files.arrays import Array
@@ -178,5 +178,37 @@ def draw(pictured: dict[str, dict[str, Array]], path: Path) -> None:
     figure.savefig(path, dpi=100)
 
 
+def maps(rows: list[Row]) -> Iterable[str]:
+    """Errors of every map, % (docs/reproduction.md)."""
+    head = ("map", "ground: mean", "median", "95 %", "points below 5 %")
+    figures = {"ground": ("mean", "median", "p95", "below_5_percent")}
+    figures["torso"] = ("mean", "below_5_percent")
+    return markdown(
+        (*head, "torso, 0.5 m above: mean", "points below 5 %"),
+        (
+            (
+                f"{row['terrain']}, {row['method']}",
+                *(f"{100 * row[at][name]:.1f}" for at in figures for name in figures[at]),
+            )
+            for row in rows
+            if "ground" in row and "band_m" not in row
+        ),
+    )
+
+
+def scales(rows: list[Row]) -> Iterable[str]:
+    """Factors of the heights at which the mean is the target (docs/reproduction.md)."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if "scale" in row:
+            known = row["scale"] is not None
+            cells = (
+                (f"{row['scale']:.2f}", f"{row['relief_m']:.2f}") if known else ("above 1.5", "")
+            )
+            found.setdefault(row["terrain"], []).extend(cells)
+    head = ("terrain", "at the ground: factor", "relief [m]", "at torso height: factor")
+    return markdown((*head, "relief [m]"), ((name, *cells) for name, cells in found.items()))
+
+
 if __name__ == "__main__":
-    launch(main, Arguments, __doc__)
+    launch(main, Arguments, __doc__, maps=maps, scales=scales)

@@ -27,13 +27,13 @@ the lift has a plan when it is told. A part with a count of 0 is left out.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from math import comb
 from pathlib import Path
 
 import numpy as np
-from _bench import Options, launch
+from _bench import Options, Row, launch, markdown
 from closed_loop import Ran, course_of, solved, summary
 
 from stancekit.envs.distributions.courses import icy_walls
@@ -262,5 +262,34 @@ def median(values: Sequence[float]) -> str:
     return f"{np.median(some):.3f} [{first:.3f}, {last:.3f}]"
 
 
+def ice(rows: list[Row]) -> Iterable[str]:
+    """First plans on random ice (docs/learning.md)."""
+    return part(rows, "ice", ("found", "CPU s to it", "÷ lift", "by the policy"))
+
+
+def windows(rows: list[Row]) -> Iterable[str]:
+    """Windows of Traverse-v0 (docs/learning.md)."""
+    return part(rows, "windows", ("verified", "reached", "CPU s a window", "by the policy"))
+
+
+def friction(rows: list[Row]) -> Iterable[str]:
+    """Closed loops (docs/learning.md)."""
+    names = ("friction", "succeeded", "of solvable", "replans", "CPU s a run", "by the policy")
+    return part(rows, "way", names)
+
+
+def part(rows: list[Row], way: str, names: Sequence[str]) -> Iterable[str]:
+    """The rows that name their planner so."""
+    return markdown(
+        ("planner", *names),
+        (
+            (planner if planner == LIFT else f"{Path(planner).stem}, then the lift", *rest)
+            for planner, *rest in (
+                [row[name] for name in (way, *names)] for row in rows if way in row
+            )
+        ),
+    )
+
+
 if __name__ == "__main__":
-    launch(main, Arguments, __doc__)
+    launch(main, Arguments, __doc__, ice=ice, windows=windows, friction=friction)

@@ -1,11 +1,12 @@
 """Climbs between two walls by IPOPT from many starts, beside the two-stage planner (Lin et al.'s
 "possible speed up of around 100 times"), and MICP to an optimum with the gap that is left (Table II).
 
-    python benchmarks/key_frames.py starts [--frames 1 4 8 16 32] [--starts 20] [--out FOLDER]
+    python benchmarks/key_frames.py starts [--courses walls icy-walls tube] [--frames 8 32]
+    [--starts 20]
     python benchmarks/key_frames.py optima [--frames 1 2 4 8] [--solvers highs scip gurobi]
     [--cap-s 600] [--envelope FILE] [--out FOLDER]
 
-starts: the course `walls` with the toes' patches given, as a nonlinear program with exact
+starts: courses with the toes' patches given, as a nonlinear program with exact
 derivatives (`planners.projection.nlp`), from the patches' centroids and from random toes; each start
 alone. A start succeeds where the verifier accepts its plan. Times are CPU seconds without compiling;
 "all starts" is what a user pays who keeps the best. "within 1 %": starts whose objective is within
@@ -19,17 +20,18 @@ cell is a file in --out, and what is there is not measured again; a cell that me
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import cvxpy as cp
 import numpy as np
 import tyro
-from _bench import Options, Row, kept, launch
+from _bench import Options, Row, kept, launch, markdown
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
@@ -62,7 +64,7 @@ class Arguments(Options):
     """What to measure, and on which climbs."""
 
     what: tyro.conf.Positional[Literal["starts", "optima"]]
-    course: str = "walls"
+    courses: tuple[str, ...] = ("walls",)
     frames: tuple[int, ...] = (1, 2, 4, 8)
     starts: int = 20
     solvers: tuple[str, ...] = ("highs", "scip", "gurobi")
@@ -73,14 +75,11 @@ class Arguments(Options):
 
 def main(arguments: Arguments) -> None:
     """Measure and print."""
-    for frames in arguments.frames:
-        course = read_course(arguments.course, frames=frames)
-        if arguments.what == "starts":
-            for row in by_starts(course, arguments):
-                arguments.say(row)
-        else:
-            for row in optima(course, arguments):
-                arguments.say(row)
+    for name, frames in product(arguments.courses, arguments.frames):
+        course = read_course(name, frames=frames)
+        found = by_starts if arguments.what == "starts" else optima
+        for row in found(course, arguments):
+            arguments.say({"course": name, **row})
 
 
 def by_starts(course: Problem, arguments: Arguments) -> Iterator[Row]:
@@ -125,7 +124,7 @@ def from_starts(
         if not np.isfinite(point.residual):
             objectives.append(np.inf)
             continue
-        claim = Claim(found=plan_of(course, scaled, choice, point))
+        claim = Claim(plan=plan_of(course, scaled, choice, point))
         answer = Acceptance().answer(course, claim, method="nlp", clock=Clock.start())
         objectives.append(answer.objective if answer.status is Status.FEASIBLE else np.inf)
     accepted = np.isfinite(objectives)
@@ -217,5 +216,32 @@ def ends(solver: str, raw: Any) -> tuple[float, float]:
     return (model.ObjVal if model.SolCount else np.inf), model.ObjBound
 
 
+def page(rows: list[Row]) -> Iterable[str]:
+    """IPOPT beside the two-stage planner (docs/reproduction.md)."""
+    head = ("course", "M", "two-stage", "IPOPT, a start", "times", "all starts, times", "accepted")
+    quick = {
+        (row["course"], row["frames"]): row["cpu_s"]
+        for row in rows
+        if row["planner"] == "two-stage"
+    }
+    return markdown(
+        (*head, "within 1 % of the best"),
+        (
+            (
+                row["course"],
+                row["frames"],
+                f"{quick[row['course'], row['frames']]:.3f}",
+                f"{row['cpu_s']:.3f}",
+                f"{row['times two-stage, a start']:.1f}",
+                f"{row['times two-stage, all starts']:.0f}",
+                f"{row['accepted']} of {row['starts']}",
+                row["within 1 %"],
+            )
+            for row in rows
+            if row["planner"] == "IPOPT"
+        ),
+    )
+
+
 if __name__ == "__main__":
-    launch(main, Arguments, __doc__)
+    launch(main, Arguments, __doc__, starts=page)

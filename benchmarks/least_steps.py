@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from _bench import Options, Row, launch
+from _bench import Options, Row, launch, markdown
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
@@ -127,5 +127,29 @@ def share(plan: Plan, course: Problem) -> float:
     return float((lengths_of(plan, course)[1] / course.least_steps).min())
 
 
+def climbs(rows: list[Row]) -> Iterable[str]:
+    """Courses with least steps, and without (docs/reproduction.md)."""
+    head = ("course", "M", "verdict", "questions", "CPU-ms", "without least steps", "objective")
+    names = ("course", "frames", "status", "asked", "cpu_ms", "without_ms", "objective", "without")
+    return markdown(
+        (*head, "without"),
+        ([row.get(name, "") for name in names] for row in rows if "course" in row),
+    )
+
+
+def ends(rows: list[Row]) -> Iterable[str]:
+    """Verdicts by the share of the farthest step (docs/reproduction.md)."""
+    head = ("step", "share of the farthest", "verdict", "right", "questions", "CPU-ms")
+    names = ("limit", "share", "status", "right", "asked", "cpu_ms")
+    return markdown(
+        head,
+        (
+            ["yes" if row[name] is True else row[name] for name in names]
+            for row in rows
+            if "limit" in row
+        ),
+    )
+
+
 if __name__ == "__main__":
-    launch(main, Arguments, __doc__)
+    launch(main, Arguments, __doc__, climbs=climbs, ends=ends)

@@ -27,14 +27,14 @@ of the exact planner.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import casadi as cs
 import numpy as np
-from _bench import Options, Row, launch
+from _bench import Options, Row, cell, launch, markdown
 from scipy.optimize import nnls
 
 from stancekit.envs.distributions.courses import perturbed
@@ -250,7 +250,7 @@ def accepted(
     point = project(programs, "scp", chosen, start)
     if not np.isfinite(point.residual):
         return None
-    claim = Claim(found=plan_of(problem, scaled, choice, point))
+    claim = Claim(plan=plan_of(problem, scaled, choice, point))
     answer = Acceptance().answer(problem, claim, method=method, clock=Clock.start())
     return answer if answer.status is Status.FEASIBLE else None
 
@@ -546,5 +546,31 @@ def rounded(scaled: Scaled, x: Array) -> tuple[Array, Point]:
     return scaled.numbers[np.array(chosen)], point
 
 
+NAMES = {
+    "two-stage": "two-stage, lift",
+    "micp": "micp from nothing",
+    "mpcc": "mpcc from the middle",
+}
+
+
+def page(rows: list[Row]) -> Iterable[str]:
+    """A row a method (docs/reproduction.md)."""
+    head = ("problems", "method", "success", "95 % interval", "CPU-ms", "objective")
+    return markdown(
+        head,
+        (
+            (
+                row["problems"],
+                NAMES.get(row["method"], row["method"]),
+                f"{row['success']} of {row['of']}",
+                "[{:.0f}, {:.0f}]".format(*(100 * end for end in row["interval"])),
+                f"{cell(row['cpu_ms'])} ({cell(row['p95_ms'])})",
+                "" if row["objective"] is None else f"{row['objective']:.2f}",
+            )
+            for row in rows
+        ),
+    )
+
+
 if __name__ == "__main__":
-    launch(main, Arguments, __doc__)
+    launch(main, Arguments, __doc__, page=page)

@@ -16,6 +16,7 @@ import os
 import tempfile
 import threading
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from _bench import Options, launch
+from _bench import Options, Row, launch, markdown
 
 from stancekit.views.playground.answer import quick_answer
 from stancekit.views.playground.keys_scenario import KeysScenario
@@ -275,5 +276,14 @@ def _ms(seconds: Any) -> float:
     return round(1e3 * float(seconds), 1)
 
 
+def page(rows: list[Row]) -> Iterable[str]:
+    """CPU ms by part (docs/playground.md)."""
+    names = ("layout", "search", "drawing", "process")
+    return markdown(
+        ("course", "layout", "search", "drawing", "all of the process"),
+        ((row["course"], *(f"{row[f'{name}_cpu_ms']:.0f}" for name in names)) for row in rows),
+    )
+
+
 if __name__ == "__main__":
-    launch(main, Playing, __doc__)
+    launch(main, Playing, __doc__, page=page)

@@ -85,7 +85,7 @@ class Peer:
             if plan is not None or word == "infeasible":
                 break
         details = {"projected": float(word == "feasible")}
-        claim = Claim(found=plan, word=word, message=message, details=details)
+        claim = Claim(plan=plan, word=word, message=message, details=details)
         return Acceptance().answer(course, claim, method=self.name, clock=clock)
 
     def _said(self, mixed: _region_peers.Mixed) -> Any:

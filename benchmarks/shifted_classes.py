@@ -126,18 +126,22 @@ def main(options: Asked) -> None:
             asked = [
                 bool(surrogate.screen(problems.select(p), options.error).shifted) for p in parts
             ]
-            noticed[size] = f"{sum(asked)} of {len(asked)}"
+            of_all = " all" if size == count else f" {size}"
+            noticed[f"noticed of{of_all}"] = f"{sum(asked)} of {len(asked)}"
         answers = surrogate.answered(problems, limits, options.error).answers
         truth = decide_all(ExactPlanner(max_nodes=500, time_limit_s=math.inf), problems).outcomes
         line: dict[str, Any] = {
-            "shift": name,
-            "noticed": noticed,
-            "asked": round(float((answers == "ask").mean()), 3),
+            "change": name,
+            **noticed,
+            "asked": f"{100 * (answers == 'ask').mean():.0f} %",
         }
         for status, other in ((Status.FEASIBLE, "infeasible"), (Status.INFEASIBLE, "feasible")):
             mine = np.array([each.status is status for each in truth])
             wrong, rows = int((answers[mine] == other).sum()), int(mine.sum())
-            line[status.value] = f"{wrong} of {rows} wrong, up to {upper_end(wrong, rows):.4f}"
+            most = 100 * upper_end(wrong, rows)
+            line[f"{status.value}, called {other}"] = (
+                f"{wrong} of {rows}, up to {most:.2f} %" if rows else "none is"
+            )
         options.say(line)
 
 

@@ -164,7 +164,7 @@ class BareLoop:
             if answer.feasible and answer.point is not None:
                 point = project(self._programs, "fix-p", scaled, answer.point)
                 if np.isfinite(point.residual):
-                    claim = Claim(found=plan_of(scene.problem, scaled, scaled.numbers, point))
+                    claim = Claim(plan=plan_of(scene.problem, scaled, scaled.numbers, point))
                     self._acceptance.answer(
                         scene.problem, claim, method="fix-p", clock=Clock.start()
                     )

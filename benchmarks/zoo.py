@@ -3,8 +3,8 @@ for bit.
 
     python benchmarks/zoo.py --write [--out out/zoo]     # into learners/zoo, with their cards
     python benchmarks/zoo.py [--out out/zoo]             # makes them, and says which bits differ
-    python benchmarks/zoo.py --cards                     # the table of docs/cards.md, from the
-    cards
+    python benchmarks/zoo.py --cards selectors           # a table of docs/cards.md, from the cards;
+    --cards scorers: that of the scorers of leaps
 
 They are the selectors of configs/zoo.yaml, `stancekit bench envelopes --config configs/zoo.yaml
 --out out/zoo`, with their weights rounded to half precision, in which they are evaluated, too. A
@@ -19,8 +19,9 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from _bench import ROOT, Options, launch
+from _bench import ROOT, Options, launch, markdown
 from torch import __version__ as torch_version
 
 from stancekit.envs.data.dataset import Dataset
@@ -33,7 +34,7 @@ from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.selectors.shipped import Card, Figure, card
-from stancekit.learners.zoo import shipped
+from stancekit.learners.zoo import card_of, shipped
 from stancekit.planners.files.writing import write_bytes, write_text
 
 ZOO = ROOT / "learners" / "zoo"
@@ -53,14 +54,14 @@ class Arguments(Options):
     """Put them, with their cards, into learners/zoo."""
     problems: tuple[str, ...] = ()
     """Some classes alone."""
-    cards: bool = False
-    """Print the table of the cards, and make nothing."""
+    cards: Literal["", "selectors", "scorers"] = ""
+    """Print the table of these cards, and make nothing."""
 
 
 def main(given: Arguments) -> None:
     """Make them; keep or compare."""
     if given.cards:
-        print("\n".join(table()))
+        print("\n".join(table() if given.cards == "selectors" else scorers()))
         return
     some = {"problems": list(given.problems)} if given.problems else {}
     experiment, differ = Experiment.from_yaml(ROOT / "configs" / "zoo.yaml", overrides=some), 0
@@ -147,6 +148,22 @@ def table() -> Iterator[str]:
         ]
         rows = f"{known.train.feasible} + {known.train.infeasible}"
         yield f"| `{name}` | {rows} | {' | '.join(shown)} | {path.stat().st_size // 1000} |"
+
+
+def scorers() -> Iterator[str]:
+    """Markdown: a row a scorer of leaps and budget; % of the test scenes, and what it gains [points]."""
+    rows = [
+        (
+            f"`{name}`",
+            figure["budget"],
+            *(f"{100 * p:.1f} [{100 * low:.1f}, {100 * high:.1f}]" for p, low, high in shares),
+            "{:+.1f} [{:+.1f}, {:+.1f}]".format(*figure["gain"]),
+        )
+        for name, path in shipped("scorers").items()
+        for figure in card_of(path)["figures"]
+        for shares in ((figure["learned"], figure["control"]),)
+    ]
+    return markdown(("name", "budget", "solved", "control", "difference"), rows)
 
 
 if __name__ == "__main__":

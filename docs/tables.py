@@ -2,18 +2,20 @@
 
     python docs/tables.py [PAGE.md …]     # writes the tables anew that a command prints
 
-``<!-- table: COMMAND -->`` stands above a table that is what the command prints, line for line;
-``<!-- figures: COMMAND -->`` above one whose figures are the command's and whose layout is not:
-beside figures of a paper, of several runs, or of runs that take hours.
+``<!-- table: COMMAND -->`` stands above a table that is what the command prints, line for line, of
+cards or of the rows that a run kept (``--kept docs/results/NAME.jsonl``, which a command whose file
+is missing makes anew); ``<!-- figures: COMMAND -->`` above one whose figures are the command's and
+whose layout is not: of several runs, or of runs that take hours.
 """
 
 from __future__ import annotations
 
-import os
+import io
 import re
+import runpy
 import shlex
-import subprocess
 import sys
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
@@ -22,20 +24,15 @@ MARK = re.compile(r"^<!-- (table|figures): (.+) -->\n((?:\|.*\n)*)", re.MULTILIN
 
 
 def printed(command: str) -> str:
-    """The table that a command prints."""
-    words = shlex.split(command)
-    start = (
-        [sys.executable] if words[0] == "python" else [sys.executable, "-m", "stancekit.cli.main"]
-    )
-    done = subprocess.run(
-        [*start, *words[1:]],
-        cwd=DOCS.parent,
-        env=os.environ | {"COLUMNS": "1000"},
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    )
-    return "".join(line for line in done.stdout.splitlines(True) if line.startswith("|"))
+    """The table that a script of benchmarks prints with these options, in this process."""
+    box, before, words = io.StringIO(), (sys.argv, sys.path), shlex.split(command)
+    sys.argv, sys.path = words[1:], [str(DOCS.parent / "benchmarks"), *sys.path]
+    try:
+        with chdir(DOCS.parent), redirect_stdout(box):
+            runpy.run_path(words[1], run_name="__main__")
+    finally:
+        sys.argv, sys.path = before
+    return "".join(line for line in box.getvalue().splitlines(True) if line.startswith("|"))
 
 
 def written(page: Path) -> str:

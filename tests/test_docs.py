@@ -247,20 +247,23 @@ def test_every_table_of_figures_names_a_command_that_there_is_and_its_options() 
 
 
 def test_tables_that_a_command_prints_are_what_it_prints(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     monkeypatch.syspath_prepend(str(DOCS))
-    mark, printed = importlib.import_module("tables").MARK, 0
+    tables, printed, kept = importlib.import_module("tables"), 0, set[Path]()
     for page in PAGES:
-        for kind, line, table in mark.findall((ROOT / page).read_text(encoding="utf-8")):
-            if kind == "table":
-                words = shlex.split(line)
-                assert words[2:] == ["--cards"], (
-                    "others are printed in a process, by docs/tables.py"
-                )
-                script = importlib.import_module(Path(words[1]).stem)
-                assert table.splitlines() == list(script.table())
-                printed += 1
-    assert printed >= 2
+        for kind, line, table in tables.MARK.findall((ROOT / page).read_text(encoding="utf-8")):
+            if kind == "figures":
+                assert "--kept" not in line, line
+                continue
+            _, *options = shlex.split(line)
+            assert "--cards" in options or "--kept" in options, f"{line}: measures"
+            if "--kept" in options:
+                source = options[options.index("--kept") + 1]
+                assert (ROOT / source).exists(), f"{line}: measures"
+                kept.add(ROOT / source)
+            assert table == tables.printed(line), line
+            printed += 1
+    assert printed >= 3
+    assert kept == set((DOCS / "results").iterdir())
 
 
 @pytest.fixture

@@ -134,3 +134,41 @@ def test_the_code_of_a_table_is_that_of_the_process(
     with pytest.raises(SystemExit) as end:
         harness.launch(lambda asked: 1, harness.Options, "A table.")
     assert end.value.code == 1
+
+
+def test_tables_are_printed_of_kept_rows_of_the_same_script_and_options(
+    harness: ModuleType,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path, measured = tmp_path / "rows.jsonl", []
+
+    def main(given) -> None:
+        measured.append(given.seed)
+        for value in (0.5, 0.25):
+            given.say({"value": value})
+
+    def launch(*words: object, script: str = "table.py", **tables) -> str:
+        monkeypatch.setattr(sys, "argv", [script, *map(str, words), "--kept", str(path)])
+        harness.launch(main, harness.Options, "A table.", **tables)
+        return capsys.readouterr().out
+
+    plain = "| value |\n|---|\n| 0.5 |\n| 0.25 |\n"
+    assert launch("--seed", 3) == "value 0.5\nvalue 0.25\n" + plain
+    head = json.loads(path.read_text().splitlines()[0])
+    assert (head["script"], head["options"]) == ("table.py", {"seed": "3"})
+    assert "stancekit" in head["software"]
+    assert launch("--seed", 3) == plain
+    two = {"sums": lambda rows: ["| sum |"], "counts": lambda rows: [f"| {len(rows)} |"]}
+    assert launch("--seed", 3, **two) == "| sum |\n\n| 2 |\n"
+    assert launch("--seed", 3, "--section", "counts", **two) == "| 2 |\n"
+    assert measured == [3]
+    for words, script, why in (
+        ((), "table.py", "expected seed 0, got 3"),
+        (("--seed", 3), "other.py", "expected rows of other.py, got table.py's"),
+        (("--seed", 3, "--section", "sum"), "table.py", "expected one of sums, counts, got sum"),
+    ):
+        with pytest.raises(SystemExit, match=why):
+            launch(*words, script=script, **two)
+    assert measured == [3]
