@@ -69,6 +69,8 @@ GOAL_M = 0.06
 [m]."""
 LOW = 0.5
 """Least height of the body over its toes, in units of that at which it stands."""
+SAME = 1e-6
+"""A piece is of a surface from which it is no farther, and no more inclined [m]."""
 SQUARE_M = 0.04
 """Width of the pieces on which a climb ends that a leap follows [m]."""
 SHARES = (0.25, 0.8)
@@ -378,7 +380,9 @@ class _Crossing:
             return "no foothold for some toe where it lands"
         goal = np.array([*place, float(ground.mean()) + height])
         footholds = [
-            Foothold(limb=limb.name, frame=0, candidates=(patch,), toe_m=toe)
+            Foothold(
+                limb=limb.name, frame=0, candidates=(surface_of(self.terrain, patch),), toe_m=toe
+            )
             for limb, toe, patch in zip(robot.limbs, standing.toes_m, standing.patches, strict=True)
         ]
         for limb, xy, z in zip(robot.limbs, wanted, ground, strict=True):
@@ -464,6 +468,20 @@ def _heights(terrain: Terrain, places_m: Array) -> Array:
         here = patch.centre_m[2] - away / patch.normal[2]
         heights = np.where(within, np.maximum(heights, here), heights)
     return heights
+
+
+def surface_of(terrain: Terrain, piece: Patch) -> Patch:
+    """The whole surface that a patch is a piece of, or the piece where it is of none: feet that push
+    roll, some on beyond the borders that planners draw about a toe.
+    """
+    for _, patch in terrain.standing:
+        surface = Surface(patch, 0.0)
+        level = (
+            abs(surface.height(piece.centre_m)) < SAME and patch.normal @ piece.normal > 1.0 - SAME
+        )
+        if level and patch.friction == piece.friction and surface.covers(piece.centre_m):
+            return patch
+    return piece
 
 
 def landed(plan: LeapPlan) -> Standing:

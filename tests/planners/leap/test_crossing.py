@@ -10,9 +10,10 @@ import pytest
 import stancekit
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.leap.crossing import stretches
+from stancekit.planners.leap.crossing import stretches, surface_of
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.terrain.families import family_terrain
+from stancekit.planners.terrain.polygon import Surface
 
 TOES = np.array(
     [[0.19, 0.13, -0.27], [0.19, -0.13, -0.27], [-0.19, 0.13, -0.27], [-0.19, -0.13, -0.27]]
@@ -49,6 +50,19 @@ def test_a_goal_over_the_gap_is_no_place_to_land() -> None:
     terrain = family_terrain("gaps", 0.4, 0)
     middle = terrain.figures["middle_m"]
     assert stretches(terrain, TOES, np.array([[-0.5, 0.0], [middle, 0.0]])) is None
+
+
+def test_a_leap_leaves_from_whole_surfaces_and_not_from_the_pieces_that_climbs_end_on() -> None:
+    terrain = family_terrain("gaps", 0.4, 0)
+    for _, patch in terrain.standing:
+        place = patch.centre_m + 0.3 * (patch.vertices_m[0] - patch.centre_m)
+        piece = Surface(patch, 0.0).window(place, 0.04)
+        assert piece is not None
+        assert surface_of(terrain, piece) is patch
+        other = piece.with_friction(0.5 * patch.friction)
+        assert surface_of(terrain, other) is other
+        above = piece.with_vertices(piece.vertices_m + 0.01 * piece.normal)
+        assert surface_of(terrain, above) is above
 
 
 def test_a_crossing_begins_with_key_frames() -> None:
