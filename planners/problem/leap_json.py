@@ -96,6 +96,8 @@ def leap_from_keys(data: Mapping[str, Any], where: str) -> Leap:
         )
         return Leap(**{**vars(keys), "robot": robot, "footholds": footholds})
     except InvalidInput as error:
+        if isinstance(data.get("robot"), Mapping):  # again: what a robot's parts say to each other
+            from_json(Robot, data["robot"], whole=False, where=where)
         raise InvalidInput(f"{where}: {error}") from None
 
 

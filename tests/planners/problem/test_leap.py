@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.leg_limits import leaping_robot
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.verify.leaps import check_leap
+
+DATA = Path(__file__).parents[2] / "data"
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +144,18 @@ def test_a_file_gives_back_the_question_the_plan_and_the_proof(tmp_path) -> None
     assert again is not None
     assert refused.certificate is not None
     np.testing.assert_array_equal(again.multipliers, refused.certificate.multipliers)
+
+
+def test_a_robot_whose_urdf_was_changed_in_the_file_is_refused_in_words() -> None:
+    data = json.loads((DATA / "leap-hop-anymal.json").read_text())
+    model = data["robot"]["model"]
+    model["urdf"] = model["urdf"].replace('effort="80"', 'effort="90"')
+    with pytest.raises(InvalidInput) as said:
+        leap_from_keys({k: v for k, v in data.items() if k != "plan"}, "leap.json")
+    assert str(said.value) == (
+        "leap.json: robot anymal: model: digest mismatch: the URDF or its legs are not those that "
+        "were written"
+    )
 
 
 def test_toes_may_press_less_before_they_lift_than_after_they_land(leap: Leap) -> None:
