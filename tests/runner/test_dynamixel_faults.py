@@ -71,7 +71,7 @@ REFUSED = {
 }
 
 
-MUTE = ("power loss", "wrong baud", "half packets")
+MUTE = ("power loss", "wrong baud", "half packets", "corrupted packets")
 """Faults with which a host waits in vain, again and again."""
 
 
