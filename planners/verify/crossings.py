@@ -4,10 +4,11 @@ all of the terrain, which they alone know nothing of.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from .ground import off_terrain
 from .leaps import check_leap
 from .plans import check_plan
 
+if TYPE_CHECKING:
+    from ..motion.leap_body import LeapBody
+
 TOES_M = 1e-6
 """Toes are where they were when the next part begins, within this [m]."""
 BODY_M, TURN_RAD = 2e-3, 0.1
@@ -35,6 +39,8 @@ JOINTS_RAD = 0.25
 by which key frames go, make of one pose [rad]."""
 BROKEN = np.inf
 """Value of a part's group whose numbers are none of a plan: nobody asks for its ends."""
+BodyOf = Callable[[LeapPlan], "LeapBody"]
+"""Legs of a leap; made once for all that is asked of them."""
 UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
 
 
@@ -58,9 +64,10 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
     groups = list[Group]()
     defect = _defect(crossing)
     if not defect:
-        groups = list(_parts(crossing))
+        body_of = cache(_leap_body)
+        groups = list(_parts(crossing, body_of))
         if not any(group.value == BROKEN for group in groups):
-            groups += _seams(crossing)
+            groups += _seams(crossing, body_of)
         groups += _proof(crossing)
     return Report(groups=tuple(groups), answer=crossing, tolerance=0.0, defect=defect)
 
@@ -107,7 +114,7 @@ def differs(mine: Robot, other: Robot) -> str:
     return ""
 
 
-def _parts(crossing: Crossing) -> Iterator[Group]:
+def _parts(crossing: Crossing, body_of: BodyOf) -> Iterator[Group]:
     for k, part in enumerate(crossing.parts, 1):
         if isinstance(part, Plan):
             report = check_plan(part, joints=True)
@@ -116,7 +123,7 @@ def _parts(crossing: Crossing) -> Iterator[Group]:
         leapt = check_leap(part, body=True)
         yield _verdict(f"{k}: leap", leapt)
         if not leapt.defect:
-            yield from _over(crossing, k, part)
+            yield from _over(crossing, k, part, body_of)
 
 
 def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
@@ -131,7 +138,7 @@ def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
     return Group(name, value=worst, limit=report.tolerance, unit="1", verdict="holds")
 
 
-def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
+def _over(crossing: Crossing, k: int, plan: LeapPlan, body_of: BodyOf) -> Iterator[Group]:
     """A leap over the terrain: its toes on it, its whole body off it."""
     leap = plan.problem
     patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
@@ -140,21 +147,20 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=leap.footholds[j].limb)
     name = f"{k}: flight"
     try:
-        from ..motion.leap_body import LeapBody
         from ..terrain.obstacles import Obstacles
         from .leap_whole_body import LeapBodyMeasurements
 
         obstacles = Obstacles.of(crossing.terrain)
-        yield LeapBodyMeasurements(LeapBody(plan)).bodies(obstacles).group(name)
+        yield LeapBodyMeasurements(body_of(plan)).bodies(obstacles).group(name)
     except InvalidInput as error:  # no legs, no pinocchio, no coal
         yield Group(name, unit="m", message=str(error), verdict="not checked")
 
 
-def _seams(crossing: Crossing) -> Iterator[Group]:
+def _seams(crossing: Crossing, body_of: BodyOf) -> Iterator[Group]:
     """Gaps between each part and the next."""
     for k, (before, after) in enumerate(pairwise(crossing.parts), 1):
         name = f"{k} to {k + 1}"
-        a, b = _end(before, last=True), _end(after, last=False)
+        a, b = _end(before, body_of, last=True), _end(after, body_of, last=False)
         names = crossing.robot.limb_names
         yield _seam(f"{name}: toes", np.linalg.norm(a.toes_m - b.toes_m, axis=1), TOES_M, names)
         yield _seam(f"{name}: body", np.linalg.norm([a.com_m - b.com_m], axis=1), BODY_M)
@@ -176,7 +182,7 @@ def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -
     return Group(name, value=value, limit=limit, unit=unit, where=names[k] if names else "")
 
 
-def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
+def _end(part: Plan | LeapPlan, body_of: BodyOf, *, last: bool) -> _End:
     """State in which a part begins, or ends."""
     k = -1 if last else 0
     if isinstance(part, Plan):
@@ -189,9 +195,7 @@ def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
         )
     leap, rotation, angles = part.problem, part.rotation_rad[k], None
     try:
-        from ..motion.leap_body import LeapBody
-
-        body = LeapBody(part)
+        body = body_of(part)
         rotation, angles = body.rotation_rad[k], body.postures.angles[k]
     except InvalidInput:  # no legs, or no pinocchio
         pass
@@ -201,6 +205,13 @@ def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
         toes_m=part.toes_m[leap.holds[k]],
         angles_rad=angles,
     )
+
+
+def _leap_body(plan: LeapPlan) -> LeapBody:
+    """The legs of a leap; raises InvalidInput without legs, or without pinocchio."""
+    from ..motion.leap_body import LeapBody
+
+    return LeapBody(plan)
 
 
 def _proof(crossing: Crossing) -> Iterator[Group]:

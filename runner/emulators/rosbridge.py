@@ -19,7 +19,8 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -136,7 +137,7 @@ class RosBridge:
         self._lock, self._ending = threading.RLock(), threading.Event()
         self._clients: list[Client] = []
         self._running: dict[str, Task] = {}
-        self._due: list[tuple[float, str]] = []
+        self._due: list[tuple[float, Callable[[], object]]] = []
         self._faults: set[str] = set()
         self._statuses: list[dict[str, Any]] = []
         self._server = serve(
@@ -152,8 +153,12 @@ class RosBridge:
         """Let a fault of ``FAULTS`` happen in so many seconds."""
         if kind not in FAULTS:
             raise ValueError(f"kind: expected one of {', '.join(FAULTS)}, got {kind!r}")
+        self._later(at_s, self._happen, kind)
+
+    def _later(self, after_s: float, act: Callable[..., object], *arguments: Any) -> None:
+        """Do something in so many seconds."""
         with self._lock:
-            self._due.append((time.monotonic() + at_s, kind))
+            self._due.append((time.monotonic() + after_s, partial(act, *arguments)))
 
     def state(self) -> dict[str, Any]:
         """State of the joints, JSON-ready."""
@@ -279,7 +284,7 @@ class RosBridge:
         ):
             return
         if since_s < self._connect_s:
-            threading.Timer(self._connect_s - since_s, self._published, (client, message)).start()
+            self._later(self._connect_s - since_s, self._published, client, message)
         else:
             self._published(client, message)
 
@@ -305,9 +310,7 @@ class RosBridge:
             elif self.ros == 1 and topic == f"{action}/goal":
                 goal_id = message_fields["goal_id"]["id"]
                 self._accepting[goal_id] = time.monotonic() + ACCEPT_S
-                threading.Timer(
-                    ACCEPT_S, self._accept, (client, goal_id, message_fields["goal"])
-                ).start()
+                self._later(ACCEPT_S, self._accept, client, goal_id, message_fields["goal"])
             elif self.ros == 1 and topic == f"{action}/cancel":
                 if (wrong := fields_wrong(message_fields, "GoalID")) is not None:
                     self._refuse(client, message.get("id"), wrong)
@@ -517,12 +520,14 @@ class RosBridge:
     def _live(self) -> None:
         """Move the robot, publish, let faults happen."""
         published = 0.0
-        while not self._ending.wait(TICK_S):
+        while not self._ending.is_set():
+            time.sleep(TICK_S)
             with self._lock:
                 now = time.monotonic()
-                for kind in [kind for at, kind in self._due if at <= now]:
-                    self._happen(kind)
+                due = [act for at, act in self._due if at <= now]
                 self._due = [item for item in self._due if item[0] > now]
+                for act in due:
+                    act()
                 self.robot.advance(self.robot.now_s + min(now - self._ticked_s, MOST_S))
                 self._ticked_s = now
                 if self.ros == 1:

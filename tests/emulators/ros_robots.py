@@ -18,10 +18,13 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.emulators import rosbridge, rosbridge_protocol
 from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
+
+from .fast_time import PACE, FastTime
 
 ROBOT = hexapod()
 JOINTS = joint_names(ROBOT)
@@ -77,19 +80,29 @@ def on_robot_time(bridge: RosBridge) -> Iterator[None]:
 
 @contextlib.contextmanager
 def emulated(
-    names: Sequence[str] = JOINTS, position_rad: Array = START, **settings: Any
+    names: Sequence[str] = JOINTS,
+    position_rad: Array = START,
+    *,
+    pace: float = PACE,
+    **settings: Any,
 ) -> Iterator[RosBridge]:
-    """An emulated robot, by whose clock the host lives."""
-    with RosBridge(names, position_rad, **settings) as bridge, on_robot_time(bridge):
-        yield bridge
+    """An emulated robot on a fast clock, by whose own clock the host lives."""
+    clock = FastTime(pace)
+    with pytest.MonkeyPatch.context() as patched:
+        for module in (rosbridge, rosbridge_protocol):
+            patched.setattr(module, "time", clock)
+        with RosBridge(names, position_rad, **settings) as bridge, on_robot_time(bridge):
+            yield bridge
 
 
 @contextlib.contextmanager
-def armed(ros: Literal[1, 2] = 2, **settings: Any) -> Iterator[tuple[RosBridge, RosWorld]]:
+def armed(
+    ros: Literal[1, 2] = 2, *, pace: float = PACE, **settings: Any
+) -> Iterator[tuple[RosBridge, RosWorld]]:
     """An emulated robot, and the world that drives it, armed; at the end no message was against the
     protocol.
     """
-    with emulated(ros=ros) as bridge:
+    with emulated(ros=ros, pace=pace) as bridge:
         with RosWorld(
             ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **(QUICK | settings))
         ) as world:

@@ -25,9 +25,11 @@ from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.worlds.dynamixel import control_table as table
+from stancekit.runner.worlds.dynamixel import port as servo_port
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.bus_faults import spoiled
+from tests.emulators.fast_time import FastTime
 
 LATENCY_MS = 40.0
 """Emulated servos answer late where tests share a machine with others."""
@@ -308,7 +310,9 @@ def test_a_port_has_one_owner_and_must_be_one(
         DynamixelWorld(ROBOT, mirrored(str(tmp_path / "file"))).reset(*STILL)
 
 
-def test_wrong_servos_are_refused_before_any_motion(bus: EmulatedBus) -> None:
+def test_wrong_servos_are_refused_before_any_motion(
+    bus: EmulatedBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
     right = mirrored(bus.path)
     lower = replace(right.joints["LF_hip"], lower_rad=0.9, rest_rad=None)
     deaf = replace(right, baud=115200, latency_ms=2.0)  # nobody answers, however long it waits
@@ -329,8 +333,11 @@ def test_wrong_servos_are_refused_before_any_motion(bus: EmulatedBus) -> None:
             r"^servo 2 \(LF_hip\): expected an angle in \[0.90, 1.80\] rad, measured 0.50",
         ),
     ):
-        with DynamixelWorld(ROBOT, wrong) as world, pytest.raises(kind, match=message):
-            world.reset(*STILL)
+        with monkeypatch.context() as patched, DynamixelWorld(ROBOT, wrong) as world:
+            if wrong is deaf:
+                patched.setattr(servo_port, "time", FastTime())
+            with pytest.raises(kind, match=message):
+                world.reset(*STILL)
     assert bus.state()["goal_writes"] == 0
 
 

@@ -78,7 +78,7 @@ def test_a_rosbridge_that_freezes_delivers_nothing_late_that_moves_the_robot(
         world.hold()
         held, void = bridge.state()["position_rad"], "out of date by its stamps" in world.pending
         assert void or "may still move it" in world.pending
-        time.sleep(max(bridge._thaw_s - time.monotonic(), 0.0) + 1.0)
+        rosbridge.time.sleep(max(bridge._thaw_s - rosbridge.time.monotonic(), 0.0) + 1.0)
         since = [what for what, at_s in bridge.log if at_s > bridge._thaw_s]
         assert ("halt" in since) == (ros == 1)
         if void:

@@ -19,7 +19,17 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
-from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
+from tests.emulators.fast_time import PACE
+from tests.emulators.ros_robots import (
+    JOINTS,
+    QUICK,
+    ROBOT,
+    START,
+    armed,
+    commands,
+    emulated,
+    reset,
+)
 
 
 @pytest.mark.parametrize("ros", [1, 2])
@@ -71,7 +81,7 @@ def test_a_rosbridge_that_reads_no_cancel_while_a_goal_is_on_its_way_is_refused(
 
 def test_hold_from_another_thread_cancels_the_trajectory() -> None:
     with armed() as (bridge, world):
-        threading.Timer(1.0, world.hold).start()
+        threading.Timer(1.0 / PACE, world.hold).start()
         with pytest.raises(HardwareFault, match="stopped on the way; it is cancelled"):
             world.run_trajectory(np.array([4.0]), START[None, :] + 1.0)
         assert not world.armed

@@ -19,7 +19,17 @@ from stancekit.planners.errors import HardwareFault
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
-from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
+from tests.emulators.fast_time import PACE
+from tests.emulators.ros_robots import (
+    JOINTS,
+    QUICK,
+    ROBOT,
+    START,
+    armed,
+    commands,
+    emulated,
+    reset,
+)
 
 MANAGED = QUICK | {"controller_manager": "/controller_manager"}
 
@@ -88,7 +98,7 @@ def test_after_a_stop_no_target_and_no_goal_is_sent(ros: Literal[1, 2]) -> None:
 
 def test_a_trajectory_on_its_way_is_cancelled_by_a_stop() -> None:
     with armed() as (bridge, world):
-        timer = threading.Timer(0.5, world.latch.trip, ("button",))
+        timer = threading.Timer(0.5 / PACE, world.latch.trip, ("button",))
         timer.start()
         with pytest.raises(HardwareFault, match="button; it is cancelled"):
             world.run_trajectory(np.array([3.0]), START[None, :] + 0.5)

@@ -122,7 +122,10 @@ def test_what_is_cut_off_costs_nothing():
     value = ["x" * 10_000] * 10
     for _ in range(30):
         value = [value] * 10
-    began = time.process_time()
-    assert len(shown(value)) == 60
-    assert shown([[10**5000] * 3] * 3, 30) == "[[an integer of 16610 bits, an"
-    assert time.process_time() - began < 0.05
+    seconds = []
+    for _ in range(3):  # the collector of garbage may take one of them
+        began = time.thread_time()
+        assert len(shown(value)) == 60
+        assert shown([[10**5000] * 3] * 3, 30) == "[[an integer of 16610 bits, an"
+        seconds.append(time.thread_time() - began)
+    assert min(seconds) < 0.05

@@ -30,7 +30,7 @@ def stairs(noise_m, spacing_m=0.02, length_m=LENGTH_M, seed=3):
     return ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="stairs")
 
 
-def cloud(noise_m, count=20_000):
+def cloud(noise_m, count=30_000):
     rng = np.random.default_rng(3)
     field = gaussian_filter(rng.standard_normal((2400, 1600)), 0.5 * LENGTH_M / 0.001)
     points = np.column_stack([rng.uniform([-1.0, -0.8], [1.4, 0.8], (count, 2)), np.zeros(count)])
