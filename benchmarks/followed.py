@@ -12,6 +12,7 @@ body as here and with it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +21,7 @@ from typing import Annotated, Any
 import mujoco
 import numpy as np
 import tyro
-from _bench import Options, launch
+from _bench import Options, Row, launch, markdown
 from _stand_list import Lines
 from referee import Wrong, play, read_settings
 
@@ -99,5 +100,28 @@ def followed(scene: Path, reference: Path, kp: float) -> dict[str, Any]:
     }
 
 
+def page(rows: list[Row]) -> Iterator[str]:
+    """A row a stiffness, and the referee's (docs/exports.md); figures are of walks that stay upright."""
+    ways: dict[str, list[Row]] = {}
+    for row in rows:
+        ways.setdefault(row.get("way") or f"kp = {row['kp']:g} Nm/rad", []).append(row)
+    head = ("followed by", "upright at the end", "greatest abs(q − q_ref) [rad]")
+    yield from markdown(
+        (*head, "off their place at the end [mm]"),
+        (
+            (
+                way,
+                f"{len(upright)} of {len(found)}",
+                max((row["joints_rad"] for row in upright), default="") if "kp" in found[0] else "",
+                " to ".join(f"{end(each['end_mm'] for each in upright):.2g}" for end in (min, max))
+                if upright
+                else "",
+            )
+            for way, found in ways.items()
+            for upright in ([row for row in found if row["fell_s"] is None],)
+        ),
+    )
+
+
 if __name__ == "__main__":
-    launch(Followed.run, Followed, __doc__)
+    launch(Followed.run, Followed, __doc__, page=page)

@@ -16,11 +16,12 @@ import math
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from _bench import ROOT, Options, launch, spread
+from _bench import ROOT, Options, Row, launch, markdown, spread
 from labels import child, compare
 
 from stancekit.envs.distributions.postures import distribution
@@ -66,7 +67,7 @@ def trained(kind: str, folder: Path, given: Arguments) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         begin = time.process_time()
         train_proposers(distribution(kind), ProposerSettings(seed=given.seed)).save(path)
-        given.say({"kind": kind, "training CPU-s": round(time.process_time() - begin, 1)})
+        given.say({"class": kind, "training CPU-s": round(time.process_time() - begin, 1)})
     return path
 
 
@@ -78,9 +79,8 @@ def shares(kind: str, proposers: Proposers, given: Arguments) -> None:
     for begin in range(0, given.draws, BLOCK):
         batch = source.batch(rng, min(BLOCK, given.draws - begin))
         before, after = solve_all(plain, batch), solve_all(asked, batch)
-        kinds.update(
-            f"{one.status}{' trivial' if one.details['trivial'] else ''}" for one in before
-        )
+        kinds.update(str(one.status.value) for one in before)
+        kinds["trivially so"] += sum(bool(one.details["trivial"]) for one in before)
         pairs = zip(before, after, strict=True)
         differ += sum(
             (a.status, a.details["trivial"]) != (b.status, b.details["trivial"]) for a, b in pairs
@@ -96,13 +96,13 @@ def shares(kind: str, proposers: Proposers, given: Arguments) -> None:
         settled["without a solver"] += sum(one.effort.solves == 0 for one in after)
     given.say(
         {
-            "kind": kind,
+            "class": kind,
             "draws": given.draws,
             "verdicts that differ": differ,
             **shared(kinds, given.draws),
+            "settled": shared(settled, given.draws),
         }
     )
-    given.say({"kind": kind, "settled": shared(settled, given.draws)})
 
 
 def cost(kind: str, path: Path, given: Arguments) -> None:
@@ -118,16 +118,14 @@ def cost(kind: str, path: Path, given: Arguments) -> None:
                 slowest[name].append(ran["p99"])
             if pair == 0:
                 compare(kind, Path(folder) / "without" / "set", Path(folder) / "with" / "set")
-    for name, each in found.items():
-        given.say(
-            {
-                "kind": kind,
-                f"CPU-s per 1,000 samples {name}": spread(each),
-                "p99 ms": spread(slowest[name]),
-            }
-        )
-    ratio = np.divide(found["without"], found["with"])
-    given.say({"kind": kind, "pairs, without / with": spread(ratio)})
+    given.say(
+        {
+            "class": kind,
+            **{name: spread(each) for name, each in found.items()},
+            "without ÷ with": spread(np.divide(found["without"], found["with"])),
+            **{f"p99 {name} [ms]": spread(each) for name, each in slowest.items()},
+        }
+    )
 
 
 def planner(proposers: Proposers | None) -> ExactPlanner:
@@ -140,5 +138,24 @@ def shared(counts: Counter[str], of: int) -> dict[str, str]:
     return {name: f"{count / of:.1%}" for name, count in counts.items()}
 
 
+def settled(rows: list[Row]) -> Iterable[str]:
+    """What is settled by whom, of all draws (docs/proposers.md)."""
+    found = [row for row in rows if "settled" in row]
+    head = ("class", "infeasible", "feasible", *found[0]["settled"])
+    return markdown(
+        head,
+        (
+            (row["class"], row["infeasible"], row["feasible"], *row["settled"].values())
+            for row in found
+        ),
+    )
+
+
+def costs(rows: list[Row]) -> Iterable[str]:
+    """CPU-s for 1,000 natural samples (docs/proposers.md)."""
+    found = [row for row in rows if "without" in row]
+    return markdown(list(found[0]), (row.values() for row in found))
+
+
 if __name__ == "__main__":
-    launch(main, Arguments, __doc__)
+    launch(main, Arguments, __doc__, settled=settled, costs=costs)

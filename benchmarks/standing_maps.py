@@ -10,11 +10,12 @@ foothold are infeasible by what a pose is, and are not asked about.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from _bench import Options, launch, upper_end
+from _bench import Options, Row, launch, markdown, upper_end
 from second_labels import HOLDS, second
 
 import stancekit
@@ -83,5 +84,28 @@ def main(options: Arguments) -> None:
         options.say({"proved": ours, "SCIP": theirs, "problems": count})
 
 
+def page(rows: list[Row]) -> Iterable[str]:
+    """What was asked of whom (docs/screening.md)."""
+    return markdown(
+        ("the map says", "another judge says", "poses", "wrong"),
+        (
+            (
+                row["called"],
+                "solved exactly",
+                row["solved"],
+                f"{row['wrong']}, up to {row['up to, %']} %",
+            )
+            if "called" in row
+            else (
+                f"proved {row['proved']}",
+                f"{row['SCIP']} (SCIP)",
+                row["problems"],
+                row["problems"] if row["SCIP"] not in (row["proved"], "near", "unknown") else 0,
+            )
+            for row in rows
+        ),
+    )
+
+
 if __name__ == "__main__":
-    launch(main, Arguments, __doc__)
+    launch(main, Arguments, __doc__, page=page)
