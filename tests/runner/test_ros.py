@@ -166,7 +166,7 @@ def test_a_fault_while_streaming_stops_the_robot_and_nothing_is_sent_afterwards(
 
 
 def test_a_host_that_falls_silent_leaves_the_robot_at_rest_after_the_lead() -> None:
-    with armed() as (bridge, world):
+    with armed(pace=1.0) as (bridge, world):
         for k in range(20):
             world.step(START + 0.5 * (k + 1) / world.rate_hz)
         time.sleep(0.3)
