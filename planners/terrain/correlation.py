@@ -33,6 +33,8 @@ HILLS = 2.0
 """Wide squares are off planes by no more than so many deviations of the noise by narrow ones."""
 WHOLE = 0.9
 """Neighbours that are off planes by more than this share of the noise are not alike."""
+EXACT_M = 1e-4
+"""Residuals below this are no noise, however alike rounding makes them [m]."""
 NEIGHBOURS = 0.18
 """Correlation of neighbours' residuals by chance, and by surfaces that are no planes, is less."""
 WHITE = np.array([0.0, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7])
@@ -112,14 +114,15 @@ def noise_of_residuals(labels: Labels, cells: GroundCells, noise_m: float) -> No
         noise_m: its deviation [m].
     """
     rest = residuals(labels, cells)
-    both = squares = 0.0
+    both = squares = count = 0.0
     for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         within = (labels[one] == labels[other]) & (labels[one] >= 0)
         within &= cells.known[one] & cells.known[other]
         left, right = rest[one][within], rest[other][within]
         both += float(left @ right)
         squares += 0.5 * float(left @ left + right @ right)
-    if both <= NEIGHBOURS * squares:
+        count += len(left)
+    if both <= NEIGHBOURS * squares or squares <= count * EXACT_M**2:
         return Noise(deviation_m=noise_m)
     length_m = cells.spacing_m / float(np.sqrt(np.log(squares / both)))
     return Noise(deviation_m=noise_m, length_m=length_m, correlated=1.0, near_m=noise_m)

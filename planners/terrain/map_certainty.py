@@ -25,6 +25,8 @@ UNSEEN = 0.5
 """How many of its own deviations the mean square of what a piece is off its plane may be larger than it seems."""
 KNOWN = 4.0
 """The noise counts as much as so many blocks beside those of a surface."""
+LEVEL_M = 1e-3
+"""Exact heights that are off their plane by no more are on it to a foot [m]."""
 LEAST_STEP_M, BLURRED = 0.01, 1.5
 """A step lower than this is no edge to a foot [m]; and the most that noise moves an edge, in
 samples' distances."""
@@ -101,6 +103,34 @@ def certainties(
     return result
 
 
+def roughnesses(labels: Labels, cells: GroundCells, margin_m: float) -> list[Certainty | None]:
+    """The certainty of each surface of exact heights: how far they are off its plane; None where
+    that is nothing to a foot.
+    """
+    planes, rms, _ = fitted(labels, cells)
+    own = labels >= 0
+    largest = np.zeros(len(planes))
+    np.maximum.at(largest, labels[own], np.abs(_off_planes(labels, cells, planes))[own])
+    return [
+        None
+        if largest[k] <= LEVEL_M
+        else Certainty(
+            about_m=cells.corner_m[:2],
+            covariance=np.zeros((3, 3)),
+            rough_m=float(rms[k]),
+            inset_m=margin_m + 0.5 * cells.spacing_m,
+        )
+        for k in range(len(planes))
+    ]
+
+
+def _off_planes(labels: Labels, cells: GroundCells, planes: Array) -> Array:
+    """Heights above the plane of each cell's surface, shape (n, m) [m]."""
+    x, y = cells.places
+    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
+    return np.asarray(cells.heights - a * x - b * y - c)
+
+
 def excess_squares(
     labels: Labels, cells: GroundCells, noise_m: float, *, looked: bool = False
 ) -> Array:
@@ -128,23 +158,48 @@ def with_local(
     """
     result = []
     for piece in pieces:
-        certainty = piece.patch.certainty
-        if certainty is None:
-            continue
-        corners = (piece.patch.vertices_m[:, :2] - cells.corner_m[:2]) / cells.spacing_m
-        low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
-        high = np.ceil(corners.max(axis=0)).astype(int) + 2
-        part = np.s_[low[0] : high[0], low[1] : high[1]]
-        normals, offsets = half_planes(corners)
-        places = np.stack(np.nonzero(own[part]), axis=-1) + low
-        inside = places[np.all(places @ normals.T <= offsets + 1.0, axis=1)]
+        inside = _cells_in(piece, own, cells)
         off_m2, chance_m2 = excess_m2[:, *inside.T].mean(axis=1) if len(inside) else (0.0, 0.0)
         paths = max(len(inside) * (cells.spacing_m / PATH_M) ** 2, 1.0)
         rough_m2 = max(off_m2 + UNSEEN * chance_m2 * np.sqrt(2.0 / paths), 0.0)
-        rough_m = max(certainty.rough_m, float(np.sqrt(rough_m2)))
-        patch = piece.patch.with_certainty(replace(certainty, rough_m=rough_m))
-        result.append(replace(piece, patch=patch))
+        result.append(_no_smoother(piece, float(np.sqrt(rough_m2))))
     return result
+
+
+def with_largest(
+    pieces: Sequence[TerrainPatch], own: NDArray[np.bool_], cells: GroundCells, plane: Array
+) -> list[TerrainPatch]:
+    """Pieces of a surface of exact heights, the largest that those of each are off the plane three
+    deviations of its roughness, if that is more.
+
+    Arguments:
+        own: the surface's cells, shape (n, m).
+        plane: a, b, c of a x + b y + c in cells, shape (3,).
+    """
+    result = []
+    for piece in pieces:
+        i, j = _cells_in(piece, own, cells).T
+        off = np.abs(plane[0] * i + plane[1] * j + plane[2] - cells.heights[i, j])
+        result.append(_no_smoother(piece, float(off.max(initial=0.0)) / 3.0))
+    return result
+
+
+def _cells_in(piece: TerrainPatch, own: NDArray[np.bool_], cells: GroundCells) -> Labels:
+    """Indices of a surface's cells within a cell of a piece, shape (K, 2)."""
+    corners = (piece.patch.vertices_m[:, :2] - cells.corner_m[:2]) / cells.spacing_m
+    low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
+    high = np.ceil(corners.max(axis=0)).astype(int) + 2
+    normals, offsets = half_planes(corners)
+    places = np.stack(np.nonzero(own[low[0] : high[0], low[1] : high[1]]), axis=-1) + low
+    return np.asarray(places[np.all(places @ normals.T <= offsets + 1.0, axis=1)])
+
+
+def _no_smoother(piece: TerrainPatch, rough_m: float) -> TerrainPatch:
+    """A piece that is so rough at the least [m]."""
+    certainty = piece.patch.certainty
+    assert certainty is not None
+    certainty = replace(certainty, rough_m=max(certainty.rough_m, rough_m))
+    return replace(piece, patch=piece.patch.with_certainty(certainty))
 
 
 def _steps(labels: Labels, level: Array, count: int) -> Array:

@@ -30,7 +30,14 @@ from .correlation import Noise, correlated_noise, noise_of_residuals
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
-from .map_certainty import certainties, excess_squares, with_local
+from .map_certainty import (
+    LEAST_STEP_M,
+    certainties,
+    excess_squares,
+    roughnesses,
+    with_largest,
+    with_local,
+)
 from .map_rungs import MapRung, map_rungs
 from .map_solids import ROOM, Overhead, box_patches, on_surfaces, standing_boxes
 from .mesh_footholds import standing_pieces
@@ -52,6 +59,10 @@ OFF, ALONE = 2.5, 3.0
 to so many."""
 FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
+TWO = 0.5
+"""Two planes are far nearer than one if their rms is less than this share of its."""
+NARROWEST_M = 0.08
+"""Halves that are narrower in the mean are waves of one surface [m]."""
 HIDDEN = 0.5
 """A step that is not seen is this many of its deviations high, from place to place."""
 QUIET = 0.25
@@ -135,6 +146,7 @@ def _planes_of(
         labels = noisy_surfaces(cells, limits, max(noise_m, quiet_m))
     else:
         labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
+        labels = _without_steps(labels, heights)
         labels = np.where(
             np.append(np.bincount(labels[labels >= 0], minlength=1) < FEWEST_CELLS, False)[labels],
             -1,
@@ -180,7 +192,7 @@ def _planes_of(
     sure = (
         certainties(labels, cells, noise_m, limits.margin_m, shape_m, looked=unseen_m > 0.0)
         if noisy
-        else [None] * len(planes)
+        else roughnesses(labels, cells, limits.margin_m)
     )
     excess_m2 = np.zeros(0)
     if noisy and len(planes):
@@ -217,11 +229,17 @@ def _planes_of(
         standing = standing_pieces(
             facet, outline, number, limits, friction, refused, margin_m, narrow_too
         )
-        pieces += with_local(standing, labels == number, cells, excess_m2) if noisy else standing
+        if noisy:
+            standing = with_local(standing, labels == number, cells, excess_m2)
+        elif facet.certainty is not None:
+            standing = with_largest(standing, labels == number, cells, planes[number])
+        pieces += standing
         # bodies keep out of all that it may be: of exact heights an edge is anywhere between two
         whole = Certainty(about_m=corner_m, covariance=np.zeros((3, 3)), wider_m=spacing)
         wider = 0.5
-        if facet.certainty is not None:
+        if facet.certainty is not None and not noisy:
+            whole = replace(facet.certainty, wider_m=spacing)
+        elif facet.certainty is not None:
             wider = (facet.certainty.inset_m - limits.margin_m) / spacing + STRAIGHT
             whole = replace(facet.certainty, wider_m=wider * spacing)
         outer = _outline(labels[where] == number, corner, spacing, plane, wider)
@@ -398,7 +416,9 @@ def _surfaces(
     graph = coo_array((np.ones(len(one)), (one, other)), shape=(heights.size, heights.size))
     _, group = connected_components(graph, directed=False)
     labels = np.where(ground, group.reshape(heights.shape), -1)
-    return _parted(renumbered(labels), heights, plane[2], limits.rms_m)
+    return _parted(
+        renumbered(labels), heights, plane[2], limits.rms_m, max(NARROWEST_M / spacing, 2.0)
+    )
 
 
 def _slack(count: Any) -> Any:
@@ -474,18 +494,31 @@ def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
     return planes.T, rms, np.bincount(number, minlength=count)
 
 
-def _parted(labels: Labels, heights: Array, smooth: Array, most_rms: float) -> Labels:
-    """Surfaces parted in two until each is a plane within ``most_rms``.
+def _borders(halves: Labels, count: int) -> Labels:
+    """Number of neighbouring cells in different halves of each surface, whose halves are 2k and 2k + 1."""
+    borders = np.zeros(count, dtype=np.int_)
+    for one, other in ((halves[1:], halves[:-1]), (halves[:, 1:], halves[:, :-1])):
+        differ = (one >= 0) & (one != other) & (one // 2 == other // 2)
+        borders += np.bincount(one[differ] // 2, minlength=count)
+    return borders
+
+
+def _parted(
+    labels: Labels, heights: Array, smooth: Array, most_rms: float, narrowest: float
+) -> Labels:
+    """Surfaces parted in two until each is a plane within ``most_rms``, and while two planes are far
+    nearer to the heights than one; waves are no planes.
 
     Arguments:
         smooth: heights by the planes about cells.
+        narrowest: cells across the halves, in the mean, of surfaces that are within it as they are.
     """
     for _ in range(ROUNDS):
         planes, rms, count = _fitted(labels, heights)
-        bent = rms > most_rms * _slack(count)
-        if not bent.any():
+        bent, coarse = rms > most_rms * _slack(count), rms > QUIET * most_rms
+        if not coarse.any():
             break
-        i, j = np.nonzero((labels >= 0) & np.append(bent, False)[labels])
+        i, j = np.nonzero((labels >= 0) & np.append(coarse, False)[labels])
         number, z = labels[i, j], smooth[i, j]
         x, y = i.astype(float), j.astype(float)
         side = halves_of(number, x, y, len(planes))
@@ -494,8 +527,14 @@ def _parted(labels: Labels, heights: Array, smooth: Array, most_rms: float) -> L
             planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
             off = np.abs(planes_of[0] * x + planes_of[1] * y + planes_of[2] - z)
             side = (off[1] < off[0]).astype(int)
+        squares = np.bincount(number, off.min(axis=0) ** 2, minlength=len(planes))
+        two = np.sqrt(squares / np.maximum(count, 1)) < TWO * rms
         halves = np.full(labels.shape, -1)
         halves[i, j] = 2 * number + side
+        apart = bent | (coarse & two & (_borders(halves, len(planes)) * narrowest <= count))
+        if not apart.any():
+            break
+        halves[i, j] = np.where(apart[number], halves[i, j], -1)
         labels = _connected_again(labels, halves)
     return labels
 
@@ -517,17 +556,19 @@ def _connected_again(labels: Labels, halves: Labels) -> Labels:
 
 
 def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimits) -> Labels:
-    """Surfaces that take in cells at their borders which are on their planes, as far as the windows
-    reached.
+    """Surfaces that take in cells at their borders which are on their planes, within what their own
+    are off them, as far as the windows reached.
     """
     half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
-    planes = _fitted(labels, heights)[0]
+    planes, rms, _ = _fitted(labels, heights)
     if not len(planes):
         return labels
     sizes = np.bincount(labels[labels >= 0], minlength=len(planes))
     i, j = np.indices(labels.shape, dtype=np.float64)
     a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
-    labels = np.where(np.abs(a * i + b * j + c - heights) <= ALONE * limits.rms_m, labels, -1)
+    near_m = np.clip(rms, QUIET * limits.rms_m, limits.rms_m)
+    off = np.abs(a * i + b * j + c - heights)
+    labels = np.where(off <= ALONE * near_m[np.maximum(labels, 0)], labels, -1)
     open_ = np.isfinite(heights) & (labels < 0)
     reach = half + half // 2  # across the grid edges are farther away than along it
     for turn in range(reach + 3):
@@ -537,10 +578,8 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
                 for way in ((0, 1), (0, -1), (1, 1), (1, -1))
             )
             open_ = np.isfinite(heights) & ((labels < 0) | (alike <= 1))
-        best, least = (
-            np.full(labels.shape, -1),
-            np.full(labels.shape, (OFF if turn <= reach else ALONE) * limits.rms_m),
-        )
+        best, least = np.full(labels.shape, -1), np.full(labels.shape, np.inf)
+        most_m = (OFF if turn <= reach else ALONE) * near_m
         votes = np.zeros(labels.shape, dtype=np.int_)
         for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
             near = _shifted(labels, axis, shift)
@@ -548,12 +587,31 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
             a, b, c = np.moveaxis(planes[of], -1, 0)
             off = np.abs(a * i + b * j + c - heights)
             votes += near == best
-            better = open_ & (near >= 0) & (off < least) & (sizes[of] >= FEWEST_CELLS)
+            better = open_ & (near >= 0) & (off < np.minimum(least, most_m[of]))
+            better &= sizes[of] >= FEWEST_CELLS
             best[better], least[better] = near[better], off[better]
         chosen = (best >= 0) if turn <= reach else (best >= 0) & (votes >= 2)
         labels[chosen] = best[chosen]
         open_ &= ~chosen
     return labels
+
+
+def _without_steps(labels: Labels, heights: Array) -> Labels:
+    """Surfaces without the cells between which there is a step, though they are about one plane."""
+    planes = _fitted(labels, heights)[0]
+    if not len(planes):
+        return labels
+    i, j = np.indices(labels.shape, dtype=np.float64)
+    a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
+    off = np.where(labels >= 0, heights - a * i - b * j - c, np.nan)
+    beside = np.zeros(labels.shape, dtype=bool)
+    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        step = (labels[one] == labels[other]) & (np.abs(off[one] - off[other]) > LEAST_STEP_M)
+        beside[one] |= step
+        beside[other] |= step
+    if not beside.any():
+        return labels
+    return _connected_again(np.where(beside, -1, labels), np.full(labels.shape, -1))
 
 
 def _shifted(labels: Labels, axis: int, shift: int) -> Labels:

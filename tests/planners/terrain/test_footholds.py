@@ -183,7 +183,48 @@ def test_no_plane_lies_over_a_step_of_a_noisy_map():
     assert len(found.pieces) >= 2
     assert max(np.arccos(piece.patch.normal[2]) for piece in found.pieces) < 0.02
     rough = footholds_of(ground, FootholdLimits(noise_m=0.002, roughness_m=0.01))
-    assert max(np.arccos(piece.patch.normal[2]) for piece in rough.pieces) > 0.3
+    assert len(rough.pieces) >= 2
+    assert max(np.arccos(piece.patch.normal[2]) for piece in rough.pieces) < 0.02
+
+
+def exact_ground(height):
+    """The footholds of a map whose heights, a function of x and y, are exact."""
+    x_m, y_m = np.arange(-0.4, 0.401, 0.02), np.arange(-0.3, 0.301, 0.02)
+    heights = height(*np.meshgrid(x_m, y_m, indexing="ij"))
+    return footholds_of(ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="exact"))
+
+
+@pytest.mark.parametrize(
+    "height",
+    [
+        lambda x, y: 0.027 * (y + 0.3) * (x > 0.0),
+        lambda x, y: 0.014 * ((x > 0.0) & (y > 0.12)),
+        lambda x, y: 0.012 * ((np.abs(x) < 0.1) & (np.abs(y) < 0.1)),
+        lambda x, y: 0.011 * ((x > 0.0) & (x < 0.1)),
+    ],
+    ids=["crack", "corner", "slab", "curb"],
+)
+def test_no_foothold_of_exact_heights_is_over_a_low_step(height):
+    """All these are within the roughness of one plane, which is 8 to 11 mm off them."""
+    found = exact_ground(height)
+    assert found.area_m2 > 0.15
+    for piece in found.pieces:
+        corners, normal = piece.patch.vertices_m, piece.patch.normal
+        middle = corners.mean(axis=0)
+        places = 0.999 * corners[:, None] + 0.001 * middle
+        places = middle + np.linspace(0.0, 1.0, 12)[:, None] * (places - middle)
+        assert np.abs(places[..., 2] - height(places[..., 0], places[..., 1])).max() < 1e-3
+        assert normal[2] > 0.99
+
+
+def test_what_exact_heights_are_off_their_plane_is_known_to_be_there():
+    """Waves of 4 mm, 12 cm long; a foot comes down three deviations or more."""
+    found = exact_ground(lambda x, y: 0.004 * np.sin(2.0 * np.pi * x / 0.12))
+    level = exact_ground(lambda x, y: 0.1 * x)
+    assert found.area_m2 > 0.1
+    assert 0.004 / 3.0 < max(p.patch.certainty.rough_m for p in found.pieces) < 0.005
+    assert all(p.patch.certainty.rough_m > 0.001 for p in found.pieces)
+    assert all(p.patch.certainty is None for p in level.pieces)
 
 
 def islands(step):

@@ -74,3 +74,19 @@ def test_a_line_ends_where_a_bar_has_a_bite(noise_m, known):
     for piece in rungs:
         low, high = piece.patch.vertices_m[:, 1].min(), piece.patch.vertices_m[:, 1].max()
         assert low > 0.015 or high < -0.015
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.005])
+def test_rungs_of_a_dense_cloud_are_lines_as_long_as_they_are(noise_m):
+    """Three rungs of 4 cm, 80 cm long, over a floor whose heights are off their plane by rounding alone, or by noise."""
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform([-0.4, -0.4], [0.4, 0.4], (50_000, 2)).T
+    across = np.mod(x + 0.3, 0.2) - 0.1
+    top = np.sqrt(np.maximum(0.02**2 - across**2, 0.0)) - 0.02
+    z = np.where(np.abs(across) < 0.02, top, -0.3) + noise_m * rng.standard_normal(len(x))
+    ground = ElevationMap.of_points(np.column_stack([x, y, z]), 0.01, "cloud")
+    rungs = rungs_of(footholds_of(ground, LIMITS))
+    assert sorted(round(10.0 * float(rung.patch.centre_m[0])) for rung in rungs) == [-2, 0, 2]
+    for rung in rungs:
+        assert 0.75 < np.ptp(rung.patch.vertices_m[:, 1]) < 0.8
+        assert abs(rung.patch.centre_m[2]) < 1e-3
