@@ -77,7 +77,7 @@ def test_fresh_scenes_fare_as_the_card_says(name: str) -> None:
 
 
 def test_the_page_of_cards_has_their_figures() -> None:
-    """As `python benchmarks/zoo.py --cards` prints them."""
+    """As `python benchmarks/zoo.py --cards selectors` prints them."""
     rows = [
         line
         for line in CARDS.read_text(encoding="utf-8").splitlines()
