@@ -16,6 +16,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.crossing_file import read_crossing, write_crossing
 from stancekit.planners.motion.crossing_motion import BLEND_S, CrossingMotion
+from stancekit.planners.motion.leap_body import LeapBody
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.verify.crossings import check_crossing
 
@@ -105,7 +106,12 @@ def test_a_forged_crossing_is_refused_by_the_group_that_it_concerns(
     from benchmarks.forged_crossings import forgeries
 
     honest = read_crossing(WHOLE)
-    assert check_crossing(honest).accepted
+    report = check_crossing(honest)
+    assert report.accepted
+    landed, after = LeapBody(honest.parts[1]).rotation_rad[-1], honest.parts[2].rotation_rad[0]
+    turn = float(np.abs(landed - after).max())
+    assert turn > 0.05
+    assert report.group("2 to 3: turn").value == pytest.approx(turn)
     fakes = {name: fake for name, fake in forgeries(honest, None) if name in FORGED}
     assert fakes.keys() == FORGED.keys()
     for name, fake in fakes.items():
