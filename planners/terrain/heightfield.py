@@ -46,8 +46,8 @@ class HeightField:
         >>> import numpy as np
         >>> from stancekit import HeightField
         >>> bowl = HeightField.from_function(lambda x, y: 0.1 * (x**2 + y**2), half_width_m=1.0, name="bowl")
-        >>> bowl.gradient(np.array([0.5, 0.0])).round(4).tolist()
-        [0.1, 0.0]
+        >>> bowl.gradient(np.array([0.5, 0.25])).round(4).tolist()
+        [0.1, 0.05]
     """
 
     x_m: Array
