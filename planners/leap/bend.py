@@ -18,7 +18,7 @@ import numpy as np
 
 from ..answer.answer import Answer, Status
 from ..answer.hindrance import LEAP_BODY
-from ..answer.leap_plan import LeapPlan
+from ..answer.leap_plan import LEAST_GATHER, MOST_GATHER, LeapPlan
 from ..answer.report import Group, Report
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
@@ -76,8 +76,6 @@ EASY, HARD, WAYS = 0.9, 1.1, 3
 the ground less than the second; so many of the easiest are judged whole."""
 GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
 """Ways of drawing legs up in flight that are tried."""
-MOST_GATHER = (0.49, 1.0)
-"""A plan that says more than this of how legs are drawn up is none."""
 MORE_M, MOST_M = 0.003, 0.1
 """A reach that was too long is shortened by what it misses and this, and by no more in all [m]."""
 RESTARTS, FAR_OFF_M, MOST_SHORT_M = 3, 0.01, 0.2
@@ -259,7 +257,7 @@ class LeapBender:
                     (edge, fold + step),
                     (edge, fold - step),
                 )
-                if each[0] <= MOST_GATHER[0] and each[1] <= MOST_GATHER[1]
+                if np.all((each >= LEAST_GATHER) & (each <= MOST_GATHER))
             ]
             measured = min((measured, *others), key=self._hard)
         return measured
@@ -460,8 +458,15 @@ def _as_turned(measured: LeapBodyMeasurements) -> LeapPlan:
 
 def unloaded(leap: Leap, timing: int) -> Leap | None:
     """A leap of one timing whose toes press with next to nothing just before all of them lift, at
-    the expense of the flight; None where no flight is long enough.
+    the expense of the flight; None where no flight is long enough, where some lift before others,
+    and where its limits say themselves how toes lift.
     """
+    parted = any(
+        after.limbs and set(before.limbs) - set(after.limbs)
+        for before, after in itertools.pairwise(leap.phases)
+    )
+    if parted or leap.limits.lift is not None:
+        return None
     phases, seconds, begins = list[Phase](), list[float](), list[int]()
     for q, (phase, lasts) in enumerate(zip(leap.phases, leap.timings_s[timing], strict=True)):
         begins.append(len(phases))
@@ -484,7 +489,9 @@ def unloaded(leap: Leap, timing: int) -> Leap | None:
         phases=tuple(phases),
         timings_s=(tuple(seconds),),
         footholds=tuple(replace(one, frame=begins[one.frame]) for one in leap.footholds),
-        limits=replace(leap.limits, lift=UNLOADED),
+        limits=replace(
+            leap.limits, lift=min(UNLOADED / max(leap.limits.force_share, 1.0), leap.limits.ramp)
+        ),
     )
 
 

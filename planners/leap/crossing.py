@@ -70,7 +70,7 @@ GOAL_M = 0.06
 LOW = 0.5
 """Least height of the body over its toes, in units of that at which it stands."""
 SAME = 1e-6
-"""A piece is of a surface from which it is no farther, and no more inclined [m]."""
+"""A piece is of a surface from whose plane its corners are no farther [m]."""
 SQUARE_M = 0.04
 """Width of the pieces on which a climb ends that a leap follows [m]."""
 SHARES = (0.25, 0.8)
@@ -474,12 +474,11 @@ def surface_of(terrain: Terrain, piece: Patch) -> Patch:
     """The whole surface that a patch is a piece of, or the piece where it is of none: feet that push
     roll, some on beyond the borders that planners draw about a toe.
     """
+    within = piece.centre_m + (1.0 - SAME) * (piece.vertices_m - piece.centre_m)
     for _, patch in terrain.standing:
         surface = Surface(patch, 0.0)
-        level = (
-            abs(surface.height(piece.centre_m)) < SAME and patch.normal @ piece.normal > 1.0 - SAME
-        )
-        if level and patch.friction == piece.friction and surface.covers(piece.centre_m):
+        level = all(abs(surface.height(corner)) < SAME for corner in within)
+        if level and patch.friction == piece.friction and all(map(surface.covers, within)):
             return patch
     return piece
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..answer.leap_plan import NUMBERS, LeapPlan
+from ..answer.leap_plan import LEAST_GATHER, MOST_GATHER, NUMBERS, LeapPlan
 from ..answer.report import Group, Report
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
@@ -97,8 +97,8 @@ def _defect(plan: LeapPlan) -> str:
             return f"{name}: expected shape {shape}, got {array.shape}"
         if not np.all(np.isfinite(array)) or np.abs(array).max(initial=0.0) > 1e9:
             return f"{name}: expected finite numbers"
-    if plan.gather is not None and not (
-        0.05 <= plan.gather[0] <= 0.49 and 0.1 <= plan.gather[1] <= 1.0
+    if plan.gather is not None and not np.all(
+        (plan.gather >= LEAST_GATHER) & (plan.gather <= MOST_GATHER)
     ):
         return (
             f"gather: expected shares of 0.05 to 0.49 and of 0.1 to 1, got {plan.gather.tolist()}"

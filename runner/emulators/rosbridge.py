@@ -21,6 +21,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from operator import itemgetter
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -524,10 +525,13 @@ class RosBridge:
             time.sleep(TICK_S)
             with self._lock:
                 now = time.monotonic()
-                due = [act for at, act in self._due if at <= now]
+                due = sorted((item for item in self._due if item[0] <= now), key=itemgetter(0))
                 self._due = [item for item in self._due if item[0] > now]
-                for act in due:
-                    act()
+                for _, act in due:
+                    try:
+                        act()
+                    except Exception as error:  # of a message; the robot lives on
+                        self.errors.append(f"{type(error).__name__}: {error}")
                 self.robot.advance(self.robot.now_s + min(now - self._ticked_s, MOST_S))
                 self._ticked_s = now
                 if self.ros == 1:

@@ -214,3 +214,25 @@ def test_a_trajectory_with_velocities_is_the_cubic_through_its_points_and_one_wi
     del point["velocities"]
     robot.load({"joint_names": ["a"], "points": [point]}, "nanosec")
     np.testing.assert_allclose([robot.path.at(t)[0][0] for t in times], times, atol=1e-12)
+
+
+def test_what_is_due_happens_in_the_order_of_its_times_and_a_failure_of_it_is_kept() -> None:
+    happened = list[str]()
+
+    def failing() -> None:
+        happened.append("fails")
+        raise KeyError("g1")
+
+    with RosBridge(["a"]) as bridge:
+        with bridge._lock:
+            bridge._later(0.02, happened.append, "last")
+            bridge._later(0.01, failing)
+            bridge._later(0.0, happened.append, "first")
+            time.sleep(0.05)
+        begin_s = bridge.robot.now_s
+        end = time.monotonic() + 10.0
+        while bridge.robot.now_s < begin_s + 0.02 and time.monotonic() < end:
+            time.sleep(0.01)
+        assert happened == ["first", "fails", "last"]
+        assert bridge.errors == ["KeyError: 'g1'"]
+        assert bridge.robot.now_s >= begin_s + 0.02

@@ -132,5 +132,27 @@ def test_a_leap_whose_flight_is_short_or_that_has_none_stays_as_it_is(plan: Leap
         leap, phases=leap.phases[:1], timings_s=((0.6,),), footholds=leap.footholds[:4]
     )
     assert unloaded(stands, 0) is None
+    said = replace(leap, limits=replace(leap.limits, lift=0.004))
+    assert unloaded(said, plan.timing) is None
+    hind = replace(leap.phases[0], limbs=leap.phases[0].limbs[2:])
+    parted = replace(
+        leap,
+        phases=(leap.phases[0], hind, *leap.phases[1:]),
+        timings_s=((0.4, 0.2, 0.2, 0.6),),
+        footholds=tuple(replace(one, frame=one.frame and one.frame + 1) for one in leap.footholds),
+    )
+    assert unloaded(parted, 0) is None
     fine = replace(leap.phases[0], intervals=57)
     assert unloaded(replace(leap, phases=(fine, *leap.phases[1:])), plan.timing) is None
+
+
+@pytest.mark.parametrize(
+    ("ramp", "share", "lift"), [(0.5, 1.2, 0.01 / 1.2), (0.002, 1.2, 0.002), (0.5, 0.8, 0.01)]
+)
+def test_no_toe_may_press_harder_as_it_lifts_than_it_might_before(
+    plan: LeapPlan, ramp: float, share: float, lift: float
+):
+    limits = replace(plan.problem.limits, ramp=ramp, force_share=share)
+    eased = unloaded(replace(plan.problem, limits=limits), plan.timing)
+    assert eased is not None
+    assert eased.limits.lift == pytest.approx(lift)

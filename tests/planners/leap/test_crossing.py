@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -63,6 +64,18 @@ def test_a_leap_leaves_from_whole_surfaces_and_not_from_the_pieces_that_climbs_e
         assert surface_of(terrain, other) is other
         above = piece.with_vertices(piece.vertices_m + 0.01 * piece.normal)
         assert surface_of(terrain, above) is above
+
+
+def test_of_two_surfaces_in_one_plane_a_leap_leaves_from_the_one_that_holds_the_piece() -> None:
+    patch = family_terrain("gaps", 0.4, 0).standing[0][1]
+    centre, side = patch.centre_m, np.array([0.1, 0.0, 0.0])
+    short = patch.with_vertices(centre + 0.5 * (patch.vertices_m - centre))
+    piece = Surface(short, 0.0).window(short.centre_m, 0.04)
+    assert piece is not None
+    reach = float(np.ptp(short.vertices_m[:, 0])) / 2.0
+    piece = piece.with_vertices(piece.vertices_m + side * (reach - 0.01) / 0.1)
+    ground = SimpleNamespace(standing=(("short", short), ("whole", patch)))
+    assert surface_of(ground, piece) is patch
 
 
 def test_a_crossing_begins_with_key_frames() -> None:
