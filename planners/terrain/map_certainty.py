@@ -108,6 +108,8 @@ def roughnesses(labels: Labels, cells: GroundCells, margin_m: float) -> list[Cer
     that is nothing to a foot.
     """
     planes, rms, _ = fitted(labels, cells)
+    if not len(planes):
+        return []
     own = labels >= 0
     largest = np.zeros(len(planes))
     np.maximum.at(largest, labels[own], np.abs(_off_planes(labels, cells, planes))[own])

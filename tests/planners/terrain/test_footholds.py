@@ -12,6 +12,7 @@ from stancekit.planners.problem.course_terrain import FileTerrain
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
 from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.obstacles import Obstacles
 from stancekit.planners.terrain.polygon import surface_patch
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh
@@ -245,3 +246,18 @@ def test_islands_are_of_one_plane_only_as_far_as_each_fits_it():
         middle = piece.patch.centre_m
         assert abs(middle[2] - sheets[int(middle[0] / 0.3)].centre_m[2]) < 2.1e-4
     assert len({piece.surface for piece in islands(0.0)[1].pieces}) == 1
+
+
+@pytest.mark.parametrize(
+    "heights_m",
+    [
+        np.tile(0.05 * np.arange(60.0)[:, None], (1, 60)),
+        np.where(np.arange(400).reshape(20, 20) < 3, 0.0, np.nan),
+    ],
+    ids=["treads of one sample", "three samples"],
+)
+def test_an_exact_map_without_any_surface_has_no_footholds(heights_m, tmp_path):
+    path = tmp_path / "map.npy"
+    np.save(path, heights_m)
+    with pytest.raises(InvalidInput, match=r"expected footholds, got none: .+ m²"):
+        read_footholds(path, ImportOptions(spacing_m=0.02))
