@@ -5,6 +5,7 @@ kept, intervals, other checkouts, kept cells.
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections import Counter
@@ -200,10 +201,16 @@ class Lines:
 
 
 def kept(path: Path, measure: Callable[[], Row]) -> Row:
-    """The cell of this file; measured, and written, where it is not there."""
+    """The cell of this file; measured, and written, where it is not there: null for a number that
+    is not finite.
+    """
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(measure()))
+        cell = {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in measure().items()
+        }
+        write_text(path, json.dumps(cell))
     found: Row = read_json(path)
     return found
 

@@ -172,3 +172,14 @@ def test_tables_are_printed_of_kept_rows_of_the_same_script_and_options(
         with pytest.raises(SystemExit, match=why):
             launch(*words, script=script, **two)
     assert measured == [3]
+
+
+def test_a_cell_that_is_kept_is_read_back_whatever_its_numbers_are(
+    harness: ModuleType, tmp_path: Path
+) -> None:
+    cell = {"status": "undecided", "residual": float("inf"), "solves": 3}
+    path = tmp_path / "cells" / "one.json"
+    for _ in range(2):  # measured, then read
+        again = harness.kept(path, lambda: dict(cell))
+        assert again == {"status": "undecided", "residual": None, "solves": 3}
+        cell["solves"] = 4
