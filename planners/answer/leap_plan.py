@@ -21,7 +21,7 @@ NUMBERS = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "
 LATER = ("legs_turn_rad", "gather")
 """The numbers that a plan may be without."""
 LEAST_GATHER, MOST_GATHER = np.array([0.05, 0.1]), np.array([0.49, 1.0])
-"""Shares of a flight and of a fold by which legs are drawn up at the least, and at most."""
+"""Least and largest share of a flight after which legs are drawn up, and of a fold."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -70,7 +70,7 @@ GOAL_M = 0.06
 LOW = 0.5
 """Least height of the body over its toes, in units of that at which it stands."""
 SAME = 1e-6
-"""A piece is of a surface from whose plane its corners are no farther [m]."""
+"""Largest distance of the corners of a piece from the plane of its surface [m]."""
 SQUARE_M = 0.04
 """Width of the pieces on which a climb ends that a leap follows [m]."""
 SHARES = (0.25, 0.8)
@@ -471,8 +471,8 @@ def _heights(terrain: Terrain, places_m: Array) -> Array:
 
 
 def surface_of(terrain: Terrain, piece: Patch) -> Patch:
-    """The whole surface that a patch is a piece of, or the piece where it is of none: feet that push
-    roll, some on beyond the borders that planners draw about a toe.
+    """The whole surface that a patch was cut from, or the patch itself where no surface holds it.
+    Feet roll as they push, some of them beyond the borders that planners draw about a toe.
     """
     within = piece.centre_m + (1.0 - SAME) * (piece.vertices_m - piece.centre_m)
     for _, patch in terrain.standing:

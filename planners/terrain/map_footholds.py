@@ -506,8 +506,8 @@ def _borders(halves: Labels, count: int) -> Labels:
 def _parted(
     labels: Labels, heights: Array, smooth: Array, most_rms: float, narrowest: float
 ) -> Labels:
-    """Surfaces parted in two until each is a plane within ``most_rms``, and while two planes are far
-    nearer to the heights than one; waves are no planes.
+    """Surfaces parted in two until each is a plane within ``most_rms``, and as long as two planes
+    fit the heights far better than one; surfaces with waves stay whole.
 
     Arguments:
         smooth: heights by the planes about cells.

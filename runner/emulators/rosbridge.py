@@ -530,7 +530,7 @@ class RosBridge:
                 for _, act in due:
                     try:
                         act()
-                    except Exception as error:  # of a message; the robot lives on
+                    except Exception as error:  # a bad message must not stop the robot
                         self.errors.append(f"{type(error).__name__}: {error}")
                 self.robot.advance(self.robot.now_s + min(now - self._ticked_s, MOST_S))
                 self._ticked_s = now
