@@ -72,7 +72,7 @@ PLAN: list[tuple[str, dict[str, Any]]] = [
     ("frames", {"frames": 2.0}),
     ("frames", {"frames": True}),
     ("reserve", {"reserve": "no"}),
-    ("engine", {"engine": "moreau"}),
+    ("engine", {"engine": "mosek"}),
 ]
 OTHERS: list[tuple[str, Callable[[], Any]]] = [
     ("rng", lambda: stancekit.sample("wall-3", rng=1.5)),
@@ -105,8 +105,6 @@ ENVIRONMENTS: list[tuple[str, str, dict[str, Any]]] = [
     ("weights.agreement", SELECTION, {"weights": {"agreement": float("nan")}}),
     ("weights", SELECTION, {"weights": 1.0}),
     ("weights", SELECTION, {"weights": [1.0, 0.5]}),
-    ("backend", SELECTION, {"backend": "mosek"}),
-    ("backend", SELECTION, {"backend": None}),
     ("relaxation", SELECTION, {"relaxation": "p2"}),
     ("projections", SELECTION, {"projections": "fix-p"}),
     ("projections", SELECTION, {"projections": [3]}),
