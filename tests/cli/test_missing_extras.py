@@ -33,7 +33,6 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("torch", "stable_baselines3", "safetensors"),
         (
             "train task.yaml",
-            "proposers wall-3 --out net.safetensors",
             "fit rows --method neural --out nn.safetensors",
         ),
     ),
