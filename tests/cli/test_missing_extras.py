@@ -22,7 +22,7 @@ WORDING = re.compile(
 )
 TOOLS = {"dev", "docs"}
 """Extras for working on the package, which no command needs."""
-LIBRARY = {"evo", "tune"}
+LIBRARY = {"tune"}
 """Extras of the library alone; their modules have tests of their own."""
 CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "exact": (
