@@ -82,7 +82,6 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("mcap",),
         ("run climb.json --log run.mcap", "replay run.mcap", "export climb.json --to foxglove"),
     ),
-    "rerun": (("rerun",), ("export climb.json --to rerun",)),
 }
 """By extra: the modules that are hidden, and commands that need one of them."""
 CLOUD = """# .PCD v0.7
