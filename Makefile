@@ -51,7 +51,7 @@ $(DEMO): pyproject.toml setup.py constraints.txt
 
 $(STAMP): $(DEMO)
 	@echo "setup, what tests need: torch, Ray, the other solvers and simulators (the largest download, some minutes)"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,evo,ray,datasets,bullet,film,dynamixel,ros,log]" || $(STOPPED)
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,ray,datasets,bullet,film,dynamixel,ros,log]" || $(STOPPED)
 	@echo "setup, what tests need: tools for testing and checking"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]" || $(STOPPED)
 	@touch $@

@@ -26,13 +26,11 @@ from stancekit.planners.robot.model import Robot
 from .upgrading import old_arguments
 
 if TYPE_CHECKING:
-    from stancekit.learners.proposers.proposer import Proposers
     from stancekit.learners.surrogates.surrogate import Surrogate
 
 FURTHER: Mapping[str, Any] = {
     "natural": bool,
     "shard_size": int,
-    "proposers": str | Path | None,
     "screen": Any,
     "screen_error": float | None,
     "scenes": int | None,
@@ -107,10 +105,9 @@ def label(
         workers: processes, or an executor, for example of a Ray cluster; the rows do not depend on
             them.
         progress: function called with the number of rows written and the number in all.
-        further: proposers (file of ``stancekit proposers``, asked for postures and proofs before
-            any solver; needs torch), screen (a surrogate of ``fit(rows, "surrogate")`` or its file:
-            a draw that it calls of a kind of which there are enough rows is passed over without
-            being decided) and screen_error (share of the other kind's rows that may be lost so;
+        further: screen (a surrogate of ``fit(rows, "surrogate")`` or its file: a draw that it
+            calls of a kind of which there are enough rows is passed over without being decided;
+            needs torch) and screen_error (share of the other kind's rows that may be lost so;
             0.04), shard_size (rows per file, which is what an interruption can lose; 500), natural
             (True keeps the samples as they come with two numbers of rows, too, of which only the
             sum counts then). Of leaps: scenes (how many are drawn; has to be given), shard_size,
@@ -123,7 +120,7 @@ def label(
         Of leaps, ``LeapTries``.
 
     Raises:
-        InvalidInput: for a folder that holds another data set, numbers out of range, proposers of
+        InvalidInput: for a folder that holds another data set, numbers out of range, a screen of
             another class, and arguments that leaps or postures have no use for.
         StancekitError: where the distribution does not yield enough rows of a label.
     Source:
@@ -151,19 +148,16 @@ def label(
     wanted = _rows(
         rows, options.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
     )
-    name, source, problem = problems, None, None
+    name, source = problems, None
     if not isinstance(problems, str) or isinstance(robot, Robot):
         source = distribution_of(problems, robot=robot, terrain=terrain)
         name = source.name
-    if (proposers := options.pop("proposers", None)) is not None:
-        problem = _proposers(proposers)
     surrogate, error = _screen(options.pop("screen", None), options.pop("screen_error", None))
     plan = LabelPlan(
         distribution=str(name),
         seed=int(seed),
         robot=None if robot is None or source is not None else str(robot),
         terrain=None if terrain is None or source is not None else str(terrain),
-        proposers=None if problem is None else problem.digest,
         screen=None if surrogate is None else surrogate.digest,
         screen_error=error,
         **wanted,
@@ -180,7 +174,6 @@ def label(
         run=run,
         source=source,
         progress=on_progress,
-        proposers=problem,
         surrogate=surrogate,
     )
     return Dataset.open(folder)
@@ -306,15 +299,3 @@ def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> di
             f"rows: expected one integer, or two (feasible, infeasible), got {shown(rows)}"
         )
     return {"feasible": int(rows[0]), "infeasible": int(rows[1]), "natural": natural}
-
-
-def _proposers(path: str | Path) -> Proposers:
-    """Networks that propose.
-
-    Raises InvalidInput for a file that is missing or wrong, and where torch is missing.
-    """
-    try:
-        from stancekit.learners.proposers.proposer import Proposers
-    except ModuleNotFoundError as error:
-        raise not_installed(str(path), error.name, "proposers", "rl") from None
-    return Proposers.load(path)

@@ -15,21 +15,35 @@ is one of the same scenes. Rows are kept in the folder; another run goes on from
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 from _bench import Options, Row, kept, launch
+from matplotlib.figure import Figure
 
 from stancekit.learners.data.scene_set import judged
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.families import SCENES
-from stancekit.views.difficulty import difficulty_curves
-from stancekit.views.sheet import save
+from stancekit.views.sheet import (
+    ACCENT,
+    DEFAULT_STYLE,
+    INK,
+    QUIET,
+    SIZE_PX,
+    headline,
+    quiet_axes,
+    save,
+    sheet,
+)
 
 BATCH = 50
+COLUMNS = 4
+PLANNED, NONE = "#2c8173", ACCENT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +130,60 @@ def _line(row: Row) -> str:
         f"undecided {100 * row['undecided']:4.1f} %  ±{100 * row['half_width']:.1f}  "
         f"{row['cpu_s_per_scene']:.3f} CPU-s"
     )
+
+
+@DEFAULT_STYLE
+def difficulty_curves(rows: Sequence[Row]) -> Figure:
+    """A panel a family.
+
+    Arguments:
+        rows: each with family, level, scenes, planned, proved_none, undecided and half_width,
+            shares of 1; the band is the half-width.
+    """
+    families = list(dict.fromkeys(str(row["family"]) for row in rows))
+    figure = sheet(SIZE_PX)
+    scenes = [row["scenes"] for row in rows]
+    worst = max(row["undecided"] for row in rows)
+    headline(
+        figure,
+        "How hard is a level?",
+        f"{min(scenes)} to {max(scenes)} scenes a level; at most {100.0 * worst:.1f} % of a "
+        "level's undecided",
+    )
+    grid = figure.add_gridspec(
+        -(-len(families) // COLUMNS),
+        COLUMNS,
+        left=0.06,
+        right=0.98,
+        bottom=0.07,
+        top=0.84,
+        hspace=0.35,
+        wspace=0.25,
+    )
+    for k, family in enumerate(families):
+        axes = figure.add_subplot(grid[divmod(k, COLUMNS)])
+        quiet_axes(axes)
+        mine = sorted(
+            (row for row in rows if row["family"] == family), key=lambda row: float(row["level"])
+        )
+        level = np.array([row["level"] for row in mine])
+        half = np.array([row["half_width"] for row in mine])
+        for name, colour in (("planned", PLANNED), ("proved_none", NONE)):
+            share = np.array([row[name] for row in mine])
+            low, high = np.clip(share - half, 0.0, 1.0), np.clip(share + half, 0.0, 1.0)
+            axes.fill_between(level, 100.0 * low, 100.0 * high, color=colour, alpha=0.2, lw=0)
+            axes.plot(level, 100.0 * share, color=colour, lw=2.0, marker="o", ms=3.5, label=name)
+        axes.set(xlim=(-0.02, 1.02), ylim=(-2.0, 102.0))
+        axes.set_title(family, loc="left", size=12, color=INK, weight="bold")
+        axes.set_xlabel("level", color=QUIET)
+        if k % COLUMNS == 0:
+            axes.set_ylabel("% of scenes", color=QUIET)
+    height = figure.get_figheight()
+    figure.text(
+        0.72, 1.0 - 0.36 / height, "● a verified plan", color=PLANNED, va="center", weight="bold"
+    )
+    figure.text(0.72, 1.0 - 0.66 / height, "● proved: none", color=NONE, va="center", weight="bold")
+    return figure
 
 
 if __name__ == "__main__":

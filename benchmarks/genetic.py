@@ -1,24 +1,21 @@
-"""The genetic algorithm made fast, and against other evolutionary searches.
+"""The genetic algorithm made fast.
 
     python benchmarks/genetic.py [--problem wall-3] [--population 40] [--generations 45] [--terrains
     100]
-                                 [--rows 500] [--held-out 500] [--delta 0.1] [--seed 0] [--picture
-                                 FILE] [--json]
+                                 [--rows 500] [--held-out 500] [--delta 0.1] [--seed 0] [--json]
 
-Labels two data sets (``rows`` and ``held-out`` of each label). First the plain loop, which solves
-P1 for every box and problem, and the same run with cached witnesses and certificates: both must end
-with the same box. Then CMA-ES and NSGA-II with as many evaluations (extra ``evo``). "right" is the
-share of held-out problems that P1 answers as the expert. Times are wall clock and processor seconds
-of one process on one thread, without labelling and compiling.
+Labels two data sets (``rows`` and ``held-out`` of each label). The plain loop, which solves
+P1 for every box and problem, then the same run with cached witnesses and certificates: both must
+end with the same box. "right" is the share of held-out problems that P1 answers as the expert.
+Times are wall clock and processor seconds of one process on one thread, without labelling and
+compiling.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,22 +25,19 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.convergence import Generation
-from stancekit.learners.selectors.convergence_plot import draw_convergence
-from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, extra
 from stancekit.learners.selectors.feasibility import (
     CachingOracle,
     FeasibilityOracle,
     SolvingOracle,
     VerdictCounts,
 )
-from stancekit.learners.selectors.genetic import GeneticResult, GeneticSettings, evolve
+from stancekit.learners.selectors.genetic import GeneticSettings, evolve
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files.arrays import Array
 
 Problems = tuple[list[Scaled], list[Scaled], Array]
 PLAIN, CACHED = "GA, plain loop", "GA, cached"
-Evolve = Callable[..., GeneticResult]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +51,6 @@ class Arguments(Options):
     rows: int = 500
     held_out: int = 500
     delta: float = 0.1
-    picture: Path | None = None
-    """Lin et al.'s Fig. 4 of all searches."""
 
 
 def main(arguments: Arguments) -> None:
@@ -70,16 +62,9 @@ def main(arguments: Arguments) -> None:
         delta=arguments.delta,
         seed=arguments.seed,
     )
-    for package in ("cma", "pymoo"):
-        extra(package)
     train = labelled(arguments.problem, arguments.rows, seed=2 * arguments.seed)
     test = labelled(arguments.problem, arguments.held_out, seed=2 * arguments.seed + 1)
-    runs, histories = measure(train, test, settings)
-    if arguments.picture is not None:
-        pictured = {name: history for name, history in histories.items() if name != PLAIN}
-        draw_convergence(pictured, f"{arguments.problem}: fitness of the population").savefig(
-            arguments.picture
-        )
+    runs = measure(train, test, settings)
     if arguments.json:
         arguments.say({"problem": arguments.problem, "settings": asdict(settings), "runs": runs})
     else:
@@ -100,20 +85,17 @@ def labelled(problem: str, rows: int, seed: int) -> Problems:
 
 def measure(
     train: Problems, test: Problems, settings: GeneticSettings
-) -> tuple[dict[str, dict[str, Any]], dict[str, tuple[Generation, ...]]]:
-    """Figures and histories of all searches, by name."""
+) -> dict[str, dict[str, Any]]:
+    """Figures of both runs, by name."""
     feasible, infeasible, points = train
     problems = [*feasible, *infeasible]
     programs = Programs()
     held_out = SolvingOracle([*test[0], *test[1]], programs)
 
-    histories: dict[str, tuple[Generation, ...]] = {}
-
-    def run(name: str, search: Evolve, oracle: FeasibilityOracle) -> dict[str, Any]:
+    def run(oracle: FeasibilityOracle) -> dict[str, Any]:
         begin, cpu = time.perf_counter(), time.process_time()
-        result = search(feasible, infeasible, points, settings, oracle=oracle)
+        result = evolve(feasible, infeasible, points, settings, oracle=oracle)
         wall_s, cpu_s = time.perf_counter() - begin, time.process_time() - cpu
-        histories[name] = result.history
         admitted = held_out.is_feasible(np.arange(len(test[0]) + len(test[1])), [result.envelope])[
             0
         ]
@@ -132,15 +114,12 @@ def measure(
             "best_fitness": [done.best for done in result.history],
         }
 
-    runs = {PLAIN: run(PLAIN, evolve, SolvingOracle(problems, programs))}
-    runs[CACHED] = run(CACHED, evolve, CachingOracle(problems, programs))
-    plain, cached = runs[PLAIN], runs[CACHED]
+    plain = run(SolvingOracle(problems, programs))
+    cached = run(CachingOracle(problems, programs))
     cached["same_box"] = plain["box"] == cached["box"]
     cached["speedup_wall"] = plain["wall_s"] / cached["wall_s"]
     cached["speedup_cpu"] = plain["cpu_s"] / cached["cpu_s"]
-    for name, search in (("CMA-ES", evolve_cma), ("NSGA-II", evolve_nsga2)):
-        runs[name] = run(name, search, CachingOracle(problems, programs))
-    return runs, histories
+    return {PLAIN: plain, CACHED: cached}
 
 
 def shares(counts: VerdictCounts) -> dict[str, float]:

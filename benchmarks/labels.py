@@ -29,19 +29,14 @@ from _yardstick import yardstick
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 
-kind, rows, balanced, folder, proposers = json.loads(sys.argv[1])
-asked, planned = {}, {}
-if proposers is not None:
-    from stancekit.learners.proposers.proposer import Proposers
-    asked = {"proposers": Proposers.load(proposers)}
-    planned = {"proposers": asked["proposers"].digest}
+kind, rows, balanced, folder = json.loads(sys.argv[1])
 many = dict(feasible=rows // 2, infeasible=rows - rows // 2) if balanced else dict(feasible=rows, infeasible=0)
-label(LabelPlan(distribution=kind, feasible=60, infeasible=0, natural=True, seed=12345, **planned),
-      Path(folder) / "warm", **asked)
+label(LabelPlan(distribution=kind, feasible=60, infeasible=0, natural=True, seed=12345),
+      Path(folder) / "warm")
 first = yardstick(100)
 begin = time.process_time()
-plan = LabelPlan(distribution=kind, natural=not balanced, seed=0, shard_size=500, **many, **planned)
-summary = label(plan, Path(folder) / "set", **asked)
+plan = LabelPlan(distribution=kind, natural=not balanced, seed=0, shard_size=500, **many)
+summary = label(plan, Path(folder) / "set")
 cpu = time.process_time() - begin
 second = yardstick(100)
 print(json.dumps({"cpu": cpu, "yard": 0.5 * (first + second), "drawn": summary.drawn.total, "p99": summary.solve_ms_p99,
@@ -74,7 +69,7 @@ def main(given: Arguments) -> None:
                     runs[name].append(
                         child(
                             trees[name],
-                            [kind, given.rows, given.balanced, f"{folder}/{name}", None],
+                            [kind, given.rows, given.balanced, f"{folder}/{name}"],
                         )
                     )
                 if pair == 0 and len(trees) == 2:

@@ -3,20 +3,22 @@
 
     python benchmarks/modes.py [--courses 20] [--seed 2] [--samples 500] [--share 0] [--json]
 
-The modes are learned from solved postures of ground-3 and wall-3 (seed 0), never from courses. A
+The modes are learned from labelled postures of ground-3 and wall-3 (seed 0), never from courses. A
 course counts as right where the plan is accepted and z of every frame is the mode of the terrain
 under it (``Problem.modes``).
 """
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from _bench import Options, launch
 
+import stancekit
 from stancekit.envs.distributions.courses import perturbed
-from stancekit.learners.selectors.modes import learn_modes
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.methods import make_planner
 
@@ -33,9 +35,12 @@ class Arguments(Options):
 
 def main(arguments: Arguments) -> None:
     """Measure and print."""
-    modes = learn_modes(
-        rng=np.random.default_rng(0), count=arguments.samples, share=arguments.share
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [
+            stancekit.label(name, Path(folder) / name, rows=(arguments.samples, 0))
+            for name in ("ground-3", "wall-3")
+        ]
+        modes = stancekit.fit(rows, "modes", share=arguments.share)
     arguments.list(measure(modes, arguments.courses, np.random.default_rng(arguments.seed)))
 
 

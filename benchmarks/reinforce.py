@@ -7,9 +7,9 @@ learn.
     python benchmarks/reinforce.py traverse   [--episodes 300]
         [--courses stairs walls ground-to-wall]
 
-The runs are those of configs/train-<name>.yaml but for seed and PPO's steps; for selection those of
-train-paired.yaml, too, from whose scenes all agents learn there. CPU-s: of learning, with the
-evaluations of the curve. Runs that a kill stopped go on. The curves are drawn to <out>/<name>.png.
+The runs are those of configs/train-<name>.yaml but for seed and steps, and for selection but for
+the scenes, of which there are more. CPU-s: of learning, with the evaluations of the curve. Runs
+that a kill stopped go on. The curves are drawn to <out>/<name>.png.
 
 selection: mean reward and P1's shares on held-out scenes, against random boxes, the heuristic,
 quantile and gradient box, and the neural selector (margin gradient). ± is the standard error over
@@ -56,6 +56,7 @@ from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.data.labelling import label
+from stancekit.learners.data.quota import Quota
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings
 from stancekit.learners.selectors.selector import FixedSelector
@@ -72,6 +73,11 @@ from stancekit.learners.training.train_config import TrainConfig
 from stancekit.runner.control.envelope_choice import Predictor
 
 CONFIGS = Path(__file__).parents[1] / "configs"
+TRAIN, HELD_OUT = (
+    Quota(feasible=3000, infeasible=3000, seed=0),
+    Quota(feasible=300, infeasible=300, seed=1),
+)
+"""Scenes that all agents of selection learn from, and are compared on."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,32 +122,24 @@ def main(arguments: Arguments) -> None:
 
 
 def selection(arguments: Arguments) -> None:
-    """Paired, PPO and others."""
-    config, paired = (
-        TrainConfig.from_yaml(CONFIGS / f"train-{name}.yaml") for name in ("selection", "paired")
-    )
-    config = replace(
-        config, steps=arguments.steps or config.steps, train=paired.train, held_out=paired.held_out
-    )
-    runs, folder = {"paired": paired, "PPO": config}, arguments.out / arguments.name
+    """PPO and others."""
+    config = TrainConfig.from_yaml(CONFIGS / "train-selection.yaml")
+    config = replace(config, steps=arguments.steps or config.steps, train=TRAIN, held_out=HELD_OUT)
+    folder = arguments.out / arguments.name
     scenes = TrainingScenes.label(config, folder / "data")
     rows = []
     for name, (agents, seconds) in others(config, scenes, arguments.seeds).items():
         rows.append(Row(agent=name, figures=figures(config, scenes, agents) | {"CPU-s": seconds}))
         said(arguments, rows[-1])
-    curves = {}
-    for name, its in runs.items():
-        curves[name], _, seconds = learned(name, its, scenes, arguments, folder)
-        for when, index in (("untrained", 0), ("trained", -1)):
-            ends = [
-                {"reward": curve[index].reward, **curve[index].figures} for curve in curves[name]
-            ]
-            found = {key: [end[key] for end in ends] for key in ends[0]} | (
-                {"CPU-s": seconds} if index else {}
-            )
-            rows.append(Row(agent=f"{name} {when}", figures=found))
-            said(arguments, rows[-1])
-    draw(rows, curves, arguments.out / f"{arguments.name}.png")
+    curves, _, seconds = learned("PPO", config, scenes, arguments, folder)
+    for when, index in (("untrained", 0), ("trained", -1)):
+        ends = [{"reward": curve[index].reward, **curve[index].figures} for curve in curves]
+        found = {key: [end[key] for end in ends] for key in ends[0]} | (
+            {"CPU-s": seconds} if index else {}
+        )
+        rows.append(Row(agent=f"PPO {when}", figures=found))
+        said(arguments, rows[-1])
+    draw(rows, {"PPO": curves}, arguments.out / f"{arguments.name}.png")
 
 
 def refinement(arguments: Arguments) -> None:

@@ -1,30 +1,25 @@
 """Warp maps: the published methods beside ours, on the reference terrains (Pan et al. §IV-B, Figs.
 4 and 5).
 
-    python benchmarks/warp.py [--terrains ripple cone hill pit] [--cells 24 24 6] [--picture
-    NAME.png] [--json]
+    python benchmarks/warp.py [--terrains ripple cone hill pit] [--cells 24 24 6] [--json]
 
 local-global is Algorithm W1 as printed, gauss-newton the paper's second method; both match softly
 and have no snap. accelerated is Algorithm W1 with the nearest similarity, fast diagonalisation and
 Anderson acceleration; fast is what the product uses. CPU seconds include the checks: min det J on
 lines three times as dense as the quadrature, the match between the terrain's nodes, conformal
-errors. --picture writes one convergence chart a terrain, NAME-terrain.png.
+errors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, get_args
 
 from _bench import Options, Row, launch, markdown
 
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.conformal import CELLS, Method, fit_map
-from stancekit.planners.warp.report import MapReport
-from stancekit.views.maps import draw_map_convergence
-from stancekit.views.sheet import save
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +30,6 @@ class Arguments(Options):
     cells: tuple[int, int, int] = CELLS
     methods: tuple[Method, ...] = get_args(Method)
     iterations: int = 100
-    picture: Path | None = None
 
 
 def main(arguments: Arguments) -> None:
@@ -48,11 +42,6 @@ def main(arguments: Arguments) -> None:
         ]
         for fit in fits:
             arguments.say(fit.report.to_json(), line)
-        if arguments.picture is not None:
-            save(
-                draw_map_convergence([fit.report for fit in fits]),
-                named(arguments.picture, fits[0].report),
-            )
 
 
 def line(record: dict[str, Any]) -> str:
@@ -63,11 +52,6 @@ def line(record: dict[str, Any]) -> str:
         f"min det J {record['least_det']:7.3f}  match {record['match_max_mm']:8.3f} mm  conformal error, mean/p95: "
         f"ground {ground['mean']:.3f}/{ground['p95']:.3f}, .5 m above {torso['mean']:.3f}/{torso['p95']:.3f}"
     )
-
-
-def named(picture: Path, report: MapReport) -> Path:
-    """The file of one terrain's chart."""
-    return picture.with_name(f"{picture.stem}-{report.terrain}{picture.suffix}")
 
 
 NAMES = {

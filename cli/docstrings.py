@@ -1,12 +1,10 @@
-"""SciPy and cvxpy without what commands do not need of them: docstrings stay as they are written,
-NumPy is not loaded whole, and Moreau is not loaded to see whether it is there.
+"""SciPy without what commands do not need of it: docstrings stay as they are written, and NumPy is
+not loaded whole.
 
 SciPy 1.17 parses the docstring of every public function while it is imported, and writes it anew
 with a table of array libraries in it, which takes longer than the rest of the import. Beside that
 it copies all names of NumPy, and so loads the modules that NumPy loads only when somebody asks for
-them, a compiler for Fortran and helpers of tests among them. cvxpy imports every solver to list
-those that are installed, and Moreau imports torch with its compiler, three quarters of the time
-that cvxpy takes. What SciPy and cvxpy compute is the same.
+them, a compiler for Fortran and helpers of tests among them. What SciPy computes is the same.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ from collections.abc import Callable
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -25,8 +22,6 @@ PARSER = "scipy._lib._docscrape"
 """The module whose ``FunctionDoc`` parses and writes docstrings."""
 COPIES = "scipy._lib.array_api_compat._internal"
 """The module whose ``clone_module`` copies all names of an array library."""
-MOREAU = "cvxpy.reductions.solvers.conic_solvers.moreau_conif"
-"""The module whose ``MOREAU`` imports Moreau to see whether it is installed."""
 
 
 class Unparsed(defaultdict[str, list[Any]]):
@@ -64,19 +59,9 @@ def _names_at_hand(name: str, namespace: dict[str, Any]) -> list[str]:
     return list(objects)
 
 
-def _looked_for(solver: Any) -> Any:
-    """A solver of cvxpy that is installed where its package is found; it is imported to solve."""
-
-    def is_installed(self: Any) -> bool:
-        return find_spec("moreau") is not None
-
-    return type(solver.__name__, (solver,), {"is_installed": is_installed})
-
-
 INSTEAD: dict[str, tuple[str, Callable[[Any], Any]]] = {
     PARSER: ("FunctionDoc", lambda _: Unparsed),
     COPIES: ("clone_module", lambda _: _names_at_hand),
-    MOREAU: ("MOREAU", _looked_for),
 }
 """By module, the name in it that is replaced, and what makes the other object of the first one."""
 
@@ -114,7 +99,7 @@ class AsWritten(MetaPathFinder, Loader):
 
 def keep_as_written() -> None:
     """Have modules of SciPy that are not imported yet leave their docstrings as they are, and
-    NumPy's modules alone; have cvxpy leave Moreau alone.
+    NumPy's modules alone.
     """
     if not INSTEAD.keys() & sys.modules.keys() and not any(
         isinstance(each, AsWritten) for each in sys.meta_path

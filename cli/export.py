@@ -27,7 +27,6 @@ class Export:
       jointtrajectory  ROS 2's trajectory_msgs/JointTrajectory, .json or .yaml
       mujoco           MJCF of robot and terrain, with a key frame per row
       reference        the .npz that mjlab's tracking task reads
-      rerun            a recording, .rrd (extra rerun)
       foxglove         MCAP: sensor_msgs/JointState and Foxglove's schemas, and a layout (extra log)
       minari           one-step episodes of EnvelopeSelection-v0, of a data set of `stancekit label`
 

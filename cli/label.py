@@ -14,7 +14,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import Show, as_options, emit, out, progress
-from .names import DISTRIBUTION, PROPOSERS, ROBOT, TERRAIN
+from .names import DISTRIBUTION, ROBOT, SURROGATE, TERRAIN
 from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
@@ -44,7 +44,6 @@ OF_POSTURES = (
     "feasible",
     "infeasible",
     "natural",
-    "proposers",
     "screen",
     "screen_error",
 )
@@ -96,10 +95,7 @@ class LabelPostures:
     """Seed; use another one for training than for testing."""
     shard_size: int = 500
     """Rows a file: what an interruption can lose."""
-    proposers: Annotated[OptionalPath, PROPOSERS] = None
-    """File of `stancekit proposers`: networks that are asked for postures and proofs before any
-    solver."""
-    screen: Annotated[OptionalPath, PROPOSERS] = None
+    screen: Annotated[OptionalPath, SURROGATE] = None
     """File of `stancekit fit --method surrogate`: a draw that it calls of a kind of which there are
     enough rows is passed over undecided; what is kept has its evidence as always."""
     screen_error: OptionalFloat = None
@@ -162,7 +158,6 @@ class LabelPostures:
             natural=self.natural,
             seed=self.seed,
             shard_size=self.shard_size,
-            proposers=self.proposers,
             screen=self.screen,
             screen_error=self.screen_error,
             workers=where,

@@ -54,7 +54,6 @@ COMMANDS = {
     "label": "LabelPostures",
     "fit": "Fit",
     "train": "Train",
-    "proposers": "TrainProposers",
     "evaluate": "Evaluate",
     "picture": "Picture",
     "export": "Export",

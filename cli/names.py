@@ -70,5 +70,5 @@ def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
 PROJECTION = named("stancekit.planners.projection.project:PROJECTIONS")
 DISTRIBUTION = tyro.conf.arg(metavar="NAME")
 ROBOT = tyro.conf.arg(metavar="FILE|NAME")
-PROPOSERS = tyro.conf.arg(metavar="FILE")
+SURROGATE = tyro.conf.arg(metavar="FILE")
 TERRAIN = tyro.conf.arg(metavar="FILE")

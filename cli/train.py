@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Train:
-    """Train an agent on EnvelopeSelection-v0 or EnvelopeRefinement-v0 as a configuration file says.
-
-    Its method is ppo, or paired, for EnvelopeSelection-v0: a network that imitates the solutions at
-    first, and then follows a paired score function.
+    """Train an agent on EnvelopeSelection-v0 or EnvelopeRefinement-v0 by PPO, as a file says.
 
     The folder gets policy.safetensors (loaded without pickle), checkpoint.safetensors, curve.jsonl
     (held-out figures after every segment) and the labelled scenes. A run that is stopped, however

@@ -101,16 +101,8 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | relaxation | 'p1' | 'coned': with friction cones; 'joint': linked with the lift, over one box; "FILE.py:NAME" |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
     | weights | RewardWeights() | weights of the reward; or a mapping with some of its keys, and terms of your own |
-    | backend | 'clarabel' | who solves P1: 'moreau' solves the batches of ``make_vec`` on a CUDA device, see below |
     | timing | False | put seconds into ``info`` |
     | render_mode | None | "rgb_array" or "human" |
-
-    With ``backend="moreau"`` (Moreau and a CUDA device; "moreau-cpu": the same on the processor)
-    all P1 of a step are solved together. Margins agree within the solvers' tolerances. Problems
-    whose margin is within 1e-6 of the threshold of feasibility are solved again by Clarabel, so
-    that the verdict of P1 is the same as with "clarabel"; for "joint" these are all feasible
-    problems. If the solution of P1 is not unique, its point differs, and so does the projection of
-    it.
 
     ## Version History
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -37,9 +37,6 @@ from .scenes import LabelledScene
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
-Backend = Literal["clarabel", "moreau", "moreau-cpu"]
-"""Solver of P1: Clarabel one after the other, or Moreau a batch at a time, on a CUDA device or on
-the processor."""
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""
 
@@ -78,7 +75,6 @@ class SelectionSettings(SceneSettings):
     relaxation: str = "p1"
     projections: Sequence[Projection] = ("fix-p",)
     weights: RewardWeights | Mapping[str, float] = USUAL
-    backend: Backend = "clarabel"
     timing: bool = False
 
     def __post_init__(self) -> None:
@@ -148,9 +144,7 @@ class SelectionTask:
         }
         self._terms = settings.rewards
         self._timing, self._margins = bool(settings.timing), bool(settings.margins)
-        self._programs = Programs(
-            engine="rows" if settings.backend == "clarabel" else settings.backend
-        )
+        self._programs = Programs()
         self.scenes = settings.source(chosen, self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()

@@ -1,17 +1,15 @@
-"""Pictures of warp maps: the map's grid over its terrain, conformal error (Pan et al. Fig. 4),
-convergence (Fig. 5).
+"""Pictures of warp maps: the map's grid over its terrain, and conformal error (Pan et al. Fig.
+4).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.report import MapReport
 from stancekit.planners.warp.spline_map import SplineMap
@@ -23,7 +21,6 @@ from .sheet import (
     DEFAULT_STYLE,
     INK,
     MEASURE_COLOURS,
-    PLOT_PX,
     QUIET,
     SIZE_PX,
     Size,
@@ -67,59 +64,6 @@ def draw_map(
     _draw_error_map(figure, error, warp, report)
     share = figure.add_axes((0.79, 0.09, 0.18, below / height - 0.14))
     _draw_error_shares(share, report)
-    return figure
-
-
-@DEFAULT_STYLE
-def draw_map_convergence(
-    reports: Sequence[MapReport], *, caption: str = "", size_px: Size = PLOT_PX
-) -> Figure:
-    """Conformal and match energy by CPU time and by iteration, a line a method (Pan et al. Fig. 5).
-
-    The barrier is left out, so that methods with and without one compare. Raises InvalidInput
-    without reports.
-    """
-    if not reports:
-        raise InvalidInput("reports: expected one or more, got none")
-    figure = sheet(size_px, PLOT_PX)
-    headline(
-        figure,
-        caption or f"Convergence on {reports[0].terrain}",
-        "conformal + match energy, each method with its own weights",
-    )
-    for place, (word, over) in enumerate((("CPU seconds", "seconds"), ("iteration", "count"))):
-        axes = figure.add_axes((0.075 + 0.485 * place, 0.13, 0.415, 0.66))
-        for index, report in enumerate(reports):
-            value = report.energy[:, 1] + report.energy[:, 3]
-            at = report.seconds if over == "seconds" else np.arange(len(value), dtype=np.float64)
-            colour = MEASURE_COLOURS[index % len(MEASURE_COLOURS)]
-            least = float(report.energy[-1, 4])
-            name = report.method + ("" if least > 0.0 else f" (folded: min det J {least:.2f})")
-            axes.plot(
-                np.maximum(at, 1e-3) if over == "seconds" else at,
-                value,
-                color=colour,
-                lw=2.0,
-                label=name,
-            )
-            axes.plot([max(float(at[-1]), 1e-3)], [value[-1]], "o", color=colour, ms=6)
-        axes.set(yscale="log", xlabel=word)
-        for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-            ticks("{x:.2g}")
-        if over == "seconds":
-            axes.set_xscale("log")
-        _quiet(axes)
-    handles, names = axes.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        names,
-        loc="upper left",
-        bbox_to_anchor=(0.065, 0.885),
-        ncols=len(names),
-        frameon=False,
-        fontsize=11,
-        labelcolor=INK,
-    )
     return figure
 
 

@@ -82,8 +82,6 @@ class LabelPlan(RowPlan):
             for training and for testing need different seeds.
         tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in 3000
             wants more nodes than the default, at 1 ms a node.
-        proposers: digest of the proposers that are asked for postures and proofs before any solver;
-            certificates and bounds depend on it, labels do not.
         screen: digest of a surrogate: a draw whose predicted label needs no more rows in the shard
             is skipped without being decided.
         screen_error: share of the other label's rows that it may skip so.
@@ -103,7 +101,6 @@ class LabelPlan(RowPlan):
     max_nodes: int = 500
     robot: str | None = None
     terrain: str | None = None
-    proposers: str | None = None
     screen: str | None = None
     screen_error: float | None = None
 

@@ -39,7 +39,6 @@ from .filling import begin, fill
 from .shards import LEAST, KeptPrograms, LabelBlock, Screen, ShardDraft, planned, samples
 
 if TYPE_CHECKING:  # torch
-    from ..proposers.proposer import Proposers
     from ..surrogates.surrogate import Surrogate
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
@@ -104,7 +103,6 @@ def label(
     source: Distribution | None = None,
     run: Executor | None = None,
     draws_per_row: int = 10_000,
-    proposers: Proposers | None = None,
     surrogate: Surrogate | None = None,
 ) -> Summary:
     """Make the planned data set in this folder, or what is missing of it (Algorithm E1).
@@ -115,8 +113,7 @@ def label(
         source: the distribution, where its name is not a registered one.
         run: the executor, in place of ``processes``.
         draws_per_row: a shard gives up after this many draws a row.
-        proposers: those whose digest is planned.
-        surrogate: likewise, which screens the draws.
+        surrogate: the one whose digest is planned, which screens the draws.
 
     Raises:
         InvalidInput: where the folder holds another data set, StancekitError where a shard gives
@@ -129,13 +126,6 @@ def label(
         )
     folder, source = Path(path), source or planned(plan)
     ledger.check_arrow()
-    came = None if proposers is None else proposers.digest
-    if plan.proposers != came:
-        raise InvalidInput(
-            f"proposers: expected the digest that the plan has, {plan.proposers}, got {came}"
-        )
-    if proposers is not None:
-        proposers.check_drawn(source)
     if plan.screen != (None if surrogate is None else surrogate.digest):
         raise InvalidInput("surrogate: expected the one whose digest is planned")
     screen = None
@@ -145,7 +135,7 @@ def label(
     header = begin(folder, _header(plan, source))
 
     def drafts(missing: Sequence[int]) -> _Drafts:
-        return _Drafts(header, missing, execute, source, draws_per_row, proposers, screen)
+        return _Drafts(header, missing, execute, source, draws_per_row, screen)
 
     fill(folder, drafts, execute, progress)
     return Dataset.open(folder).summary()
@@ -163,10 +153,9 @@ class _Drafts:
         executor: Executor,
         source: Distribution,
         draws_per_row: int,
-        proposers: Proposers | None,
         screen: Screen | None = None,
     ) -> None:
-        self._source, self._proposers, self._executor = source, proposers, executor
+        self._source, self._executor = source, executor
         came, programs = Counter[str](), KeptPrograms()
         self._unopened = iter(
             [ShardDraft(header, shard, draws_per_row, came, programs, screen) for shard in missing]
@@ -188,9 +177,7 @@ class _Drafts:
                 continue
             expected = sum(lacking) + self._left * lacking[-1]
             share = max(math.ceil(expected / max(self._executor.workers, 1)), LEAST)
-            yield self._open[k].block(
-                self._source, min(lacking[k], share, self._open[k].most), self._proposers
-            )
+            yield self._open[k].block(self._source, min(lacking[k], share, self._open[k].most))
 
     def take(self, block: LabelBlock) -> Shard | None:
         """The shard that this block completes.

@@ -34,7 +34,6 @@ from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import Decided, decide_all
 from stancekit.planners.search.canonical import solved
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.proposals import Proposer
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -142,7 +141,6 @@ def _decide_block(
     count: int,
     kinds: frozenset[str],
     kept: KeptPrograms,
-    proposers: Proposer | None = None,
     screen: Screen | None = None,
 ) -> LabelBlock:
     """Decide ``count`` samples of a shard from number ``first`` on, and make rows of these kinds.
@@ -169,7 +167,7 @@ def _decide_block(
     after_screen, share_ms = time.process_time(), 1e3 * (time.perf_counter() - wall) / count
     left = [k for k in range(count) if called is None or _open(called[k], kinds)]
     some = batch if called is None else batch.select(np.array(left, dtype=np.intp))
-    labeller = _Labeller(plan, shard, [first + k for k in left], kinds, kept.programs, proposers)
+    labeller = _Labeller(plan, shard, [first + k for k in left], kinds, kept.programs)
     rows, decided, took_ms = labeller.rows(some) if left else ([], [], [])
     labels, solve_ms = ["screened"] * count, [round(share_ms, 3)] * count
     for k, kind, each_ms in zip(left, decided, took_ms, strict=True):
@@ -224,7 +222,6 @@ class _Labeller:
         samples: Sequence[int],
         kinds: frozenset[str],
         programs: Programs,
-        proposers: Proposer | None,
     ) -> None:
         self._plan, self._shard, self._samples, self._kinds = plan, shard, samples, kinds
         acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
@@ -233,7 +230,6 @@ class _Labeller:
             max_nodes=plan.max_nodes,
             time_limit_s=math.inf,
             programs=programs,
-            proposers=proposers,
         )
 
     def rows(self, batch: PostureBatch) -> tuple[list[LabelledPosture], list[str], list[float]]:
@@ -365,9 +361,7 @@ class ShardDraft:
         """Samples that are decided together, at most."""
         return BLOCK if self._screen is None or all(map(self._wants, CALLED)) else SCREENED
 
-    def block(
-        self, source: Distribution, count: int, proposers: Proposer | None
-    ) -> Callable[[], LabelBlock]:
+    def block(self, source: Distribution, count: int) -> Callable[[], LabelBlock]:
         """The task that decides the next ``count`` samples."""
         first, self._asked = self._asked, self._asked + count
         start = max(
@@ -377,7 +371,7 @@ class ShardDraft:
         )
         kinds = frozenset(kind for kind in KINDS if self._wants(kind))
         place = (self._plan, source, self.shard, start, first, count)
-        return partial(_decide_block, *place, kinds, self._programs, proposers, self._screen)
+        return partial(_decide_block, *place, kinds, self._programs, self._screen)
 
     def take(self, block: LabelBlock) -> Shard | None:
         """Keep what is wanted of a block, once all before it are there; the shard, where it has

@@ -31,7 +31,7 @@ class Generation:
     Arguments:
         mean, variance, best: of the fitness, to be maximised.
         a, b: of the best individual, over the problems drawn.
-        mutation_rate: with which the next one is bred (NaN where the method has none).
+        mutation_rate: with which the next one is bred.
         evaluations: verdicts of P1 asked for.
         cached: of them, without a solve.
         counts: how.

@@ -1,8 +1,8 @@
-"""The picture of evolutionary runs (Lin et al., Fig. 4)."""
+"""The picture of an evolutionary run (Lin et al., Fig. 4)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,35 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.views.sheet import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
-
-from .convergence import Generation
-
-Curves = tuple[Sequence[float], Sequence[float], Sequence[float]]
-"""Mean, variance and best of the fitness by generation."""
+from stancekit.views.sheet import DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
 
 
-def draw_convergence(histories: Mapping[str, Sequence[Generation]], title: str = "") -> Figure:
-    """Mean fitness with a band of one standard deviation, and the best, by generation: Lin et al.,
-    Fig. 4.
-    """
-    if not histories or not all(histories.values()):
-        raise InvalidInput(
-            "histories: expected one or more generations of one or more runs, got none"
-        )
-    curves: dict[str, Curves] = {
-        name: (
-            [done.mean for done in history],
-            [done.variance for done in history],
-            [done.best for done in history],
-        )
-        for name, history in histories.items()
-    }
-    return _drawn(curves, title)
-
-
+@DEFAULT_STYLE
 def draw_learned(provenance: Mapping[str, Any], title: str = "") -> Figure:
-    """``draw_convergence`` of the run that envelopes came from.
+    """Mean fitness with a band of one standard deviation, and the best, by generation, of the run
+    that envelopes came from: Lin et al., Fig. 4.
 
     Raises InvalidInput for envelopes of another method, and for those written before their
     provenance kept the variance.
@@ -50,27 +28,13 @@ def draw_learned(provenance: Mapping[str, Any], title: str = "") -> Figure:
             "provenance: expected mean, variance and best of the fitness per generation, as ga "
             f"writes them, got the notes {sorted(notes)}"
         )
-    return _drawn({str(provenance.get("method", "ga")): curves}, title)
-
-
-@DEFAULT_STYLE
-def _drawn(curves: Mapping[str, Curves], title: str) -> Figure:
-    figure = sheet((1200, 640), (1200, 640))
+    means, variances, best = map(np.array, curves)
+    name, number, half = str(provenance.get("method", "ga")), np.arange(len(means)), variances**0.5
+    figure, colour = sheet((1200, 640), (1200, 640)), LEG_COLOURS[0]
     axes = figure.add_axes((0.07, 0.11, 0.9, 0.78))
-    colours = (LEG_COLOURS[0], ACCENT, *LEG_COLOURS[1:])
-    for index, (name, (means, variances, best)) in enumerate(curves.items()):
-        colour = colours[index % len(colours)]
-        number, mean, half = np.arange(len(means)), np.array(means), np.sqrt(variances)
-        axes.fill_between(number, mean - half, mean + half, color=colour, alpha=0.15, lw=0)
-        axes.plot(number, mean, color=colour, lw=1.8, label=f"{name}: mean ± standard deviation")
-        axes.plot(
-            number,
-            best,
-            color=colour,
-            lw=1.2,
-            ls=(0, (4, 2)),
-            label=f"{name}: best",
-        )
+    axes.fill_between(number, means - half, means + half, color=colour, alpha=0.15, lw=0)
+    axes.plot(number, means, color=colour, lw=1.8, label=f"{name}: mean ± standard deviation")
+    axes.plot(number, best, color=colour, lw=1.2, ls=(0, (4, 2)), label=f"{name}: best")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(axis="y", color=RULE, lw=0.8)
     axes.set_axisbelow(True)

@@ -11,10 +11,9 @@ import numpy as np
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.distributions.stance import LAW
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, checked_int
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
@@ -26,38 +25,6 @@ MODES = {"ground": "ground", "wall": "wall", "terrain": "ground"}
 """Name of a mode over the scenes of each law."""
 
 
-def learn_modes(
-    distributions: Sequence[str] = ("ground-3", "wall-3"),
-    *,
-    rng: np.random.Generator,
-    count: int = 500,
-    share: float = 0.0,
-    programs: Programs | None = None,
-) -> Modes:
-    """Draw postures of each distribution, solve them exactly, and put the quantile box around their
-    solutions.
-
-    The modes are named after the terrains and counted in the order given, which for ground and wall
-    is that of ``Problem.modes``.
-
-    Arguments:
-        count: solutions of each.
-        share: of them left out on each side of each dimension; with none it is the exterior
-            boundary of Algorithm E2.
-
-    Raises:
-        InvalidInput: for a count below 1.
-    """
-    checked_int(count, "count", least=1)
-    planner = ExactPlanner(programs=programs or Programs())
-    samples = dict[str, tuple[Sequence[Problem], Sequence[Envelope]]]()
-    for name in distributions:
-        problems, points = solved_postures(name, count, planner, rng)
-        box = quantile_box(world_points(problems, points), share=share)
-        samples[distribution(name).terrain] = (problems, [box])
-    return Modes.around(samples)
-
-
 def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
     """A mode a data set, in their order: the quantile box around S of Algorithm E1, the forces in
     world axes.
@@ -66,7 +33,8 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
     say theirs.
 
     Arguments:
-        share: as for ``learn_modes``.
+        share: of the points left out on each side of each dimension; with none a box is the
+            exterior boundary of Algorithm E2.
 
     Raises:
         InvalidInput: for fewer than two data sets, for different limbs, and for one without

@@ -20,7 +20,6 @@ from stancekit.planners.files.arrays import Array
 from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.labelling import Progress, label
-from ..selectors.neural import NeuralSelector
 from ..selectors.policy import TrainedPolicy, bounds_of
 from .baselines import open_scenes
 from .envelope_methods import fit
@@ -44,7 +43,7 @@ class CurvePoint:
 class Trained:
     """Result of a run."""
 
-    policy: TrainedPolicy | NeuralSelector
+    policy: TrainedPolicy
     curve: tuple[CurvePoint, ...]
 
 

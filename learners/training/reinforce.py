@@ -1,5 +1,4 @@
-"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit; or
-``paired``.
+"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit.
 
 A run is cut into segments of ``evaluate_every`` steps. Before each one every random stream is
 seeded from the run's seed and the segment's number, and after each one the policy is evaluated on
@@ -30,7 +29,6 @@ from ..selectors.policy import TrainedPolicy
 from .baselines import SelectionVecEnv, refinement_vec_env
 from .checkpoint import NAME, read_checkpoint, write_checkpoint
 from .held_out import CurvePoint, Trained, TrainingScenes, evaluator
-from .paired import PairedRun
 from .train_config import TrainConfig
 
 Progress = Callable[[int, int], None]
@@ -68,8 +66,6 @@ def train(
         raise InvalidInput(f"{folder}: expected checkpoint.safetensors to resume from, found none")
     folder.mkdir(parents=True, exist_ok=True)
     scenes = scenes or TrainingScenes.label(config, folder, progress=labelling)
-    if config.method == "paired":
-        return PairedRun(config, folder, scenes).go(checkpoint if resume else None, progress)
     env = _training_env(config, scenes)
     try:
         return _Run(config, folder, scenes, env).go(checkpoint if resume else None, progress)

@@ -42,32 +42,6 @@ class PpoSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PairedSettings:
-    """Knobs of the paired score function (``training.paired``).
-
-    Arguments:
-        start: keys of ``NeuralSettings``, for the network that it begins with.
-        scenes: of an update.
-        pairs: of opposite actions a scene.
-        spread: standard deviation of an action's bounds, non-dimensional.
-        rate: Adam's; falls to a tenth.
-    """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
-
-    start: Mapping[str, Any] = field(default_factory=lambda: {"margin_epochs": 0})
-    scenes: Annotated[int, Field(ge=1)] = 96
-    pairs: Annotated[int, Field(ge=1)] = 4
-    spread: Annotated[float, Field(gt=0.0)] = 0.015
-    rate: Annotated[float, Field(gt=0.0)] = 5e-5
-
-    @property
-    def steps(self) -> int:
-        """Number of steps of the environment per update."""
-        return 2 * self.pairs * self.scenes
-
-
-@dataclass(frozen=True, kw_only=True)
 class TrainConfig:
     """One training run.
 
@@ -84,8 +58,6 @@ class TrainConfig:
             initial standard deviation of that, as a share of offset (selection only).
         budget: solves per episode (refinement only).
         tensorboard: write its logs, too.
-        method: "ppo", or for selection "paired", with the settings of its name; it has no use for
-            envs, workers, base, offset and spread.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -104,9 +76,7 @@ class TrainConfig:
     budget: Annotated[int, Field(ge=1)] = 200
     evaluate_every: Annotated[int, Field(ge=1)] = 10_240
     tensorboard: bool = False
-    method: Literal["ppo", "paired"] = "ppo"
     ppo: PpoSettings = field(default_factory=PpoSettings)
-    paired: PairedSettings = field(default_factory=PairedSettings)
     robot: str | None = None
     terrain: str | None = None
     legs: tuple[str, ...] | None = None
@@ -117,8 +87,6 @@ class TrainConfig:
                 f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for "
                 "both"
             )
-        if self.method == "paired" and not self.environment.endswith("EnvelopeSelection-v0"):
-            raise InvalidInput(f"method: expected ppo for {self.environment}, got paired")
         _ = self.kind  # refuses unknown distributions
 
     @classmethod
@@ -151,6 +119,6 @@ class TrainConfig:
 
     @property
     def segment(self) -> int:
-        """Steps between evaluations: whole rollouts, or updates."""
-        rollout = self.ppo.rollout * self.envs if self.method == "ppo" else self.paired.steps
+        """Steps between evaluations: whole rollouts."""
+        rollout = self.ppo.rollout * self.envs
         return -(-self.evaluate_every // rollout) * rollout

@@ -146,15 +146,6 @@ class Answer(Generic[S]):
         text = self.message or ("" if self.report is None else self.report.message)
         return f"Answer({self.status.value} by {self.method}{': ' if text else ''}{text})"
 
-    def _repr_html_(self) -> str:
-        """HTML that a notebook shows."""
-        from .html import status_html
-
-        parts = [part for part in (self.solution, self.report) if part is not None]
-        status = status_html(self.status.value, self.method, self.message)
-        shown = (getattr(part, "_repr_html_", None) for part in parts)  # a crossing has none
-        return status + "".join(html() for html in shown if html is not None)
-
     @property
     def sets(self) -> Sets | None:
         """The sets of the robot's legs that a course is over; None for a robot without legs, or

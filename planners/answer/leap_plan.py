@@ -88,19 +88,6 @@ class LeapPlan:
         count, legs = len(self.forces_n), ", ".join(self.problem.robot.limb_names)
         return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
 
-    def _repr_html_(self) -> str:
-        """HTML that a notebook shows: the first stance over the patches that are taken, and the way
-        of the body.
-        """
-        from .html import stance_html
-
-        problem, first = self.problem, self.problem.holds[0]
-        patches = [problem.patch(p, self.choice).vertices_m for p in range(len(problem.footholds))]
-        stands = first >= 0
-        return stance_html(
-            repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m
-        )
-
     @property
     def later(self) -> dict[str, Array]:
         """The numbers of ``LATER`` that there are, by name."""

@@ -96,19 +96,6 @@ class Plan:
         )
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
 
-    def _repr_html_(self) -> str:
-        """HTML that a notebook shows: the first stance over the patches that are taken, and the way
-        of the body.
-        """
-        from .html import stance_html
-
-        problem, first = self.problem, self.problem.holds[0]
-        patches = [problem.patch(p, self.choice).vertices_m for p in range(len(problem.footholds))]
-        stands = first >= 0
-        return stance_html(
-            repr(self), patches, self.toes_m[first[stands]], self.forces_n[0][stands], self.com_m
-        )
-
     @classmethod
     def of_posture(
         cls,

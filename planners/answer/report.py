@@ -212,22 +212,6 @@ class Report(Generic[S]):
     def __repr__(self) -> str:
         return f"Report({self.message})"
 
-    def _repr_html_(self) -> str:
-        """HTML that a notebook shows."""
-        from .html import MOST_ROWS, groups_html
-
-        rows = (
-            (
-                group.name,
-                group.verdict,
-                f"{group.value:.3g} of {group.limit:.3g} {group.unit}",
-                group.where,
-                group.message,
-            )
-            for group in self.groups[:MOST_ROWS]
-        )
-        return groups_html(self.message, rows)
-
     @property
     def accepted(self) -> bool:
         """No group is violated, and there was something to check."""

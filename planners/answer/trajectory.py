@@ -121,18 +121,6 @@ class Trajectory:
         over = f" over {self.terrain.name}" if self.terrain.name else ""
         return f"Trajectory({self.robot.name}{over}: {self.duration_s:.3g} s in {self.samples} samples)"
 
-    def _repr_html_(self) -> str:
-        """HTML that a notebook shows: where feet stand, what they carry at the middle, and the way
-        of the torso.
-        """
-        from .html import mark, stance_html
-
-        middle, step = self.samples // 2, max(1, self.samples // 100)
-        stands = self.contact[middle]
-        marks = [mark(place) for place in self.feet_m[::step][self.contact[::step]]]
-        toes, forces = self.feet_m[middle][stands], self.forces_n[middle][stands]
-        return stance_html(repr(self), marks, toes, forces, self.torso_m[::step])
-
     @property
     def samples(self) -> int:
         """K, how many samples there are."""

@@ -6,18 +6,15 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable, Hashable
 from typing import Any, Literal, Protocol, TypeVar, cast, get_args, runtime_checkable
 
 from ..files.arrays import checked_choice
-from .moreau_solver import Device, MoreauSolver, check_device
 from .rows import Reference, Rows
 
 T = TypeVar("T")
-Engine = Literal["rows", "cvxpy", "moreau", "moreau-cpu"]
+Engine = Literal["rows", "cvxpy"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
-DEVICES: Mapping[Engine, Device] = MappingProxyType({"moreau": "cuda", "moreau-cpu": "cpu"})
 MOST = 64
 """Programs that are kept; a long course over many candidates takes some megabytes."""
 
@@ -45,17 +42,11 @@ class Programs:
 
     Arguments:
         engine: "rows" solves programs as they are written; "cvxpy" solves their readable reference
-            in their place; "moreau" solves as they are written, and where many problems are asked
-            about together, those on a CUDA device ("moreau-cpu": on the processor).
-
-    Raises:
-        InvalidInput: where that is not there.
+            in their place.
     """
 
     def __init__(self, most: int = MOST, *, engine: Engine = "rows") -> None:
         checked_choice(engine, "engine", ENGINES)
-        if engine in DEVICES:
-            check_device(DEVICES[engine])
         self._most, self.engine = most, engine
         self._kept: OrderedDict[Hashable, object] = OrderedDict()
 
@@ -72,8 +63,6 @@ class Programs:
             made = self._kept[name] = make(*key)
             if self.engine == "cvxpy" and isinstance(made, Written):
                 made.rows.solve_instead(made.reference)
-            if self.engine in DEVICES and isinstance(made, Written):
-                made.rows.solve_together(MoreauSolver(made.rows, DEVICES[self.engine]).solve_all)
             if len(self._kept) > self._most:
                 self._kept.popitem(last=False)
         return cast(T, made)

@@ -65,7 +65,6 @@ class Rows(Generic[D]):
         self._constants: list[Fill[D]] = []
         self._solver: clarabel.DefaultSolver | None = None
         self._reference: Callable[[D], Reference] | None = None
-        self._together: Callable[[Sequence[D]], list[ConicSolution]] | None = None
         self.columns: dict[str, Index] = {}
         self.groups: dict[str, Index] = {}
         self.shape = (0, 0)
@@ -145,10 +144,6 @@ class Rows(Generic[D]):
         """
         self._reference = reference
 
-    def solve_together(self, solver: Callable[[Sequence[D]], list[ConicSolution]]) -> None:
-        """From now on ``solve_all`` asks a solver of batches; ``solve`` stays as it is."""
-        self._together = solver
-
     def solve(self, data: D) -> ConicSolution:
         """Solve for this problem, by the kept solver with its numbers updated, or by a new one.
 
@@ -190,24 +185,6 @@ class Rows(Generic[D]):
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )
-
-    def solve_all(
-        self, data: Sequence[D], doubtful: Callable[[ConicSolution], bool]
-    ) -> list[ConicSolution]:
-        """``solve`` of each, one by one, or together by what ``solve_together`` was given.
-
-        Arguments:
-            doubtful: which answers of a batch are asked for again of ``solve``, as those that
-                failed are.
-        """
-        if self._together is None:
-            return [self.solve(one) for one in data]
-        pairs = zip(data, self._together(data), strict=True)
-        again = ConicStatus.FAILED
-        return [
-            self.solve(one) if answer.status is again or doubtful(answer) else answer
-            for one, answer in pairs
-        ]
 
     def constant(self, data: D) -> float:
         """Constant part of the objective."""

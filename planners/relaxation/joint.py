@@ -33,7 +33,7 @@ from .envelope import Envelope
 from .envelope_rows import envelope_rows
 from .least_gap import least_gap
 from .margin_gradient import margin_gradient
-from .relaxed import RelaxationAnswer, Relaxed, doubtful
+from .relaxed import RelaxationAnswer, Relaxed
 
 MARGIN_PRICE = 10.0
 """Price of the margin, in units of the squared gap: the answer leaves the envelope only where it
@@ -138,18 +138,13 @@ class JointRelaxation:
     def solve_each(
         self, scaled: Sequence[Scaled], boxes: Sequence[Envelope], at: Sequence[Array]
     ) -> list[RelaxationAnswer]:
-        """``solve`` of one box and one point per problem, all solved as ``Rows.solve_all`` does.
+        """``solve`` of one box and one point per problem.
 
         Arguments:
             at: no points stand for the middles of the boxes.
         """
         about: Sequence[Array | None] = at or [None] * len(scaled)
-        data = [self._given(*one) for one in zip(scaled, boxes, about, strict=True)]
-        solved = self.rows.solve_all(data, doubtful)
-        return [
-            self._answer(solution, program_data)
-            for solution, program_data in zip(solved, data, strict=True)
-        ]
+        return [self.solve(*one) for one in zip(scaled, boxes, about, strict=True)]
 
     def _given(self, scaled: Scaled, box: Envelope, at: Array | None) -> Boxed:
         about = (

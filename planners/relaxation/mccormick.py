@@ -35,7 +35,7 @@ from .boxed import Boxed as Boxed
 from .envelope import Envelope
 from .envelope_rows import envelope_rows
 from .margin_gradient import margin_gradient
-from .relaxed import DualBound, RelaxationAnswer, Relaxed, doubtful
+from .relaxed import DualBound, RelaxationAnswer, Relaxed
 
 Axes = Literal["contact", "world"]
 
@@ -185,19 +185,11 @@ class McCormick:
     def solve_any_of_each(
         self, scaled: Sequence[Scaled], envelopes: Sequence[Sequence[Envelope]]
     ) -> list[RelaxationAnswer]:
-        """``solve_any`` of every problem, all that is asked about solved as ``Rows.solve_all``
-        does.
-        """
+        """``solve_any`` of every problem."""
         if not all(envelopes):
             raise InvalidInput("envelopes: expected one or more, got none")
-        data = [
-            Boxed(one, boxes=(box,))
-            for one, boxes in zip(scaled, envelopes, strict=True)
-            for box in boxes
-        ]
-        solved = iter(self.rows.solve_all(data, doubtful))
         return [
-            _best([self._answer(next(solved), one) for _ in boxes])
+            _best([self.solve(one, box) for box in boxes])
             for one, boxes in zip(scaled, envelopes, strict=True)
         ]
 

@@ -16,8 +16,6 @@ from ..files.arrays import Array
 
 FEASIBLE_MARGIN = 1e-7
 """A margin up to this counts as feasible: the solver's own tolerance."""
-NEAR = 1e-6
-"""Solvers differ about a margin by less."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -180,13 +178,6 @@ class DualBound:
     rows: Array | None = None
     slope: Array | None = None
     constant: float = 0.0
-
-
-def doubtful(solution: ConicSolution) -> bool:
-    """Tell whether the margin is so near to where it counts as feasible that another solver could
-    say otherwise.
-    """
-    return solution.solved and abs(float(solution.value("margin")[0]) - FEASIBLE_MARGIN) < NEAR
 
 
 def unit_shares(scaled: Scaled, weights: Array) -> Array:

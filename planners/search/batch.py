@@ -3,8 +3,7 @@ are canonical.
 
 A feasible problem is answered with one posture that follows from the problem alone (``canonical``),
 whoever else is in the batch and whatever found the problem feasible. The cheapest goes first: a
-short iteration, proposed proofs and postures, the lift's certificate, a long iteration, branch and
-bound.
+short iteration, the lift's certificate, a long iteration, branch and bound.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ from ..problem import PostureBatch
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..verify import check_certificates
 from .canonical import LONG, SHORT, Index, gone_on, relaxed, with_toes
+from .cuts import LEAF
 from .exact import ExactPlanner
-from .proposals import LEAF, proved, witnessed
 from .witness import Iteration
 
 
@@ -46,26 +45,23 @@ def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Answer[Plan]]:
 
 
 def decide_all(planner: ExactPlanner, batch: PostureBatch, *, points: bool = False) -> Decided:
-    """Decide every problem as ``planner.solve`` does, with the same verdicts and with canonical
-    witnesses.
+    """Decide every problem as ``planner.solve`` does, with the same verdicts and certificates, and
+    with canonical witnesses.
 
-    Without proposers certificates are the same, too. ``residual_nm`` is NaN but where the search
-    decided; ``seconds`` are a share of what each stage took.
+    ``residual_nm`` is NaN but where the search decided; ``seconds`` are a share of what each stage
+    took.
 
     Arguments:
         points: whether the canonical points of P̄ of all that is infeasible, but not trivially, are
             looked for.
-
-    Raises:
-        InvalidInput: where the planner's proposers are for other problems.
     """
     work = _Batch(planner, batch)
     work.find(SHORT)
-    work.ask()
     work.refute()
     work.find(LONG)
     work.search()
-    work.relax(points)
+    if points:
+        work.relax()
     return Decided(outcomes=[work.answers[k] for k in range(len(batch))], relaxed=work.relaxed)
 
 
@@ -81,27 +77,6 @@ class _Batch:
         self._seconds = np.zeros(len(batch))
         self.answers: dict[int, Answer[Plan]] = {}
         self.relaxed: dict[int, Plan] = {}
-        self._proved: dict[int, tuple[Certificate, float]] = {}  # infeasible, but perhaps trivially
-
-    def ask(self) -> None:
-        """Answer what proposals settle, proofs first."""
-        proposer, accept = self._planner.proposers, self._accept
-        if proposer is None:
-            return
-        proposer.check_fits(self._batch.like)
-        begin, left = time.perf_counter(), self._left()
-        proofs = proved(proposer, self._batch.select(left), accept)
-        self._took(begin, left)
-        for k, (certificate, bound) in proofs.items():
-            if np.isinf(bound):
-                self._refuted(int(left[k]), certificate, bound, trivial=True)
-            else:
-                self._proved[int(left[k])] = (certificate, bound)
-        begin, left = time.perf_counter(), self._left()
-        postures = witnessed(proposer, self._batch.select(left), accept)
-        self._took(begin, left)
-        for k, (posture, off) in postures.items():
-            self._feasible(int(left[k]), posture, off)
 
     def find(self, steps: int) -> None:
         """Answer what the iteration finds until it has taken so many steps."""
@@ -122,7 +97,9 @@ class _Batch:
         chosen = [k for k in left.tolist() if self._lifts[k].bound > gap]
         certificates = [
             Certificate(
-                tree=LEAF, multipliers=self._lifts[k].multipliers[None], problem=self._problems[k]
+                tree=np.array([LEAF]),
+                multipliers=self._lifts[k].multipliers[None],
+                problem=self._problems[k],
             )
             for k in chosen
         ]
@@ -148,29 +125,18 @@ class _Batch:
         ).items():
             self.answers[k] = replace(self.answers[k], solution=posture, report=None, residual=off)
 
-    def relax(self, points: bool) -> None:
-        """Answer what a proposed proof refutes: trivial or not, a point of P̄ says, or else the
-        lift.
-        """
-        begin, proofs = time.perf_counter(), self._proved
-        of = list(proofs)
-        if points:
-            of += [
+    def relax(self) -> None:
+        """Find points of P̄ for what is infeasible, but not trivially."""
+        index = np.array(
+            [
                 k
                 for k, one in self.answers.items()
                 if one.certificate is not None and not one.details["trivial"]
-            ]
-        index = np.array(of, dtype=np.intp)
+            ],
+            dtype=np.intp,
+        )
         postures = relaxed(self._batch.select(index), tolerance=self._accept.tolerance)
         self.relaxed = {int(index[k]): posture for k, posture in postures.items()}
-        self._took(begin, index)
-        self._proved = {}
-        for k, (certificate, bound) in proofs.items():
-            if k in self.relaxed:
-                self._refuted(k, certificate, bound, trivial=False)
-        self.refute()
-        for k in self._left().tolist():
-            self._refuted(k, *proofs[k], trivial=False)
 
     def _feasible(self, k: int, posture: Plan, off: float) -> None:
         self.answers[k] = Answer(
@@ -188,10 +154,8 @@ class _Batch:
         )
 
     def _left(self) -> Index:
-        left = (
-            k for k in range(len(self._batch)) if k not in self.answers and k not in self._proved
-        )
-        return np.array(list(left), dtype=np.intp)
+        left = [k for k in range(len(self._batch)) if k not in self.answers]
+        return np.array(left, dtype=np.intp)
 
     def _told(self, k: int, *, nodes: float, trivial: bool = False) -> dict[str, Any]:
         """Fields of every answer before the search."""

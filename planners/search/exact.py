@@ -44,7 +44,6 @@ from .choice import LEAST, ChoiceSearch
 from .clock import Clock
 from .cuts import CutSearch, bent_patches, branch
 from .least_steps import over_sides
-from .proposals import Proposer
 from .two_stage import TwoStagePlanner, decide
 
 GAP = 1e-3
@@ -62,8 +61,6 @@ class ExactPlanner(TimeLimited):
         gap: of courses, relative.
         max_nodes: where to stop; ``NODES`` where None.
         max_solves, time_limit_s: likewise; of courses the bound is then what is proved so far.
-        proposers: asked before any solver, and decided on by the verifier, where posture problems
-            come in batches (``batch``); one problem alone is solved sooner than they are asked.
     """
 
     name = "exact"
@@ -77,7 +74,6 @@ class ExactPlanner(TimeLimited):
         max_solves: int | None = None,
         time_limit_s: float | None = None,
         programs: Programs | None = None,
-        proposers: Proposer | None = None,
     ) -> None:
         if time_limit_s is not None and not time_limit_s >= 0.0:
             raise InvalidInput(
@@ -90,7 +86,6 @@ class ExactPlanner(TimeLimited):
         self.max_nodes, self.max_solves = max_nodes, max_solves
         self.time_limit_s = time_limit_s
         self.programs = programs or Programs()
-        self.proposers = proposers
 
     def check(self, kind: Kind) -> None:
         """Raise InvalidInput for a setting that this kind of question has no use for."""

@@ -42,13 +42,6 @@ def _mujoco(moved: Moved, path: Path) -> None:
     write_bytes(path, mjcf_of(moved).encode())
 
 
-def _rerun(moved: Moved, path: Path) -> None:
-    from .rerun_log import write_rerun
-
-    with replaced(path) as temporary:
-        write_rerun(moved, temporary)
-
-
 def _foxglove(moved: Moved, path: Path) -> None:
     from .foxglove import layout_of, write_mcap
 
@@ -79,7 +72,6 @@ FORMATS: Mapping[str, Format] = {
     ),
     "mujoco": Format(suffixes=(".xml",), joints=True, write=_mujoco),
     "reference": Format(suffixes=(".npz",), joints=True, write=_reference),
-    "rerun": Format(suffixes=(".rrd",), joints=False, write=_rerun),
     "foxglove": Format(suffixes=(".mcap",), joints=False, write=_foxglove),
 }
 """By the name that ``export --to`` takes."""

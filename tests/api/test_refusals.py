@@ -14,7 +14,6 @@ import pytest
 
 import stancekit
 import stancekit.envs
-from stancekit.envs.curriculum import Curriculum
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.search.exact import ExactPlanner
 
@@ -72,7 +71,7 @@ PLAN: list[tuple[str, dict[str, Any]]] = [
     ("frames", {"frames": 2.0}),
     ("frames", {"frames": True}),
     ("reserve", {"reserve": "no"}),
-    ("engine", {"engine": "moreau"}),
+    ("engine", {"engine": "mosek"}),
 ]
 OTHERS: list[tuple[str, Callable[[], Any]]] = [
     ("rng", lambda: stancekit.sample("wall-3", rng=1.5)),
@@ -105,8 +104,6 @@ ENVIRONMENTS: list[tuple[str, str, dict[str, Any]]] = [
     ("weights.agreement", SELECTION, {"weights": {"agreement": float("nan")}}),
     ("weights", SELECTION, {"weights": 1.0}),
     ("weights", SELECTION, {"weights": [1.0, 0.5]}),
-    ("backend", SELECTION, {"backend": "mosek"}),
-    ("backend", SELECTION, {"backend": None}),
     ("relaxation", SELECTION, {"relaxation": "p2"}),
     ("projections", SELECTION, {"projections": "fix-p"}),
     ("projections", SELECTION, {"projections": [3]}),
@@ -174,14 +171,6 @@ BATCHES: list[tuple[str, dict[str, Any]]] = [
     ("problm", {"problm": "ground-3"}),
     ("render_mode", {"render_mode": "human"}),
 ]
-CURRICULA: list[tuple[str, dict[str, Any]]] = [
-    ("families", {"families": "stairs"}),
-    ("target", {"target": "high"}),
-    ("step", {"step": 0.0}),
-    ("level", {"level": 2.0}),
-    ("patience", {"patience": "4"}),
-    ("weights.x", {"weights": {"x": 1.0}}),
-]
 RESETS: list[tuple[str, str, dict[str, Any]]] = [
     ("seed", SELECTION, {"seed": 1.5}),
     ("seed", SELECTION, {"seed": -1}),
@@ -210,7 +199,7 @@ def refused(begins: str, call: Callable[[], Any]) -> None:
 
 
 def test_there_are_more_than_a_hundred():
-    lists = (SOLVE, PLAN, OTHERS, ENVIRONMENTS, BATCHES, CURRICULA, RESETS)
+    lists = (SOLVE, PLAN, OTHERS, ENVIRONMENTS, BATCHES, RESETS)
     assert sum(map(len, lists)) > 100
 
 
@@ -252,11 +241,9 @@ def test_environments_refuse_when_they_are_made(name, tmp_path, monkeypatch):
         refused(begins, lambda options=options: gym.make(name, **options))
 
 
-def test_a_batch_and_a_curriculum_refuse_when_they_are_made():
+def test_a_batch_refuses_when_it_is_made():
     for begins, options in BATCHES:
         refused(begins, lambda options=options: gym.make_vec(SELECTION, num_envs=2, **options))
-    for begins, options in CURRICULA:
-        refused(begins, lambda options=options: Curriculum(**{"families": ["stairs"], **options}))
 
 
 def test_a_reset_refuses_what_it_does_not_know():

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from stancekit.cli.main import main
-from stancekit.envs.curriculum import Curriculum
 from stancekit.planners.formats.trajectory_file import check_file
 from stancekit.planners.plugins import Registry
 from stancekit.planners.terrain import families, reference
@@ -115,12 +114,6 @@ def test_key_frames_go_over_any_ground_by_its_name(stancekit):
 )
 def test_what_is_no_ground_is_refused_in_one_line(asked, words, refusal):
     assert refusal(*asked).startswith(words)
-
-
-def test_a_curriculum_goes_over_smooth_ground_too():
-    env = Curriculum(["rough", "ramps"], level=0.3)
-    assert env.reset(seed=0)[1]["level"] == 0.3
-    assert tuple(Curriculum().levels)[:7] == families.SCENES
 
 
 def test_a_function_of_x_and_y_is_a_family_for_key_frames_too(tmp_path, monkeypatch):

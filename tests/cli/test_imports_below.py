@@ -155,7 +155,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "views.playground.walk_scenario",
         ),
     },
-    "proposers": {TOOL: ("envs.distributions.postures", "learners.proposers.training")},
     "replay": {TOOL: ("runner.log",), DRAWS: ("views.sheet", "views.tracking_plot")},
     "robot": {
         TOOL: (

@@ -22,7 +22,7 @@ WORDING = re.compile(
 )
 TOOLS = {"dev", "docs"}
 """Extras for working on the package, which no command needs."""
-LIBRARY = {"moreau", "evo", "tune"}
+LIBRARY = {"tune"}
 """Extras of the library alone; their modules have tests of their own."""
 CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "exact": (
@@ -33,7 +33,6 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("torch", "stable_baselines3", "safetensors"),
         (
             "train task.yaml",
-            "proposers wall-3 --out net.safetensors",
             "fit rows --method neural --out nn.safetensors",
         ),
     ),
@@ -83,7 +82,6 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("mcap",),
         ("run climb.json --log run.mcap", "replay run.mcap", "export climb.json --to foxglove"),
     ),
-    "rerun": (("rerun",), ("export climb.json --to rerun",)),
 }
 """By extra: the modules that are hidden, and commands that need one of them."""
 CLOUD = """# .PCD v0.7

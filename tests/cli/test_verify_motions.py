@@ -133,7 +133,7 @@ def test_exports_that_cannot_be_are_one_line(
     for arguments, line in (
         (
             (walk,),
-            "--to: expected one of csv, npz, jointtrajectory, mujoco, reference, rerun, foxglove, got none",
+            "--to: expected one of csv, npz, jointtrajectory, mujoco, reference, foxglove, got none",
         ),
         ((walk, "--to", "svg"), "--to: expected one of csv"),
         ((walk, "--to", "minari"), "expected the folder of a data set"),

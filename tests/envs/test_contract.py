@@ -17,7 +17,6 @@ from gymnasium.utils.env_checker import check_env
 
 import stancekit
 import stancekit.envs
-from stancekit.envs.curriculum import Curriculum
 from stancekit.envs.distributions.postures import GROUND_3
 
 IDS = sorted(name for name in gym.registry if name.startswith("stancekit/"))
@@ -139,17 +138,6 @@ def test_a_running_batch_is_copied_and_the_copy_goes_on_as_it_does(workers):
         assert same(its, rewards)
         other.close()
     envs.close()
-
-
-def test_a_running_curriculum_is_copied_and_the_copy_goes_on_as_it_does():
-    env = Curriculum(["stairs"], level=0.3, horizon=1)
-    env.reset(seed=0)
-    env.action_space.seed(1)
-    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    expected = steps(env, 2)
-    for other in copies:
-        assert same(steps(other, 2), expected)
-        assert other.levels == env.levels
 
 
 def test_a_copy_takes_the_state_of_a_distribution_of_a_file_with_it(tmp_path):

@@ -19,11 +19,11 @@ import stancekit
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.memoryless import MemorylessPolicy
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
-from stancekit.learners.selectors.terrain_rule import terrain_rule
 from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.posture import MAX_TILT_RAD
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.margins import stance_margins, verdict_yields_m
@@ -390,6 +390,25 @@ def test_the_experts_envelopes_are_those_of_the_selector(terrain):
     np.testing.assert_allclose(ours.envelopes[0].high, theirs.envelopes[0].high)
     assert ours.force_scale_n == pytest.approx(theirs.force_scale_n)
     np.testing.assert_allclose(ours.normals, theirs.normals, atol=0.1)
+
+
+def terrain_rule(observation):
+    """The rule of Lin et al. §IV-A: walking where all that carries the robot, and all that it may
+    stand on next, is ground; climbing where it is walls to the left and the right; else the lift.
+    """
+    limbs, horizon = observation["reach"].shape[-1], observation["path"].shape[-1] // 3
+    offered = observation["offered"] > 0.0
+    first = offered.reshape(*offered.shape[:-1], horizon, limbs, -1)[..., 0, :, :]
+    stays = ~first.any(axis=-1)  # the other toes leave before the body moves
+
+    def all_along(axis):
+        coming, under = (
+            np.abs(observation[name][..., axis::3]) >= np.cos(MAX_TILT_RAD)
+            for name in ("normals", "footing")
+        )
+        return (coming | ~offered).all(axis=-1) & (under | ~stays).all(axis=-1)
+
+    return np.where(all_along(2), WALKING, np.where(all_along(1), CLIMBING, LIFT))
 
 
 def test_the_terrain_rule_walks_on_ground_climbs_on_walls_and_leaves_the_change_to_the_lift():

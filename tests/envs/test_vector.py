@@ -10,7 +10,6 @@ from stancekit.envs.sampling import SampledScenes
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.planners.errors import InvalidInput, StancekitError
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
@@ -109,35 +108,6 @@ def test_reset_without_a_seed_goes_on(ours, history):
     assert_same(further, history[1][0])  # judging draws nothing
 
 
-@pytest.mark.parametrize("options", [{}, {"boxes": 2}, {"relaxation": "joint"}])
-def test_batches_by_moreau_have_the_verdicts_of_clarabel(options):
-    pytest.importorskip("moreau")
-    envs = [
-        EnvelopeSelectionVectorEnv(6, backend=backend, **options)
-        for backend in ("clarabel", "moreau-cpu")
-    ]
-    boxes, rng = options.get("boxes", 1), np.random.default_rng(2)
-    sampler = distribution("wall-3")
-    usual = heuristic_envelope("wall-3", [sampler.sample(rng) for _ in range(3)]).envelopes[0]
-    seen = [env.reset(seed=11)[0] for env in envs]
-    feasible = []
-    for _ in range(4):
-        moved = rng.uniform(-0.3, 0.3, (6, boxes, 3, 6))
-        ends = [np.concatenate([usual.low + moved, usual.high + moved], axis=2).reshape(6, -1)]
-        ends += [moved.reshape(6, -1)] if "relaxation" in options else []
-        actions = np.clip(np.concatenate(ends, axis=1), -1.0, 1.0).astype(np.float32)
-        (theirs, *_, one), (mine, *_, other) = (env.step(actions) for env in envs)
-        assert_same(mine, theirs)
-        for name in ("label", "p1_feasible", "chosen", "reward_agreement"):
-            np.testing.assert_array_equal(other["final_info"][name], one["final_info"][name])
-        np.testing.assert_allclose(
-            other["final_info"]["margin"], one["final_info"]["margin"], atol=1e-6
-        )
-        feasible.extend(one["final_info"]["p1_feasible"])
-    assert_same(*seen)
-    assert 0 < sum(feasible) < len(feasible)
-
-
 def test_listed_scenes_are_listed_to_every_sub_environment():
     source, rng = SampledScenes(distribution("wall-3")), np.random.default_rng(0)
     listed = ListedScenes([source.draw(rng) for _ in range(2)])
@@ -153,10 +123,6 @@ def test_listed_scenes_are_listed_to_every_sub_environment():
         ({"num_envs": 0}, "num_envs: expected 1 or more, got 0"),
         ({"num_envs": 2, "workers": 3}, "workers: expected 1 to 2, got 3"),
         ({"num_envs": 2, "render_mode": "human"}, "render_mode: expected one of"),
-        (
-            {"num_envs": 2, "backend": "mosek"},
-            "backend: expected one of clarabel, moreau, moreau-cpu, got 'mosek'",
-        ),
         ({"num_envs": 2, "problem": "ceiling-3"}, "distribution: expected one of"),
     ],
 )

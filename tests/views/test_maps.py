@@ -6,7 +6,7 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.conformal import fit_map
-from stancekit.views.maps import draw_map, draw_map_convergence
+from stancekit.views.maps import draw_map
 from stancekit.views.sheet import to_rgb
 
 FIELD = HeightField.from_function(
@@ -35,19 +35,3 @@ def test_a_map_is_drawn_with_its_figures(fits):
 def test_a_map_is_not_drawn_on_another_terrain(fits):
     with pytest.raises(InvalidInput, match="was made for another terrain"):
         draw_map(fits[0].map, FIELD.scaled(2.0), fits[0].report)
-
-
-def test_convergence_has_a_line_a_method_with_every_iteration(fits):
-    reports = [fit.report for fit in fits]
-    figure = draw_map_convergence(reports)
-    assert len(figure.axes) == 2
-    for axes in figure.axes:
-        lines = [line for line in axes.lines if len(line.get_xdata()) > 1]
-        assert [len(line.get_ydata()) for line in lines] == [
-            len(report.energy) for report in reports
-        ]
-        np.testing.assert_allclose(
-            lines[0].get_ydata(), reports[0].energy[:, 1] + reports[0].energy[:, 3]
-        )
-    with pytest.raises(InvalidInput, match="expected one or more, got none"):
-        draw_map_convergence([])

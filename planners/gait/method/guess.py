@@ -1,22 +1,15 @@
-"""Initial guesses: a straight walk that turns evenly and follows the terrain, one along key frames,
-perturbations.
-"""
+"""Initial guesses: a straight walk that turns evenly and follows the terrain, and perturbations."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import InvalidInput
 from ...files.arrays import Array
 from ..constraints.footing import sure_xy
 from ..variables.layout import NOTHING, Index
 from ..variables.structure import Structure
-
-if TYPE_CHECKING:
-    from ...warp.contact_plans import KeyFrames
 
 RAMP = 0.15
 """Share of the time in which a walk gets up to speed, and in which it slows down."""
@@ -32,35 +25,6 @@ def terrain_following(structure: Structure) -> Array:
     x, walk = np.zeros(structure.layout.size), GuessedWalk(structure)
     x[structure.layout.torso] = walk.torso_bar(structure.layout.torso_times_s)
     return _with_feet(x, structure, walk, walk.footholds)
-
-
-def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
-    """A decision vector whose torso goes over key frames' bodies and whose footholds are their
-    toes, shape (size,).
-
-    Time runs along the key frames as it runs along the path of the terrain-following guess, whose
-    swings and forces it has. Raises InvalidInput for a robot with other feet.
-    """
-    task, names, walk = structure.task, structure.task.robot.limb_names, GuessedWalk(structure)
-    if set(names) != set(frames.limbs):
-        raise InvalidInput(
-            f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}"
-        )
-
-    def footholds(number: int) -> Array:
-        phases = structure.layout.feet[number].phases
-        times = np.array([np.mean(phases.stance(index)) for index in range(phases.swings + 1)])
-        times[[0, -1]] = 0.0, task.duration_s
-        nearest = np.rint(walk.share(times) * (len(frames.toes_m) - 1)).astype(np.intp)
-        toes = frames.toes_m[
-            np.clip(nearest, 0, len(frames.toes_m) - 1), frames.limbs.index(names[number])
-        ]
-        return np.column_stack([toes[:, :2], task.terrain.height(toes[:, :2])])
-
-    x = np.array(terrain_following(structure))
-    torso = frames.com_at(walk.share(structure.layout.torso_times_s))
-    x[structure.layout.torso[:, :3]] = structure.chart.torso_bar(torso)
-    return _with_feet(x, structure, walk, footholds)
 
 
 def _with_feet(

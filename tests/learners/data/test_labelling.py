@@ -332,7 +332,7 @@ def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) 
     assert header.pop("witness") == "canonical/1"
     (tmp_path / "header.json").write_text(json.dumps(header))
     later = dict.fromkeys(("software", "witness", "robot", "speaks_of"), True)
-    later["plan"] = {"robot", "terrain", "proposers", "screen", "screen_error"}
+    later["plan"] = {"robot", "terrain", "screen", "screen_error"}
     before = ledger.read_header(tmp_path).model_dump_json(exclude=later)
     bare = hashlib.sha256(before.encode()).hexdigest()  # as the version without the key has it
     assert ledger.read_header(tmp_path).digest == bare

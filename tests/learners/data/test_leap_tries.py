@@ -431,8 +431,8 @@ def test_equal_plans_are_equal_whatever_the_sequence_of_their_tries() -> None:
         ),
         (
             "leap",
-            {"scenes": 1, "proposers": "a.safetensors"},
-            "proposers: expected none with leaps of leap, got ",
+            {"scenes": 1, "screen": "a.safetensors"},
+            "screen: expected none with leaps of leap, got ",
         ),
         ("wall-3", {"scenes": 1}, "scenes: expected none with postures, got 1"),
         ("wall-3", {"tries": {"rule": 1}}, "tries: expected none with postures, got "),

@@ -1,11 +1,8 @@
-"""Paper E's genetic algorithm: its operators, its repeatability, its checkpoints; and the baselines
-on its fitness.
-"""
+"""Paper E's genetic algorithm: its operators, its repeatability, its checkpoints."""
 
 from __future__ import annotations
 
 import builtins
-import importlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,9 +15,8 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.labelling import label
-from stancekit.learners.selectors import evolution
 from stancekit.learners.selectors.convergence import Generation
-from stancekit.learners.selectors.convergence_plot import draw_convergence
+from stancekit.learners.selectors.convergence_plot import draw_learned
 from stancekit.learners.selectors.feasibility import CachingOracle, SolvingOracle, VerdictCounts
 from stancekit.learners.selectors.genetic import (
     GeneticResult,
@@ -390,66 +386,19 @@ def test_fitting_a_data_set_says_how_it_was_done(dataset: Dataset, whole: Geneti
         fit_genetic(dataset.select(dataset.feasible), SMALL)
 
 
-@pytest.mark.parametrize(("search", "package"), [("evolve_cma", "cma"), ("evolve_nsga2", "pymoo")])
-def test_a_baseline_has_the_same_budget_and_repeats(
-    search: str,
-    package: str,
-    dataset: Dataset,
-    feasible: list[Scaled],
-    infeasible: list[Scaled],
-    programs: Programs,
-) -> None:
-    pytest.importorskip(package)
-    settings = GeneticSettings(population=10, generations=4, terrains=20, finalists=2, seed=4)
-    state = np.random.get_state()[1].copy()  # noqa: NPY002  (a package that seeds the global generator is found out)
-
-    def go(seed: int) -> GeneticResult:
-        oracle = CachingOracle([*feasible, *infeasible], programs)
-        run = getattr(evolution, search)
-        found: GeneticResult = run(
-            feasible, infeasible, dataset.points, replace(settings, seed=seed), oracle=oracle
-        )
-        return found
-
-    first, second, other = go(4), go(4), go(5)
-    np.testing.assert_array_equal(first.envelope.to_vector(), second.envelope.to_vector())
-    assert [g.mean for g in first.history] == [g.mean for g in second.history]
-    assert not np.array_equal(first.envelope.to_vector(), other.envelope.to_vector())
-    assert first.counts.total == 4 * 10 * 20 + 2 * 80
-    assert [g.evaluations for g in first.history] == [200] * 4
-    np.testing.assert_array_equal(np.random.get_state()[1], state)  # noqa: NPY002
-
-
-@pytest.mark.parametrize(("search", "package"), [("evolve_cma", "cma"), ("evolve_nsga2", "pymoo")])
-def test_a_missing_extra_is_named(
-    search: str,
-    package: str,
-    monkeypatch: pytest.MonkeyPatch,
-    dataset: Dataset,
-    feasible: list[Scaled],
-    infeasible: list[Scaled],
-) -> None:
-    def missing(name: str) -> Any:
-        raise ImportError(name)
-
-    monkeypatch.setattr(importlib, "import_module", missing)
-    with pytest.raises(InvalidInput) as caught:
-        getattr(evolution, search)(feasible, infeasible, dataset.points, SMALL)
-    assert (
-        str(caught.value)
-        == f'method: expected {package} for evolution, it is not installed: pip install "stancekit[evo]"'
-    )
-
-
 def test_the_picture_shows_mean_variance_and_best(whole: GeneticResult) -> None:
-    figure = draw_convergence({"GA": whole.history}, "wall-3")
+    notes = {
+        name: [getattr(done, name) for done in whole.history]
+        for name in ("mean", "variance", "best")
+    }
+    figure = draw_learned({"method": "ga", "notes": notes}, "wall-3")
     axes = figure.axes[0]
     mean, best = (line.get_ydata() for line in axes.lines[:2])
-    np.testing.assert_allclose(mean, [g.mean for g in whole.history])
-    np.testing.assert_allclose(best, [g.best for g in whole.history])
+    np.testing.assert_allclose(mean, notes["mean"])
+    np.testing.assert_allclose(best, notes["best"])
     band = axes.collections[0].get_paths()[0].vertices[:, 1]
     np.testing.assert_allclose(band.max(), max(g.mean + g.variance**0.5 for g in whole.history))
     assert axes.get_title(loc="left") == "wall-3"
     assert plt.get_fignums() == []
-    with pytest.raises(InvalidInput, match="expected one or more generations"):
-        draw_convergence({"GA": ()})
+    with pytest.raises(InvalidInput, match="expected mean, variance and best of the fitness"):
+        draw_learned({"method": "quantile"})

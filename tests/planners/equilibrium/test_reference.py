@@ -418,6 +418,6 @@ def test_a_projection_ends_on_the_same_residual_with_either_engine(scaled, near,
 def test_an_engine_that_there_is_not_is_refused():
     with pytest.raises(
         InvalidInput,
-        match=r"^engine: expected one of rows, cvxpy, moreau, moreau-cpu, got 'mosek'$",
+        match=r"^engine: expected one of rows, cvxpy, got 'mosek'$",
     ):
         Programs(engine="mosek")

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import stancekit
 from stancekit.envs.distributions.courses import perturbed
-from stancekit.learners.selectors.modes import learn_modes
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -35,8 +35,12 @@ SHORT = read_spec("ground-to-wall").model_copy(
 
 
 @pytest.fixture(scope="module")
-def modes(programs):
-    return learn_modes(rng=np.random.default_rng(0), count=120, programs=programs)
+def modes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("modes")
+    names = ("ground-3", "wall-3")
+    return stancekit.fit(
+        [stancekit.label(name, folder / name, rows=(120, 0)) for name in names], "modes"
+    )
 
 
 @pytest.fixture(scope="module")

@@ -886,7 +886,6 @@ def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
         "robot/shapes.py",
         "robot/walker.py",
         "answer/hindrance.py",
-        "answer/html.py",
         "answer/report.py",
         "verify/trajectory_whole_body.py",
     }

@@ -177,16 +177,6 @@ def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
     np.testing.assert_allclose(np.linalg.norm(held["body_quat_w"], axis=-1), 1.0, atol=1e-9)
 
 
-def test_rerun_reads_the_recording(moved: Moved, tmp_path: Path) -> None:
-    chunk = pytest.importorskip("rerun.chunk")
-    FORMATS["rerun"].write(moved, tmp_path / "walk.rrd")
-    rows = dict[str, int]()
-    for each in chunk.RrdReader(str(tmp_path / "walk.rrd")).stream().to_chunks():
-        rows[str(each.entity_path)] = rows.get(str(each.entity_path), 0) + each.num_rows
-    assert rows["/world/body"] == rows[f"/q/{moved.table.joints[0]}"] == len(moved.table.time_s)
-    assert not [path.name for path in tmp_path.iterdir() if path.suffix != ".rrd"]
-
-
 def test_mcap_and_ros_read_the_log(moved: Moved, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     typesys = pytest.importorskip("rosbags.typesys")
@@ -232,7 +222,6 @@ def test_a_name_beside_the_input_is_none_of_its_own(tmp_path: Path) -> None:
         "jointtrajectory": "walk.jointtrajectory.json",
         "mujoco": "walk.xml",
         "reference": "walk.reference.npz",
-        "rerun": "walk.rrd",
         "foxglove": "walk.mcap",
     }
 

@@ -1,1 +1,0 @@
-"""Networks that propose witnesses and proofs, which the verifier decides on."""
