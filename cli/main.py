@@ -65,7 +65,6 @@ COMMANDS = {
     "map": "MapTerrain",
     "run": "RunMotion",
     "replay": "Replay",
-    "emulate": "Emulate",
     "robot": "ShowRobot",
     "warp": "Warp",
     "gait": "PlanGait",
