@@ -5,12 +5,11 @@ simulation, by file.
 from __future__ import annotations
 
 import tempfile
-import threading
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from unittest import mock
 
 import numpy as np
@@ -20,15 +19,18 @@ from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.run import Runner
 from stancekit.runner.safety.latch import StopLatch, Stopped
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
+from stancekit.runner.worlds.ros.driver import RosWorld
+from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
-from tests.emulators.bus_faults import BusFaults, spoiled
+from tests.emulators import rosbridge
+from tests.emulators.devices import DeviceProcess, bus_process
 from tests.emulators.memory_world import MemoryWorld
 from tests.emulators.slipping import SlippingWorld
+from tests.emulators.wrong_calibration import spoiled
 
 OF_BUS = (
     "silent servo",
@@ -37,10 +39,12 @@ OF_BUS = (
     "overload",
     "power loss",
     "cable pulled",
-    "wrong calibration",
 )
+WRONG_CALIBRATION = "wrong calibration"
 OF_HOST = ("nan command", "limit exceeded", "slow host", "clock jump")
-FAULTS = (*OF_BUS, *OF_HOST, "plan edited", "friction lost", "rosbridge gone")
+OF_BRIDGE = tuple(f"rosbridge: {kind}" for kind in rosbridge.FAULTS if kind != "rejects goals")
+"""Commands are streamed, and no goals."""
+FAULTS = (*OF_BUS, WRONG_CALIBRATION, *OF_HOST, "plan edited", "friction lost", *OF_BRIDGE)
 BEGIN_S, LATEST_S = 0.9, 2.0
 """While limbs lift, swing and are put down."""
 CYCLE_S = 0.02
@@ -92,9 +96,9 @@ def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
     joints = joint_names(accepted.plan.problem.robot)
     start = first_pose(accepted)
-    with BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus:
-        calibration = resting(joints, start, bus.path)
-        if kind == "wrong calibration":
+    with bus_process(start, int(rng.integers(1 << 30))) as bus:
+        calibration = resting(joints, start, bus.where["path"])
+        if kind == WRONG_CALIBRATION:
             calibration, _ = spoiled(calibration, rng)
         runner = FaultyRunner(
             DynamixelWorld(accepted.plan.problem.robot, calibration),
@@ -119,12 +123,12 @@ def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict
         }
 
 
-def host_fault(kind: str, bus: BusProcess) -> Callable[[Array], Array]:
+def host_fault(kind: str, bus: DeviceProcess) -> Callable[[Array], Array]:
     """What goes wrong, by kind; whatever is the bus's own is injected there."""
 
     def act(targets: Array) -> Array:
-        if kind in OF_BUS and kind != "wrong calibration":
-            BusFaults(bus).inject(kind, 0.0)
+        if kind in OF_BUS:
+            bus.inject(kind)
         elif kind == "nan command":
             targets = np.where(np.arange(len(targets)) == 7, np.nan, targets)
         elif kind == "limit exceeded":
@@ -207,20 +211,24 @@ def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
-    """The rosbridge goes away."""
-    from stancekit.runner.emulators.rosbridge import RosBridge
-    from stancekit.runner.worlds.ros.driver import RosWorld
-    from stancekit.runner.worlds.ros.setup import same_names
-
+def behind_rosbridge(
+    kind: str, path: Path, ending: Any, ros: Literal[1, 2], rng: np.random.Generator
+) -> dict[str, Any]:
+    """A fault of an emulated robot behind a rosbridge."""
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
     robot = accepted.plan.problem.robot
     joints = joint_names(robot)
-    with RosBridge(joints, first_pose(accepted)) as bridge:
-        setup = same_names(joints, port=bridge.port)
+    with rosbridge.RosBridge(joints, first_pose(accepted), ros=ros) as bridge:
+        setup = same_names(
+            joints,
+            port=bridge.port,
+            ros=ros,
+            estop="/e_stop",
+            controller_manager="/controller_manager",
+        )
 
-        def gone(targets: Array) -> Array:
-            threading.Thread(target=bridge.inject, args=("rosbridge gone",)).start()
+        def happen(targets: Array) -> Array:
+            bridge.inject(kind.removeprefix("rosbridge: "))
             return targets
 
         runner = FaultyRunner(
@@ -228,7 +236,7 @@ def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, A
             dry=False,
             settings=RunSettings(hung=True, ending=ending),
             at_s=at_s,
-            fault=gone,
+            fault=happen,
         )
         found = outcome(runner, accepted)
         stop = (

@@ -32,12 +32,11 @@ from stancekit.cli.main import main as command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
-from tests.emulators.bridge_process import BridgeProcess
+from tests.emulators.devices import DeviceProcess, bridge_process, bus_process
 
 SIGNALS = {
     name: getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1")
@@ -67,7 +66,6 @@ CYCLE_S = 0.02
 ARMING_S, FIRST_S, LATEST_S = 0.05, 1.0, 2.5
 FROZEN_S, SETTLE_S, LIMIT_S = 1.0, 0.5, 40.0
 STILL_RAD_S = 0.02
-Device = BusProcess | BridgeProcess
 
 
 @dataclass
@@ -196,7 +194,7 @@ def stopped(
     ros = kind in BY_ROS
     with (
         tempfile.TemporaryDirectory() as name,
-        BridgeProcess(path) if ros else BusProcess(start.tolist()) as device,
+        bridge_process(path) if ros else bus_process(start) as device,
     ):
         folder = Path(name)
         arguments = [
@@ -215,19 +213,22 @@ def stopped(
             "--stop-file",
             str(folder / "stop"),
         ]
-        topic = BridgeProcess(path) if kind in TOPIC else None
+        topic = bridge_process(path) if kind in TOPIC else None
         if topic is not None:
-            arguments += ["--stop-topic", f"127.0.0.1:{topic.port}/e_stop"]
-        if isinstance(device, BridgeProcess):
+            arguments += ["--stop-topic", f"127.0.0.1:{topic.where['port']}/e_stop"]
+        if ros:
             setup = same_names(
-                joints, port=device.port, estop="/e_stop", controller_manager="/controller_manager"
+                joints,
+                port=device.where["port"],
+                estop="/e_stop",
+                controller_manager="/controller_manager",
             )
             setup.write(folder / "setup.yaml")
             device.inject(
                 "controller off"
             )  # as it is found, so that an interrupted arming must leave it
         else:
-            resting(joints, start, device.path).write(folder / "setup.yaml")
+            resting(joints, start, device.where["path"]).write(folder / "setup.yaml")
         host = forked(kind, arguments, folder / "errors")
         try:
             begun_s = host.said("arming")
@@ -247,8 +248,8 @@ def stopped(
 def inject(
     kind: str,
     host: Host,
-    device: Device,
-    topic: Device | None,
+    device: DeviceProcess,
+    topic: DeviceProcess | None,
     folder: Path,
     rng: np.random.Generator,
 ) -> None:

@@ -8,10 +8,9 @@ The runner runs one step of the course ``walls``, and the fault happens while th
 of the host and of the bus happen on 24 emulated servos in a process of their own, the robot hung in
 a stand, at 50 Hz; half of the runs end in hold, half in torque off. A plan is edited by flipping
 one bit of one of its two files, and handed to servos in memory. Feet slip in MuJoCo: all surfaces
-lose 60 % of their friction. The rosbridge is an emulated one. Stops from outside (``stop_runs``)
-come from another process at random times, half of them while the robot is armed, to the command
-``stancekit run`` itself. ``bus_faults`` looks at the same faults of a bus from closer by, at the
-driver alone.
+lose 60 % of their friction. Faults of a rosbridge, and of what is behind it, happen on an emulated
+one, half of them of ROS 1. Stops from outside (``stop_runs``) come from another process at random
+times, half of them while the robot is armed, to the command ``stancekit run`` itself.
 
 stop: from the fault until the ending was done, in simulation in simulated time; of stops from
 outside, until the latch. after: commands that the device, the emulated robot or the simulation got
@@ -37,7 +36,7 @@ from typing import Any
 
 import numpy as np
 from _bench import Options, launch, realtime
-from _fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
+from _fault_runs import FAULTS, OF_BRIDGE, behind_rosbridge, edited, first_pose, on_bus, slipped
 from _stop_runs import STOPS, stopped
 
 from stancekit.planners.files.arrays import Array
@@ -102,8 +101,8 @@ def once(kind: str, path: Path, index: int, rng: np.random.Generator) -> dict[st
         return edited(path, rng)
     if kind == "friction lost":
         return slipped(path, rng)
-    if kind == "rosbridge gone":
-        return bridgeless(path, ending, rng)
+    if kind in OF_BRIDGE:
+        return behind_rosbridge(kind, path, ending, (2, 1)[index // 2 % 2], rng)
     return on_bus(kind, path, ending, rng)
 
 

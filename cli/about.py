@@ -18,9 +18,8 @@ class About:
     figures are compared.
 
     Prints the version, Python, every extra with the versions of its packages and the command that
-    installs a missing one, the library that draws films, the number of cores, the CPU time of 1,000
-    cold solves of one cone program beside that of the documentation's computer, and whether an
-    emulated bus of 24 servos keeps up here.
+    installs a missing one, the library that draws films, the number of cores, and the CPU time of
+    1,000 cold solves of one cone program beside that of the documentation's computer.
 
       stancekit about
       stancekit about --json
@@ -69,18 +68,6 @@ def _lines(found: dict[str, Any]) -> list[str]:
         lines.append(
             f"speed      1,000 cold solves in {found['solves_s']:.2f} CPU-s, {ratio:.2f} times the "
             f"{DOCUMENTED_S:g} of the documentation's computer"
-        )
-    if (bus := found["bus"]) is not None:
-        verdict = (
-            "keeps up"
-            if bus["keeps_up"]
-            else "does NOT keep up: stop other work before a run on it"
-        )
-        lines.append(
-            f"servo bus  emulated at {bus['time_share']:.0%} of its pace; answers in "
-            f"{1e3 * bus['usual_s']:.1f} ms, "
-            f"{1e3 * bus['worst_s']:.1f} at most, with a period of {1e3 * bus['period_s']:g}: "
-            f"{verdict}"
         )
     return lines
 

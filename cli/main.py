@@ -64,7 +64,6 @@ COMMANDS = {
     "map": "MapTerrain",
     "run": "RunMotion",
     "replay": "Replay",
-    "emulate": "Emulate",
     "robot": "ShowRobot",
     "warp": "Warp",
     "gait": "PlanGait",

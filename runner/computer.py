@@ -9,7 +9,6 @@ import platform
 import sys
 from collections.abc import Callable
 from ctypes.util import find_library
-from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ def about(
         progress: called with the steps done, their number, and the name of the next.
 
     Returns:
-        Plain values by name; solves_s [s] and bus are None where nothing was measured.
+        Plain values by name; solves_s [s] is None where nothing was measured.
     """
     record: dict[str, Any] = {
         "stancekit": version("stancekit"),
@@ -43,20 +42,13 @@ def about(
         "cores": cores(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0,
         "solves_s": None,
-        "bus": None,
     }
     if measure:
         from stancekit.planners.equilibrium.yardstick import yardstick
 
-        progress(0, 2, "1,000 cold solves")
+        progress(0, 1, "1,000 cold solves")
         record["solves_s"] = yardstick()
-        progress(1, 2, "an emulated servo bus")
-        if sys.platform != "win32":  # it has no pseudo-terminals
-            from .emulators.bus_process import bus_pace
-
-            pace = bus_pace()
-            record["bus"] = asdict(pace) | {"keeps_up": pace.keeps_up}
-        progress(2, 2, "done")
+        progress(1, 1, "done")
     return record
 
 

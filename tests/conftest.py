@@ -30,7 +30,7 @@ settings.register_profile("the same examples in every run", derandomize=True, de
 settings.load_profile("the same examples in every run")
 
 
-REAL_TIME = ("tests/runner/", "tests/cli/test_run.py", "tests/cli/test_emulate_bus.py")
+REAL_TIME = ("tests/runner/", "tests/cli/test_run.py", "tests/emulators/")
 """Tests of hosts and robots that have milliseconds to answer each other."""
 LATE_S, TRIES = 0.03, 3
 """A test of these that fails while the computer kept a thread waiting for longer says nothing: it

@@ -25,8 +25,6 @@ ALONE = {
     "same_answers.py": "is run by other checkouts, which have another harness",
     "anymal_reach.py": "prints what a robot's file says",
     "anymal_urdf.py": "writes a robot's file",
-    "build_ros1.py": "builds what is run",
-    "ros_nodes.py": "is a node, which another script starts",
     "stands.py": "has a command a table; each is of the harness",
 }
 """Scripts that are not launched by the harness, and why."""
@@ -51,7 +49,7 @@ def test_scripts_are_launched_by_the_harness() -> None:
     others = {name for name, text in SCRIPTS.items() if "launch(" not in text}
     assert others == set(ALONE)
     parsed = {name for name, text in SCRIPTS.items() if "argparse" in text}
-    assert parsed <= {"ros_nodes.py"}
+    assert parsed == set()
 
 
 @pytest.mark.parametrize("name", ["anymal_reach.py", "anymal_urdf.py"])
@@ -74,9 +72,7 @@ def test_every_script_is_named_by_a_page_or_a_test() -> None:
         if page.name not in ("CHANGELOG.md", Path(__file__).name)
     ]
     whole = "\n".join(texts)
-    unnamed = {name for name in SCRIPTS if not re.search(rf"(?<![\w]){re.escape(name)}", whole)} - {
-        "ros_nodes.py"
-    }
+    unnamed = {name for name in SCRIPTS if not re.search(rf"(?<![\w]){re.escape(name)}", whole)}
     assert unnamed == set()
 
 

@@ -78,14 +78,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "views.page",
         )
     },
-    "emulate_bus": {
-        TOOL: (
-            "runner.emulators.servo_bus",
-            "runner.emulators.start",
-            "runner.worlds.dynamixel.calibration",
-        )
-    },
-    "emulate_rosbridge": {TOOL: ("runner.emulators.rosbridge", "runner.emulators.start")},
     "evaluate": {
         CHOICES: ("planners.projection.project",),
         TOOL: (

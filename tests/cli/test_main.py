@@ -23,7 +23,6 @@ from stancekit.planners.search.methods import PLANNERS
 COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
 WITH_SUBCOMMANDS = {
     "bench": ("envelopes", "planner", "scenes", "gait"),
-    "emulate": ("bus", "rosbridge"),
 }
 PLANS = ["plan", "verify", "simulate", "run", "gait"]
 HEAVY = (

@@ -434,7 +434,7 @@ def test_a_stop_topic_that_is_pressed_lets_nothing_begin(
 ) -> None:
     pytest.importorskip("roslibpy")
     pytest.importorskip("websockets")
-    from stancekit.runner.emulators.rosbridge import RosBridge
+    from tests.emulators.rosbridge import RosBridge
 
     with RosBridge(["a"]) as bridge:
         bridge.inject("e-stop")

@@ -18,11 +18,11 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.emulators import rosbridge, rosbridge_protocol
-from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
+from tests.emulators import rosbridge, rosbridge_protocol
+from tests.emulators.rosbridge import RosBridge
 
 from .fast_time import PACE, FastTime
 

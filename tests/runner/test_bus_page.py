@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,7 +14,8 @@ pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("mcap")
 
 from stancekit.cli.main import main
-from stancekit.runner.emulators.servo_bus import FAULTS
+from tests.emulators.devices import DeviceProcess
+from tests.emulators.servo_bus import FAULTS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
 SECTION = PAGE[
@@ -62,13 +61,11 @@ def test_the_commands_of_the_emulated_bus_end_well_as_printed(
     exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
     (commands,) = shown("sh", SECTION)
     emulate, *runs = commands.splitlines()
-    assert emulate.startswith("stancekit emulate bus")
-    command = [sys.executable, "-m", "stancekit.cli.main", *words(emulate)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as bus:
-        assert bus.stdout is not None
-        bus.stdout.readline()
+    source, *python, kind, plan, option, setup = shlex.split(emulate, comments=True)
+    assert (source, python) == ("PYTHONPATH=SOURCE", ["python", "-m", "tests.emulators"])
+    assert kind == "bus"
+    with DeviceProcess(kind, plan, option, setup):
         seen = [ended(line, capsys) for line in runs]
-        bus.terminate()
     assert [code for code, _ in seen] == [0] * len(runs), seen
     assert sum("--arm" in line for line in runs) == 1
     assert "run as planned" in seen[1][1]

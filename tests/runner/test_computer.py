@@ -1,6 +1,4 @@
-"""What is said of an installation and a computer: extras by the package's own metadata, and the
-pace of a bus.
-"""
+"""The description of an installation and a computer, with extras by the package's own metadata."""
 
 import sys
 from importlib.metadata import PackageNotFoundError
@@ -8,7 +6,6 @@ from importlib.metadata import PackageNotFoundError
 import pytest
 
 from stancekit.runner import computer
-from stancekit.runner.emulators.bus_process import BusPace, bus_pace
 
 
 def test_every_extra_that_commands_need_is_there_with_its_packages() -> None:
@@ -35,12 +32,3 @@ def test_without_a_library_that_draws_there_is_none(monkeypatch: pytest.MonkeyPa
     assert computer.gl() == ""
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
     assert computer.gl() == "osmesa"
-
-
-def test_a_bus_is_timed_and_one_that_loses_time_or_answers_late_does_not_keep_up() -> None:
-    pace = bus_pace(count=3, seconds=0.2)
-    assert 0.0 < pace.usual_s <= pace.worst_s
-    assert 0.0 < pace.time_share <= 1.0
-    assert BusPace(time_share=1.0, usual_s=0.004, worst_s=0.01).keeps_up
-    assert not BusPace(time_share=0.9, usual_s=0.004, worst_s=0.01).keeps_up
-    assert not BusPace(time_share=1.0, usual_s=0.004, worst_s=0.3).keeps_up

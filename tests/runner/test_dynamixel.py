@@ -22,14 +22,14 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.emulators.bus_process import BusProcess
-from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel import port as servo_port
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
-from tests.emulators.bus_faults import spoiled
+from tests.emulators.devices import bus_process
 from tests.emulators.fast_time import FastTime
+from tests.emulators.servo_bus import EmulatedBus
+from tests.emulators.wrong_calibration import spoiled
 
 LATENCY_MS = 40.0
 """Emulated servos answer late where tests share a machine with others."""
@@ -237,10 +237,9 @@ for k in range(1000):
 
 
 def test_a_host_killed_without_a_word_leaves_servos_that_stop_by_themselves(tmp_path: Path) -> None:
-    with BusProcess(START.tolist()) as bus:
-        nominal(JOINTS, port=bus.path, watchdog_s=0.6, latency_ms=LATENCY_MS).write(
-            tmp_path / "servos.yaml"
-        )
+    with bus_process(START) as bus:
+        calibration = nominal(JOINTS, port=bus.where["path"], watchdog_s=0.6, latency_ms=LATENCY_MS)
+        calibration.write(tmp_path / "servos.yaml")
         command = [sys.executable, "-c", HOST, str(tmp_path / "servos.yaml")]
         host = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert host.stdout is not None

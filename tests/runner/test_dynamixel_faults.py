@@ -16,13 +16,13 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.emulators.servo_bus import FAULTS, EmulatedBus
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel import port as servo_port
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.dynamixel.judge import MeasurementJudge
 from tests.emulators.fast_time import FastTime
+from tests.emulators.servo_bus import FAULTS, EmulatedBus
 
 ROBOT = hexapod()
 JOINTS = joint_names(ROBOT)
@@ -191,8 +191,8 @@ def test_faults_are_named_with_a_servo_and_a_time_or_refused(bus: EmulatedBus) -
     for wrong in ("silent", "silent servo 99", "silent servo in a while", ""):
         with pytest.raises(ValueError, match="expected"):
             bus.inject(wrong)
-    bus.inject("silent servo 4 in 0.01 s")
-    bus.inject("status return 1 in 0.01")
+    bus.inject("silent servo 4", 0.01)
+    bus.inject("status return 1", 0.01)
     while len(bus.state()["happened"]) < 2:
         time.sleep(0.001)
     assert [kind for kind, _ in bus.state()["happened"]] == ["silent servo", "status return 1"]

@@ -19,13 +19,13 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.safety.heartbeat import ANSWER_S, BUS, ROUNDS, HeartbeatMonitor, _cancelled
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.safety.watchdog import Watchdog
 from stancekit.runner.worlds.ros.bridge import RosLink
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.ros_robots import JOINTS, START, commands
+from tests.emulators.rosbridge import RosBridge
 
 LIMIT_S = 1.0
 HOST = """

@@ -2,12 +2,9 @@
 its keys exist.
 """
 
-import json
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -28,6 +25,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted, check_fits
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.ros.setup import RosSetup
+from tests.emulators.devices import DeviceProcess
 
 PAGE = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
@@ -64,31 +62,20 @@ def test_the_commands_behind_a_rosbridge_run_as_the_page_prints_them(
     part = PAGE[PAGE.index("## A robot behind a rosbridge") : PAGE.index("| key | meaning |")]
     found = re.findall(r"```(python|sh)\n(.*?)```", part, re.DOTALL)
     lines = [line for language, text in found if language == "sh" for line in text.splitlines()]
-    assert [line.split()[1] for line in lines] == ["emulate", "run", "run", "replay"]
-    command = [sys.executable, "-m", "stancekit.cli.main"]
+    assert [line.split()[1] for line in lines[1:]] == ["run", "run", "replay"]
+    source, *python, kind, plan, option, ros = shlex.split(lines[0], comments=True)
+    assert (source, python) == ("PYTHONPATH=SOURCE", ["python", "-m", "tests.emulators"])
+    assert kind == "rosbridge"
     (snippet,) = (text for language, text in found if language == "python")
     exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
-    words = [
-        *command,
-        *shlex.split(lines[0], comments=True)[1:],
-        "--port",
-        "0",
-    ]  # 9090 may be somebody else's
-    with subprocess.Popen(
-        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as emulator:
-        assert emulator.stdin is not None
-        assert emulator.stdout is not None
-        port = json.loads(emulator.stdout.readline())["port"]
-        Path("ros.yaml").write_text(
-            Path("ros.yaml").read_text().replace("port: 9090", f"port: {port}")
-        )
+    with DeviceProcess(kind, plan, option, ros, "--port=0") as bridge:  # 9090 may be taken
+        text = Path("ros.yaml").read_text()
+        Path("ros.yaml").write_text(text.replace("port: 9090", f"port: {bridge.where['port']}"))
         for line in lines[1:]:
             with pytest.raises(SystemExit) as end:
                 main(shlex.split(line, comments=True)[1:])
             assert end.value.code == 0, f"{line}: {capsys.readouterr()}"
-        emulator.stdin.close()
-        assert emulator.wait(20) == 0
+    assert bridge.process.returncode == 0
 
 
 def test_the_table_of_the_set_up_file_has_all_of_its_keys() -> None:

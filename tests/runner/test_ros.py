@@ -17,11 +17,11 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import Servo
-from stancekit.runner.emulators.rosbridge import EPOCH_S, RosBridge
 from stancekit.runner.worlds.ros.clock import stamp_of
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import RosJoint, RosSetup, same_names
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
+from tests.emulators.rosbridge import EPOCH_S, RosBridge
 
 
 def test_reset_measures_and_sends_nothing_that_could_move_the_robot() -> None:

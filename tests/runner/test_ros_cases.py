@@ -15,11 +15,11 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.runner.emulators import rosbridge
-from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
+from tests.emulators import rosbridge
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
+from tests.emulators.rosbridge import RosBridge
 
 Ros = Literal[1, 2]
 MANAGED: dict[str, Any] = {"controller_manager": "/controller_manager"}

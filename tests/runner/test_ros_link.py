@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 
-from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.worlds.ros.bridge import RosLink
+from tests.emulators.rosbridge import RosBridge
 
 
 @pytest.mark.parametrize(

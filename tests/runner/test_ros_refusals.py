@@ -12,10 +12,10 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.runner.emulators.rosbridge import FAULTS
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import RosSetup, same_names
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, commands, emulated, reset
+from tests.emulators.rosbridge import FAULTS
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,6 @@ from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.command import command
-from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
@@ -30,6 +29,7 @@ from stancekit.runner.worlds.dynamixel.calibration import ServoTicks, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
 from tests.emulators.memory_world import PATIENT
+from tests.emulators.servo_bus import EmulatedBus
 
 SERVOS = Actuators(joints={"*": "XM540-W270"})
 RATE_HZ = 50.0

@@ -28,7 +28,6 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Tracker
-from stancekit.runner.emulators.servo_bus import EmulatedBus
 from stancekit.runner.motion.time_parametrization import BLIND
 from stancekit.runner.prepared import Prepared
 from stancekit.runner.report import RunReport
@@ -41,6 +40,7 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.memory_world import PATIENT, MemoryWorld
+from tests.emulators.servo_bus import EmulatedBus
 
 ROBOT = hexapod()
 START = np.tile([0.2, 0.5, -0.3, 1.0], 6)

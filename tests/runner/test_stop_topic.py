@@ -11,10 +11,10 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.runner.emulators.rosbridge import RosBridge
 from stancekit.runner.safety.estop import watched
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.safety.stop_topic import StopTopic
+from tests.emulators.rosbridge import RosBridge
 
 
 @pytest.fixture

@@ -1,9 +1,9 @@
 """A servo bus on a pseudo-terminal: a USB adapter with servos behind it, as the real SDK sees it,
 and its faults.
 
-``EmulatedBus`` runs in a thread; ``BusProcess`` (``bus_process.py``) runs it as a child process,
-which lives on when the host is killed. Both answer ``inject(fault, at_s)``, ``state()`` and
-``close()``. Times in ``state()`` are ``time.monotonic``, the same for all processes of the machine.
+``EmulatedBus`` runs in a thread; ``bus_process`` (``devices.py``) runs it as a child process, which
+lives on when the host is killed. Both answer ``inject(fault, at_s)``, ``state()`` and ``close()``.
+Times in ``state()`` are ``time.monotonic``, the same for all processes of the machine.
 The servos' own time is slower where the machine is too slow for the emulator (``EmulatedTime``): a
 watchdog must not trip because nobody ran the servos.
 """
@@ -59,9 +59,7 @@ FAULTS = {
 }
 """Faults by name, and what happens then. A number behind the name is the id of the servo, drawn
 where there is none."""
-FAULT = re.compile(
-    rf"(?P<kind>{'|'.join(FAULTS)})(?: (?P<servo>\d+))?(?: in (?P<at_s>\d*\.?\d+)(?: s)?)?"
-)
+FAULT = re.compile(rf"(?P<kind>{'|'.join(FAULTS)})(?: (?P<servo>\d+))?")
 IDLE_S = 0.004
 SLOWEST_S = 0.012
 DELAY_S, FROZEN_S = 0.1, 1.0
@@ -149,8 +147,8 @@ class EmulatedBus(threading.Thread):
         """Let a fault happen in so many seconds.
 
         Arguments:
-            fault: a name of ``FAULTS``, e.g. "power loss"; with the id of a servo, "silent servo
-                4"; with a time, "reboot in 2 s".
+            fault: a name of ``FAULTS``, e.g. "power loss"; or with the id of a servo, "silent servo
+                4".
 
         Raises:
             ValueError: for an unknown one.
@@ -166,9 +164,7 @@ class EmulatedBus(threading.Thread):
                 )
             index = self.servos.ids.index(int(servo))
         with self._lock:
-            self._due.append(
-                (time.monotonic() + at_s + float(words["at_s"] or 0.0), words["kind"], index)
-            )
+            self._due.append((time.monotonic() + at_s, words["kind"], index))
 
     def state(self) -> dict[str, Any]:
         """State of the servos, JSON-ready.

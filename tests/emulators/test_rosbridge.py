@@ -16,9 +16,9 @@ import pytest
 pytest.importorskip("websockets")
 from websockets.sync.client import ClientConnection, connect
 
-from stancekit.runner.emulators.rosbridge import RosBridge
-from stancekit.runner.emulators.rosbridge_protocol import operation_wrong
-from stancekit.runner.emulators.trajectory_controller import Controller
+from tests.emulators.rosbridge import RosBridge
+from tests.emulators.rosbridge_protocol import operation_wrong
+from tests.emulators.trajectory_controller import Controller
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
 NAMES = ["a", "b"]

@@ -1,11 +1,11 @@
 """Build a real ROS 1 robot: rosmaster, rosbridge, rosapi, and ros_control's controllers over 24
 joints that lag.
 
-    python benchmarks/robot/build_ros1.py FOLDER [--sources CLONES] [--install]
+    python tests/emulators/ros1/build.py FOLDER [--sources CLONES] [--install]
 
 Debian 12 has most of ROS 1 as packages; --install gets them by apt-get. The rest is built from
 sources, fetched by name with git, or taken from --sources: a folder of bare clones
-``owner+name/repo``. Only ``robot_hw.cpp``, the joints, is this project's. ``ros1.py`` beside it
+``owner+name/repo``. Only ``robot_hw.cpp``, the joints, is this project's. ``benchmarks/ros1.py``
 drives faults.
 """
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -88,7 +89,7 @@ def main(arguments: Arguments) -> None:
         generated(folder, name, folder / "src" / where, cpp)
     modules(folder)
     compiled(folder)
-    print(f"built: {folder / 'robot_hw'}")
+    sys.stdout.write(f"built: {folder / 'robot_hw'}\n")
 
 
 def fetched(into: Path, repository: str, branch: str, clones: Path | None) -> None:

@@ -1,8 +1,8 @@
-"""Runs on the real ROS 1 robot that build_ros1.py builds: what is wrong with it, what stops it, and
-what moves after.
+"""Runs on the real ROS 1 robot that tests/emulators/ros1/build.py builds: what is wrong with it,
+what stops it, and what moves after.
 
-    python benchmarks/robot/ros1.py FOLDER [--kinds faults healthy odd] [--count 3] [--only NAME …]
-    [--tell] python benchmarks/robot/ros1.py FOLDER --stand PLAN
+    python benchmarks/ros1.py FOLDER [--kinds faults healthy odd] [--count 3] [--only NAME …] [--tell]
+    python benchmarks/ros1.py FOLDER --stand PLAN
 
 Every run has a fresh robot and a fresh rosbridge, and is a process with ``stancekit run --arm`` of
 a plan of some seconds. A fault comes ``AT_S`` after the robot's first motion, or before the run.
@@ -32,22 +32,20 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
+from _bench import ROOT, Lines, Options, launch
+from _device_runs import ended, forked, planned, rows, running, said, wait
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from _bench import ROOT, Options, launch
-from build_ros1 import PYTHON
-
-from stancekit.cli.main import main as command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import Servo
-from stancekit.runner.emulators.start import start_of
 from stancekit.runner.log import read_log
 from stancekit.runner.worlds.ros.setup import same_names
+from tests.emulators.devices import start_of
+from tests.emulators.ros1.build import PYTHON
 
+NODES = ROOT / "tests" / "emulators" / "ros1" / "nodes.py"
 MASTER, PORT = 11411, 9190
 STAND_MASTER, STAND_PORT = 11311, 9090
 AT_S = 2.0
-LONGEST_S = 90.0
 MOVES_RAD_S = 0.02
 LEAST_RAD = 2e-3
 """Less is the end of a lag, and no motion."""
@@ -100,7 +98,7 @@ class Robot:
 
     def start(self, name: str, *words: str) -> subprocess.Popen[str]:
         """Start a process; its output goes to a file, but for a node's."""
-        pipe = subprocess.PIPE if words[1:] and words[1].endswith("ros_nodes.py") else None
+        pipe = subprocess.PIPE if words[1:] and words[1] == str(NODES) else None
         with (self.folder / "log" / f"{self._prefix}{name}.out").open("w") as output:
             self.processes[name] = subprocess.Popen(
                 words,
@@ -115,8 +113,8 @@ class Robot:
         return self.processes[name]
 
     def node(self, name: str, *words: str) -> None:
-        """Start a node of ``ros_nodes.py``, and wait until it is there."""
-        child = self.start(name, PYTHON, str(Path(__file__).parent / "ros_nodes.py"), *words)
+        """Start a node of ``nodes.py``, and wait until it is there."""
+        child = self.start(name, PYTHON, str(NODES), *words)
         assert child.stdout is not None
         assert child.stdout.readline().strip() == "ready", name
 
@@ -234,7 +232,7 @@ class Arguments(Options):
     """Options of the script."""
 
     folder: Annotated[Path, tyro.conf.Positional]
-    """What build_ros1.py built."""
+    """What tests/emulators/ros1/build.py built."""
     kinds: tuple[Kind, ...] = ("faults", "healthy", "odd")
     count: int = 3
     """Runs per case."""
@@ -263,10 +261,7 @@ def main(arguments: Arguments) -> None:
     if arguments.stand is not None:
         stand(folder, arguments.stand, arguments.rate_hz)
         return
-    results = folder / "results.jsonl"
-    done = (
-        [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
-    )
+    results = Lines(folder / "results.jsonl")
     if not arguments.tell:
         plan = planned(folder)
         with ExitStack() as stack:
@@ -276,22 +271,18 @@ def main(arguments: Arguments) -> None:
             opened(MASTER)
             for index in range(arguments.count):
                 for case in [case for kind in arguments.kinds for case in CASES[kind]]:
-                    wanted = not arguments.only or case.name in arguments.only
-                    if not wanted or any(
-                        (row["case"], row["index"]) == (case.name, index) for row in done
-                    ):
+                    key = f"{case.name} {index}"
+                    if (arguments.only and case.name not in arguments.only) or key in results.rows:
                         continue
                     before = quiet(arguments.load, arguments.patience_s)
                     row = tried(robot, case, plan, arguments.rate_hz)
-                    row |= {"index": index, "load": max(before, os.getloadavg()[0])}
+                    row |= {"load": max(before, os.getloadavg()[0])}
                     if not row["right"]:
-                        keep(robot, f"{case.name} {index}")
-                    done.append(row)
-                    with results.open("a") as file:
-                        file.write(json.dumps(row) + "\n")
+                        keep(robot, key)
+                    results.add(key, row)
                     arguments.say(row)
     for kind in arguments.kinds:
-        print(table(CASES[kind], done))
+        print(table(CASES[kind], list(results.rows.values())))
 
 
 def quiet(load: float, patience_s: float) -> float:
@@ -314,24 +305,6 @@ def keep(robot: Robot, name: str) -> None:
         shutil.copy(robot.folder / "log" / f"{process}.out", kept)
 
 
-def planned(folder: Path) -> Path:
-    """A short plan of the page's robot, made once."""
-    plan = folder / "desk.json"
-    if not plan.exists():
-        page = (ROOT / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
-        found = re.search(r"<!-- file: desk.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL)
-        assert found is not None
-        course = (
-            found[1].replace("frames: 6", "frames: 3").replace("goal_m: [0.10,", "goal_m: [0.04,")
-        )
-        (folder / "desk.yaml").write_text(course)
-        assert (
-            ended(forked(["plan", str(folder / "desk.yaml"), "--out", str(plan)], folder / "plan"))
-            == 0
-        )
-    return plan
-
-
 def tried(robot: Robot, case: Case, plan: Path, rate_hz: float) -> dict[str, Any]:
     """One run, with a fresh robot and a fresh rosbridge."""
     names, start = start_of(plan)
@@ -343,7 +316,7 @@ def tried(robot: Robot, case: Case, plan: Path, rate_hz: float) -> dict[str, Any
     motions.unlink(missing_ok=True)
     describe(robot, case, [names[k] for k in order], start[order], motions, rate_hz)
     begun(robot, case, PORT)
-    grown(motions)
+    wait(lambda: written(motions))
     time.sleep(1.0)
     if case.before:
         robot.node("before", *case.before)
@@ -401,7 +374,7 @@ def stand(folder: Path, plan: Path, rate_hz: float) -> None:
         motions.unlink(missing_ok=True)
         describe(robot, HEALTHY[0], names, start, motions, rate_hz)
         begun(robot, HEALTHY[0], STAND_PORT)
-        grown(motions)
+        wait(lambda: written(motions))
         print(json.dumps({"port": STAND_PORT, "ros": 1, "estop": "/e_stop"}), flush=True)
         for line in sys.stdin:  # press, release
             robot.tell("estop", line.strip())
@@ -481,8 +454,7 @@ def judged(
     """What came of it, by the joints' own log."""
     began_s, acted_s, over_s = times_s
     seen = rows(motions)
-    errors, output = ((folder / f"run.{name}").read_text() for name in ("err", "out"))
-    said = " ".join(f"{errors} {output}".split())
+    text, verdict = said(folder / "run")
     ours = seen[seen[:, 0] > began_s]
     after = ours[ours[:, 0] > over_s]
     moved = 0.0 if len(after) < 2 else float(np.ptp(after[:, 2:], axis=0).max())
@@ -503,18 +475,10 @@ def judged(
         else None,
         "moved": bool(len(still)),
         "after": moved,
-        "said": any(word in said for word in ("may still", "still moves")),
+        "said": any(word in text for word in ("may still", "still moves")),
         "off": off,
-        "message": why(errors, output),
+        "message": verdict,
     }
-
-
-def why(errors: str, output: str) -> str:
-    """The line that says what happened."""
-    lines = [line for line in errors.splitlines() if line.startswith("stancekit:")]
-    verdict = re.search(r"verdict +(.*?)\n +robot left +(.*?)\n +motion", output, re.DOTALL)
-    told = " | left ".join(" ".join(part.split()) for part in verdict.groups()) if verdict else ""
-    return "; ".join([*lines, told])[:400]
 
 
 def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
@@ -584,43 +548,6 @@ FOREIGN = {"another client's goal", "another client's stream"}
 """Where somebody else goes on moving the robot."""
 
 
-def forked(words: Sequence[str], output: Path) -> int:
-    """A process with a command, begun without importing anything anew; its process id."""
-    pid = os.fork()
-    if pid:
-        return pid
-    code = 70
-    try:
-        os.setsid()
-        for stream, name in ((1, "out"), (2, "err")):
-            os.dup2(os.open(f"{output}.{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-        command(words)
-    except SystemExit as end:
-        code = int(str(end.code or 0))
-    finally:
-        sys.stdout.flush()
-        os._exit(code)
-
-
-def running(host: int) -> bool:
-    """Whether a process that was forked here goes on; it is not reaped."""
-    found = os.waitid(os.P_PID, host, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-    return found is None
-
-
-def ended(host: int) -> int:
-    """The exit code of a process that was forked here, minus the signal that ended it; killed where
-    it lasts.
-    """
-    end = time.monotonic() + LONGEST_S
-    while running(host) and time.monotonic() < end:
-        time.sleep(0.005)
-    if running(host):
-        os.kill(host, signal.SIGKILL)
-    return os.waitstatus_to_exitcode(os.waitpid(host, 0)[1])
-
-
 def stopped(host: int, seconds: float) -> None:
     """Let a process stand still."""
     os.kill(host, signal.SIGSTOP)
@@ -628,36 +555,20 @@ def stopped(host: int, seconds: float) -> None:
     os.kill(host, signal.SIGCONT)
 
 
-def rows(motions: Path) -> Array:
-    """The joints' log: time, fastest, angles, shape (N, 2 + J)."""
-    text = motions.read_text().splitlines()[:-1] if motions.exists() else []
-    found = [[float(word) for word in line.split()] for line in text]
-    return (
-        np.array([row for row in found if len(row) == len(found[-1])])
-        if found
-        else np.zeros((0, 26))
-    )
-
-
-def grown(motions: Path) -> None:
-    """Wait until the joints have begun to write."""
-    end = time.monotonic() + 20.0
-    while not motions.exists() or motions.stat().st_size < 5000:
-        assert time.monotonic() < end, "the robot does not start: see its log"
-        time.sleep(0.05)
+def written(motions: Path) -> bool:
+    """Whether the joints have begun to write."""
+    return motions.exists() and motions.stat().st_size > 5000
 
 
 def opened(port: int) -> None:
     """Wait until somebody listens."""
-    end = time.monotonic() + 30.0
-    while time.monotonic() < end:
-        try:
-            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
-        except OSError:
-            time.sleep(0.1)
-        else:
-            return
-    raise AssertionError(f"nobody listens on {port}")
+
+    def listens() -> bool:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
+            return True
+        return False
+
+    wait(listens)
 
 
 if __name__ == "__main__":

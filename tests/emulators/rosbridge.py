@@ -171,6 +171,7 @@ class RosBridge:
                 "desired_rad": self.robot.desired()[0].tolist(),
                 "on": self.robot.on,
                 "goals": len(self._running),
+                "log": list(self.log),
             }
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
 """Nodes of ROS 1 that are in the way of a robot: e-stops, second publishers, other clients.
 Debian's Python runs it.
 
-    /usr/bin/python3 ros_nodes.py NODE [ARGUMENT …]
+    /usr/bin/python3 nodes.py NODE [ARGUMENT …]
 
 It prints "ready", and "did" when it has done what it does. An e-stop reads lines: ``press``,
 ``release``.

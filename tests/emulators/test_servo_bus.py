@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 sdk = pytest.importorskip("dynamixel_sdk")
 
-from stancekit.runner.emulators import protocol2 as p2  # noqa: E402
-from stancekit.runner.emulators.servo_bus import EmulatedBus  # noqa: E402
-from stancekit.runner.emulators.servos import LOOP_HZ, OVERLOAD, PHYSICS_S, TRIPPED, Servos  # noqa: E402
+from tests.emulators import protocol2 as p2  # noqa: E402
+from tests.emulators.servo_bus import EmulatedBus  # noqa: E402
+from tests.emulators.servos import LOOP_HZ, OVERLOAD, PHYSICS_S, TRIPPED, Servos  # noqa: E402
 
 PACKETS = {
     "ping": (p2.packet(1, p2.PING), "FF FF FD 00 01 03 00 01 19 4E"),

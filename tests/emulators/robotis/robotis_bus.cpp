@@ -4,7 +4,7 @@
 //   robotis_bus LINK FIRMWARE POSITIONS LOG
 //
 // POSITIONS: of the shafts from tick 2048 [rad], separated by commas; ids from 1. LOG: time and all positions, a line
-// every 4 ms. A line on standard input is a fault, as of `stancekit emulate bus`. Servos have no Fast Sync Read.
+// every 4 ms. A line on standard input is a fault, as of `python -m tests.emulators bus`. Servos have no Fast Sync Read.
 #include "utility/slave.h"
 
 #include <fcntl.h>
