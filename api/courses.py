@@ -16,9 +16,9 @@ from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, checked, settings_from
-from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
+from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import Array, checked_choice
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
 from stancekit.planners.formats.partial_plan import PartialPlan
@@ -51,7 +51,6 @@ OLD = {
     "torque_nm": "plan(course, settings=PlanSettings(body=WholeBodyLimits(torque_nm=...)))",
     "torque_share": "plan(course, settings=PlanSettings(body=WholeBodyLimits(share=...)))",
     "clearance_m": "plan(course, settings=PlanSettings(body=WholeBodyLimits(clearance_m=...)))",
-    "engine": "a planner of make_planner with PlannerOptions(programs=Programs(engine=...))",
     "body": "plan(course, settings=PlanSettings(body=...))",
     "push_n": "plan(course, settings=PlanSettings(push_n=...))",
     "wrench": "plan(course, settings=PlanSettings(wrench=...))",
@@ -349,14 +348,11 @@ def _planner(
 
     Raises InvalidInput, which begins with what the argument is called.
     """
-    engine: Any = settings.pop("engine", "rows")
-    checked_choice(engine, "engine", ("rows", "cvxpy"))
     if not isinstance(method, str | Method):
         for name in settings:
             raise InvalidInput(f"{name}: expected none for a planner that was made before")
         return through_verifier(method, "courses")
-    programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-    options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
+    options = PlannerOptions(time_limit_s=time_limit_s, programs=programs_of_this_thread())
     try:
         return make_planner(method, options, of="courses", **settings)
     except InvalidInput as error:

@@ -159,9 +159,6 @@ class PlanCourse:
     bent until they are so far apart [m]."""
     frames: OptionalInt = None
     """Number of key frames M, where not the course's own."""
-    engine: Literal["rows", "cvxpy"] = "rows"
-    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as
-    the paper has them (much slower)."""
     time_limit_s: float = 60.0
     """Limit for all of it, bending and judging included; what is not decided by then is undecided,
     and what there is so far is said and written [s]."""
@@ -342,7 +339,6 @@ class PlanCourse:
         check_drawn(self.picture, self.video, self.html)
 
     def _planner(self) -> Planner:
-        from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.search.methods import PlannerOptions, make_planner, settings_of
 
         boxes = None
@@ -361,8 +357,6 @@ class PlanCourse:
         }
         with as_options(*SETTINGS):
             names = settings_of(self.planner, "courses")
-            options = PlannerOptions(
-                time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine)
-            )
+            options = PlannerOptions(time_limit_s=self.time_limit_s)
             settings = {name: value for name, value in planner_settings.items() if name in names}
             return make_planner(self.planner, options, of="courses", **settings)

@@ -12,10 +12,10 @@ from typing import Any, Literal, Protocol, TypeVar, cast, get_args, runtime_chec
 
 from ..files.arrays import checked_choice
 from .moreau_solver import Device, MoreauSolver, check_device
-from .rows import Reference, Rows
+from .rows import Rows
 
 T = TypeVar("T")
-Engine = Literal["rows", "cvxpy", "moreau", "moreau-cpu"]
+Engine = Literal["rows", "moreau", "moreau-cpu"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 DEVICES: Mapping[Engine, Device] = MappingProxyType({"moreau": "cuda", "moreau-cpu": "cpu"})
 MOST = 64
@@ -24,15 +24,9 @@ MOST = 64
 
 @runtime_checkable
 class Written(Protocol):
-    """A convex program: its rows, and the same in cvxpy."""
+    """A convex program that is written as rows."""
 
     rows: Rows[Any]
-
-    def reference(self, given: Any) -> Reference:
-        """The model of ``equilibrium.reference`` that the rows say again, for what they are loaded
-        with.
-        """
-        ...
 
 
 class Programs:
@@ -44,8 +38,7 @@ class Programs:
     copy (deepcopy, pickle) has none yet and writes its own.
 
     Arguments:
-        engine: "rows" solves programs as they are written; "cvxpy" solves their readable reference
-            in their place; "moreau" solves as they are written, and where many problems are asked
+        engine: "rows" solves programs one by one; "moreau" too, and where many problems are asked
             about together, those on a CUDA device ("moreau-cpu": on the processor).
 
     Raises:
@@ -70,8 +63,6 @@ class Programs:
             self._kept.move_to_end(name)
         else:
             made = self._kept[name] = make(*key)
-            if self.engine == "cvxpy" and isinstance(made, Written):
-                made.rows.solve_instead(made.reference)
             if self.engine in DEVICES and isinstance(made, Written):
                 made.rows.solve_together(MoreauSolver(made.rows, DEVICES[self.engine]).solve_all)
             if len(self._kept) > self._most:

@@ -91,7 +91,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         TOOL: (
             "learners.evaluation.evaluate",
             "learners.evaluation.leaderboard",
-            "learners.evaluation.theorem",
         ),
     },
     "export": {TOOL: ("learners.data.export",)},
@@ -125,7 +124,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         LATER: (
             "learners.leaps.scorer",
-            "planners.equilibrium.programs",
             "planners.formats.answer_file",
             "planners.projection.whole_body_limits",
             "planners.search.plan_settings",
