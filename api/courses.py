@@ -25,7 +25,7 @@ from stancekit.planners.formats.partial_plan import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
-from stancekit.planners.problem.course_file import is_scene, read_course
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_names import is_leap_file
 from stancekit.planners.problem.standing_map import StandingMap
@@ -183,7 +183,6 @@ def plan(
     method, settings, its_own = _in_new_form(method, settings, renamed)
     shares = None if _reserved(method, its_own) else ALL_FRICTION
     question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
-    name = course if isinstance(course, str | Path) and start_xy_m is None else None
     planner = _planner("planner" if "planner" in old else "method", method, its_own, time_limit_s)
     by_frames = partial(
         plan_course,
@@ -193,7 +192,7 @@ def plan(
         limits=settings.body,
         push_n=settings.push_n,
         wrench=None if settings.wrench is None else wrench_of(settings.wrench),
-        layouts=_layouts(question, name),
+        layouts=ALTERNATIVES,
         kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
         progress=progress,
     )
@@ -360,13 +359,6 @@ def _planner(
         if message.startswith("planner:"):
             message = f"{called}{message.removeprefix('planner')}"
         raise InvalidInput(message) from None
-
-
-def _layouts(question: Problem | LayOut, name: str | Path | None) -> tuple[Alternative, ...]:
-    """Ways in which a question is laid out; a published scene of this name has one alone."""
-    if name is not None and callable(question) and is_scene(name):
-        return (AS_ASKED,)
-    return ALTERNATIVES
 
 
 def _question(

@@ -12,7 +12,6 @@ from .bench_gait import BenchGait
 from .bench_leaps import BenchLeaps
 from .bench_planner import BenchPlanner
 from .bench_room import BenchRoom
-from .bench_scenes import BenchScenes
 
 
 @dataclass
@@ -24,7 +23,6 @@ class Bench:
     what: (
         Annotated[BenchEnvelopes, tyro.conf.subcommand("envelopes", prefix_name=False)]
         | Annotated[BenchPlanner, tyro.conf.subcommand("planner", prefix_name=False)]
-        | Annotated[BenchScenes, tyro.conf.subcommand("scenes", prefix_name=False)]
         | Annotated[BenchLeaps, tyro.conf.subcommand("leaps", prefix_name=False)]
         | Annotated[BenchRoom, tyro.conf.subcommand("room", prefix_name=False)]
         | Annotated[BenchGait, tyro.conf.subcommand("gait", prefix_name=False)]

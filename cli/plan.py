@@ -71,11 +71,10 @@ class PlanCourse:
     carries.
 
     COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a family's ground as
-    stairs:0.5:7 (FAMILY:LEVEL:SEED), a published scene (anymal-stairs, talos-ramp, …), a YAML or
-    JSON file of your own, or with --start and --goal a terrain's file or name, as `stancekit
-    terrain` has them; a file of one posture problem is a course of one frame. A file with phases,
-    or with a distribution, is a leap, and so is leap-hard:7 (CLASS:SEED): its planners are finder,
-    farkas, rule, noise and random.
+    stairs:0.5:7 (FAMILY:LEVEL:SEED), a YAML or JSON file of your own, or with --start and --goal a
+    terrain's file or name, as `stancekit terrain` has them; a file of one posture problem is a
+    course of one frame. A file with phases, or with a distribution, is a leap, and so is
+    leap-hard:7 (CLASS:SEED): its planners are finder, farkas, rule, noise and random.
 
       stancekit plan walls --frames 8 --out climb.json --picture climb.png
       stancekit plan icy-walls --html climb.html

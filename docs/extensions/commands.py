@@ -9,7 +9,7 @@ from contextlib import redirect_stdout
 
 from stancekit.cli.main import COMMANDS, main
 
-SUBCOMMANDS = {"bench": ("envelopes", "planner", "scenes", "gait"), "emulate": ("bus", "rosbridge")}
+SUBCOMMANDS = {"bench": ("envelopes", "planner", "room", "gait"), "emulate": ("bus", "rosbridge")}
 WIDTH = 100
 
 

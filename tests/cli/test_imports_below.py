@@ -52,9 +52,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.zoo",
         )
     },
-    "bench_scenes": {
-        TOOL: ("learners.evaluation",),
-    },
     "between": {
         CHOICES: (
             "planners.terrain.import_options",
@@ -140,7 +137,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "play": {
         CHOICES: (
-            "planners.problem.course_file",
             "planners.terrain.families",
             "planners.terrain.import_options",
             "planners.terrain.reference",
