@@ -42,7 +42,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.evaluation.gait_figures",
         )
     },
-    "bench_leaps": {TOOL: ("learners.evaluation",)},
     "bench_planner": {TOOL: ("learners.evaluation", "learners.evaluation.planner_bench")},
     "bench_room": {
         TOOL: (
