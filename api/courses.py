@@ -16,16 +16,16 @@ from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, checked, settings_from
-from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
+from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import Array, checked_choice
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.validation import shown
 from stancekit.planners.formats.partial_plan import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
-from stancekit.planners.problem.course_file import is_scene, read_course
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_names import is_leap_file
 from stancekit.planners.problem.standing_map import StandingMap
@@ -51,7 +51,6 @@ OLD = {
     "torque_nm": "plan(course, settings=PlanSettings(body=WholeBodyLimits(torque_nm=...)))",
     "torque_share": "plan(course, settings=PlanSettings(body=WholeBodyLimits(share=...)))",
     "clearance_m": "plan(course, settings=PlanSettings(body=WholeBodyLimits(clearance_m=...)))",
-    "engine": "a planner of make_planner with PlannerOptions(programs=Programs(engine=...))",
     "body": "plan(course, settings=PlanSettings(body=...))",
     "push_n": "plan(course, settings=PlanSettings(push_n=...))",
     "wrench": "plan(course, settings=PlanSettings(wrench=...))",
@@ -184,7 +183,6 @@ def plan(
     method, settings, its_own = _in_new_form(method, settings, renamed)
     shares = None if _reserved(method, its_own) else ALL_FRICTION
     question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
-    name = course if isinstance(course, str | Path) and start_xy_m is None else None
     planner = _planner("planner" if "planner" in old else "method", method, its_own, time_limit_s)
     by_frames = partial(
         plan_course,
@@ -194,7 +192,7 @@ def plan(
         limits=settings.body,
         push_n=settings.push_n,
         wrench=None if settings.wrench is None else wrench_of(settings.wrench),
-        layouts=_layouts(question, name),
+        layouts=ALTERNATIVES,
         kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
         progress=progress,
     )
@@ -349,14 +347,11 @@ def _planner(
 
     Raises InvalidInput, which begins with what the argument is called.
     """
-    engine: Any = settings.pop("engine", "rows")
-    checked_choice(engine, "engine", ("rows", "cvxpy"))
     if not isinstance(method, str | Method):
         for name in settings:
             raise InvalidInput(f"{name}: expected none for a planner that was made before")
         return through_verifier(method, "courses")
-    programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-    options = PlannerOptions(time_limit_s=time_limit_s, programs=programs)
+    options = PlannerOptions(time_limit_s=time_limit_s, programs=programs_of_this_thread())
     try:
         return make_planner(method, options, of="courses", **settings)
     except InvalidInput as error:
@@ -364,13 +359,6 @@ def _planner(
         if message.startswith("planner:"):
             message = f"{called}{message.removeprefix('planner')}"
         raise InvalidInput(message) from None
-
-
-def _layouts(question: Problem | LayOut, name: str | Path | None) -> tuple[Alternative, ...]:
-    """Ways in which a question is laid out; a published scene of this name has one alone."""
-    if name is not None and callable(question) and is_scene(name):
-        return (AS_ASKED,)
-    return ALTERNATIVES
 
 
 def _question(

@@ -27,7 +27,7 @@ from stancekit.planners.formats.answer_file import (
     write_boxes,
 )
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course
+from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_names import is_leap
 from stancekit.planners.relaxation.envelope import EnvelopeSet
@@ -84,7 +84,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
 
     Arguments:
         path: a file, or the folder of a data set; or the name of a course that ``plan`` takes
-            ("walls", "anymal-stairs"), where there is no such file.
+            ("walls", "stairs:0.5:7"), where there is no such file.
         kind: what is expected, e.g. ``stancekit.Plan``; anything where it is not given. Type
             checkers then know it.
 
@@ -215,9 +215,7 @@ def _read(path: Path) -> Any:
         from stancekit.envs.data.leap_tries import open_rows
 
         return open_rows(path)
-    if (
-        str(path) in (*builtin_courses(), *builtin_scenes()) or drawn_name(str(path))
-    ) and not path.exists():
+    if (str(path) in builtin_courses() or drawn_name(str(path))) and not path.exists():
         return read_course(path)
     if path.suffix == SCORER:
         from stancekit.learners.selectors.selector_file import load_selector, safetensors_format

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from stancekit.planners.answer.answer import Answer
 from stancekit.planners.arguments import checked
-from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
+from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import read_envelopes as read_envelopes
 from stancekit.planners.formats.answer_file import read_problems as read_problems
@@ -31,7 +31,6 @@ def solve(
     method: str | Method | Planner = "exact",
     *,
     time_limit_s: float | None = None,
-    engine: Literal["rows", "cvxpy"] = "rows",
     **old: Any,
 ) -> Answer[Any]:
     """Can the robot hold this posture, and how?
@@ -51,7 +50,6 @@ def solve(
             accepts it).
         time_limit_s: time limit for exact, nlp and micp, and for all of a course; the answer is
             undecided if it ends first. 30 by default, 60 for a course [s].
-        engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
         old: settings of methods as arguments, the old form.
 
     Returns:
@@ -72,15 +70,13 @@ def solve(
         >>> outcome.status.value, outcome.solution.toes_m.shape
         ('feasible', (3, 3))
     """
-    beside = ("problem", "method", "time_limit_s", "engine")
+    beside = ("problem", "method", "time_limit_s")
     settings = old_arguments("solve", old, OLD, beside) if old else {}
     of = kind_of(problem)
     if isinstance(method, str | Method):
-        return planner_of(
-            method, of=of, time_limit_s=time_limit_s, engine=engine, **settings
-        ).solve(problem)
-    for name, value in (*settings.items(), ("time_limit_s", time_limit_s), ("engine", engine)):
-        if value not in (None, "rows"):
+        return planner_of(method, of=of, time_limit_s=time_limit_s, **settings).solve(problem)
+    for name, value in (*settings.items(), ("time_limit_s", time_limit_s)):
+        if value is not None:
             raise InvalidInput(
                 f"{name}: expected none for a planner that was made before, which has no use for "
                 f"it, got {value!r}"
@@ -93,7 +89,6 @@ def planner_of(
     *,
     of: Kind = "postures",
     time_limit_s: float | None = None,
-    engine: Literal["rows", "cvxpy"] = "rows",
     **settings: Any,
 ) -> Planner:
     """The planner of a method, to be asked many problems; arguments as for ``solve``.
@@ -108,8 +103,7 @@ def planner_of(
     """
     if isinstance(settings.get("envelopes"), Path):
         settings["envelopes"] = read_envelopes(settings["envelopes"])
-    programs = programs_of_this_thread() if engine == "rows" else Programs(engine=engine)
-    options = PlannerOptions(of=of, time_limit_s=time_limit_s, programs=programs)
+    options = PlannerOptions(of=of, time_limit_s=time_limit_s, programs=programs_of_this_thread())
     try:
         return make_planner(method, options, **settings)
     except InvalidInput as error:  # planners of courses are called so elsewhere

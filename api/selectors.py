@@ -9,22 +9,19 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.leap_tries import LeapTries, open_rows
-from stancekit.envs.data.scenes import scene_of, scenes_of
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.origin import check_unseen
 from stancekit.learners.data.origin import rows_of as rows_of
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
-from stancekit.learners.evaluation.theorem import Theorem
-from stancekit.learners.evaluation.theorem import theorem as asked
 from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fit_settings import SPREAD as SPREAD
 from stancekit.learners.training.fit_settings import FitSettings, missing
 from stancekit.learners.training.fitting import learn
-from stancekit.planners.answer.answer import Status
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
@@ -266,68 +263,6 @@ def evaluate(
         projections=ways,
         progress=progress,
         run=run,
-    )
-
-
-@checked
-def theorem(
-    envelopes: Learned | EnvelopeSet | str | Path,
-    dataset: Rows,
-    *,
-    name: str = "selector",
-    workers: int | Executor = 1,
-    progress: Progress | None = None,
-) -> Theorem:
-    """Ask the conditions of Lin et al.'s theorem of envelopes, on labelled rows.
-
-    Arguments:
-        envelopes: fixed boxes: envelopes, what ``fit`` returned for a method that learns some, or a
-            file of either.
-        dataset: labelled rows that they were not learned from, or their folder.
-        name: name of the envelopes.
-        workers: processes, or an executor.
-        progress: function called with the number of scenes tested and the number in all.
-
-    Returns:
-        A ``Theorem``: for each condition the share of scenes that do not break it with its Wilson
-        95 % interval, and the rows that do.
-
-    Raises:
-        InvalidInput: for a selector whose boxes depend on the scene, for envelopes of another class
-            of problems, for a data set without labels, and for rows that they were trained on.
-    Source:
-        Lin et al. §III.
-
-    Example:
-        >>> import stancekit
-        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
-        >>> test = stancekit.label("wall-3", "test", rows=(6, 6), seed=1)
-        >>> boxes = stancekit.fit(train, "quantile").envelopes
-        >>> from stancekit.selectors import theorem
-        >>> theorem(boxes, test).conditions["2-p1"].holds.of
-        6
-    """
-    rows, learned = rows_of(dataset), selector_for(dataset, envelopes, name)
-    boxes = learned.envelopes
-    known = [
-        (int(number), row)
-        for number, row in zip(rows.chosen, rows.rows(), strict=True)
-        if row.status is not Status.UNDECIDED and not row.trivial
-    ]
-    if not known:
-        raise InvalidInput(
-            f"{rows.ledger.folder}: expected rows labelled feasible or infeasible, not trivially, "
-            f"got none of {len(rows)}"
-        )
-    for _, row in known[:1]:
-        boxes.check_fits(row.problem)
-    return asked(
-        name,
-        boxes,
-        [scene_of(row) for _, row in known],
-        [number for number, _ in known],
-        progress=progress,
-        run=_executor(workers),
     )
 
 

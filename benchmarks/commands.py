@@ -50,8 +50,6 @@ COMMANDS = {
     "plan stairs 30": "plan stairs --frames 30 --out again.json",
     "plan icy-walls 30": "plan icy-walls --frames 30 --out again.json",
     "plan walls 127": "plan walls --frames 127 --out again.json",
-    "plan legs": "plan anymal-stairs --out again.json",
-    "plan legs inclined": "plan anymal-inclined-surfaces --out again.json",
     "plan icy-walls": "plan icy-walls --out again.json",
     "simulate": "simulate climb.json",
     "run": "run climb.json",

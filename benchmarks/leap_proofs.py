@@ -6,7 +6,7 @@ their own.
 Choices that a Farkas cut refutes, and the most favourable choices of scenes that a certificate
 refutes, are given to IPOPT (casadi) from five starts: a program with the moments as they are, of
 forces, toes and the body, which shares nothing with the finder, its cuts and their check but the
-question (``planners/leap/nlp.py``). Whatever it finds is put to the judge below. Cuts are evaluated
+question (``_leap_nlp``). Whatever it finds is put to the judge below. Cuts are evaluated
 on choices that were solved; forged leaps are put to the verifier.
 """
 
@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 from _bench import Options, launch
+from _leap_nlp import LeapNlp
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.cuts import MARGIN, proof_cut, ray
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
-from stancekit.planners.leap.nlp import LeapNlp
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import attempt, plan_of
 from stancekit.planners.problem.leap_classes import leap_class

@@ -9,10 +9,8 @@ import tyro
 
 from .bench_envelopes import BenchEnvelopes
 from .bench_gait import BenchGait
-from .bench_leaps import BenchLeaps
 from .bench_planner import BenchPlanner
 from .bench_room import BenchRoom
-from .bench_scenes import BenchScenes
 
 
 @dataclass
@@ -24,8 +22,6 @@ class Bench:
     what: (
         Annotated[BenchEnvelopes, tyro.conf.subcommand("envelopes", prefix_name=False)]
         | Annotated[BenchPlanner, tyro.conf.subcommand("planner", prefix_name=False)]
-        | Annotated[BenchScenes, tyro.conf.subcommand("scenes", prefix_name=False)]
-        | Annotated[BenchLeaps, tyro.conf.subcommand("leaps", prefix_name=False)]
         | Annotated[BenchRoom, tyro.conf.subcommand("room", prefix_name=False)]
         | Annotated[BenchGait, tyro.conf.subcommand("gait", prefix_name=False)]
     )

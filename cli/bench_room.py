@@ -41,8 +41,8 @@ class BenchRoom:
     """Files of `stancekit fit` from labelled tries of leaps, or a name that ships; of several, as
     of training seeds, the mean is taken. Scenes that they learned from are refused."""
     method: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = METHODS
-    """Methods that learn nothing, of those of bench leaps; the best within a budget is its
-    control."""
+    """Methods that learn nothing: random, noise, rule-tuned, farkas, finder, finder-tuned; the best
+    within a budget is its control. noise-again draws with another seed."""
     environment: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = (LEAPS,)
     """Some of LeapChoice-v0, EnvelopeSelection-v0, EnvelopeRefinement-v0, Traverse-v0,
     WarpedGait-v0. Of all but the first the budget is that of an episode, and a planner beside the
@@ -137,7 +137,6 @@ class BenchRoom:
                 seed=self.seed,
                 methods=(*self.method, *self.scorer),
                 solves=self.oracle_solves,
-                proof=0,
             )
             if not {*leap_bench.FINDERS, *leap_bench.TUNED} & {*settings.methods}:
                 raise InvalidInput(

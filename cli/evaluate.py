@@ -20,17 +20,13 @@ from .names import PROJECTION, ROBOT, TERRAIN, named
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
-    from stancekit.envs.data.dataset import Dataset
     from stancekit.learners.evaluation.evaluate import Score, Share
-    from stancekit.learners.evaluation.theorem import Theorem
     from stancekit.learners.selectors.selector import Learned
     from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
 PROJECTED = ("fix-p", "lift-fix-p", "fix-toes", "scp")
-SHOWN = 6
-"""Rows that break a condition and are named in the table; --json has all."""
 
 
 @dataclass
@@ -64,9 +60,6 @@ class Evaluate:
     so."""
     projection: Annotated[tuple[str, ...], PROJECTION] = PROJECTED
     """Projections; nlp takes some 30 ms a problem."""
-    theorem: bool = False
-    """Ask the conditions of Lin et al.'s theorem (§III) of fixed envelopes in place of Table I's
-    shares, and name the rows that break each."""
     workers: int = 1
     """Processes. Times of P1 are honest with as many as there are idle cores."""
     executor: Literal["processes", "ray"] = "processes"
@@ -92,8 +85,6 @@ class Evaluate:
                 "none"
             )
         rows = rows_of(self.dataset, self.part, self.robot, self.terrain)
-        if self.theorem:
-            return self._theorem(rows)
         selectors: list[tuple[str, EnvelopeSet | str]] = [
             (str(path), read_envelopes(path)) for path in self.envelope
         ]
@@ -125,57 +116,6 @@ class Evaluate:
         else:
             out.print(score_table(rows.problem_class, scores))
         return 0
-
-    def _theorem(self, rows: Dataset) -> int:
-        """Print the conditions of the theorem, per envelope file."""
-        from stancekit.selectors import executor, theorem
-
-        files = [str(path) for path in self.envelope] + list(self.selector)
-        if not files:
-            raise InvalidInput("--theorem: expected --envelope FILE with fixed boxes, got none")
-        if self.projection != PROJECTED:
-            raise InvalidInput(
-                f"--projection: expected none with --theorem, got {' '.join(self.projection)}"
-            )
-        workers = executor(self.executor, workers=self.workers, address=self.address)
-        for file in files:
-            with progress(f"theorem {Path(file).stem}") as bar:
-                shares = theorem(file, rows, name=Path(file).stem, workers=workers, progress=bar)
-            if self.json:
-                emit(shares.to_json())
-            else:
-                out.print(_theorem_table(rows.problem_class, shares))
-        return 0
-
-
-def _theorem_table(problem_class: str, found: Theorem) -> Table:
-    """The conditions as a table, with the first rows that break each."""
-    from stancekit.learners.evaluation.theorem import TITLES
-
-    table = Table(
-        title=f"{problem_class}, {found.selector}: % of scenes that do not break it",
-        title_justify="left",
-        header_style="bold",
-        box=None,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
-    table.add_column("condition", overflow="fold", max_width=32)
-    for name in ("holds", "of", "open"):
-        table.add_column(name, no_wrap=True, justify="right")
-    table.add_column("broken by rows", overflow="fold", max_width=24)
-    for name, title in TITLES.items():
-        one = found.conditions[name]
-        shown = " ".join(str(row) for row in one.broken[:SHOWN])
-        more = len(one.broken) - SHOWN
-        table.add_row(
-            title,
-            _percent(one.holds),
-            str(one.holds.of),
-            str(len(one.undecided)),
-            shown + (f" and {more} more" if more > 0 else ""),
-        )
-    return table
 
 
 def score_table(problem_class: str, scores: list[Score]) -> Table:

@@ -71,11 +71,10 @@ class PlanCourse:
     carries.
 
     COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a family's ground as
-    stairs:0.5:7 (FAMILY:LEVEL:SEED), a published scene (anymal-stairs, talos-ramp, …), a YAML or
-    JSON file of your own, or with --start and --goal a terrain's file or name, as `stancekit
-    terrain` has them; a file of one posture problem is a course of one frame. A file with phases,
-    or with a distribution, is a leap, and so is leap-hard:7 (CLASS:SEED): its planners are finder,
-    farkas, rule, noise and random.
+    stairs:0.5:7 (FAMILY:LEVEL:SEED), a YAML or JSON file of your own, or with --start and --goal a
+    terrain's file or name, as `stancekit terrain` has them; a file of one posture problem is a
+    course of one frame. A file with phases, or with a distribution, is a leap, and so is
+    leap-hard:7 (CLASS:SEED): its planners are finder, farkas, rule, noise and random.
 
       stancekit plan walls --frames 8 --out climb.json --picture climb.png
       stancekit plan icy-walls --html climb.html
@@ -159,9 +158,6 @@ class PlanCourse:
     bent until they are so far apart [m]."""
     frames: OptionalInt = None
     """Number of key frames M, where not the course's own."""
-    engine: Literal["rows", "cvxpy"] = "rows"
-    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as
-    the paper has them (much slower)."""
     time_limit_s: float = 60.0
     """Limit for all of it, bending and judging included; what is not decided by then is undecided,
     and what there is so far is said and written [s]."""
@@ -342,7 +338,6 @@ class PlanCourse:
         check_drawn(self.picture, self.video, self.html)
 
     def _planner(self) -> Planner:
-        from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.search.methods import PlannerOptions, make_planner, settings_of
 
         boxes = None
@@ -361,8 +356,6 @@ class PlanCourse:
         }
         with as_options(*SETTINGS):
             names = settings_of(self.planner, "courses")
-            options = PlannerOptions(
-                time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine)
-            )
+            options = PlannerOptions(time_limit_s=self.time_limit_s)
             settings = {name: value for name, value in planner_settings.items() if name in names}
             return make_planner(self.planner, options, of="courses", **settings)

@@ -27,7 +27,7 @@ class Play:
     the plan.
 
     COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), FAMILY:LEVEL:SEED, a
-    published scene, a YAML or JSON file, or with --start and --goal a terrain's file, as for
+    YAML or JSON file, or with --start and --goal a terrain's file, as for
     `stancekit plan`.
 
       stancekit play walls
@@ -131,7 +131,6 @@ class Play:
 
         Raises InvalidInput.
         """
-        from stancekit.planners.problem.course_file import described
         from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.between_scenario import BetweenScenario
         from stancekit.views.playground.fixed_scenario import FixedScenario
@@ -148,12 +147,7 @@ class Play:
                 robot=robot or "hexapod",
                 frames=self.frames,
             )
-        if (
-            suffix in SUFFIXES
-            or suffix == ".json"
-            or self.between != Between()
-            or "surfaces" in described(self.course)
-        ):
+        if suffix in SUFFIXES or suffix == ".json" or self.between != Between():
             return FixedScenario(laid=self.between.course(self.course, self.frames, robot))
         return KeysScenario.of(self.course, robot, self.frames)
 

@@ -80,9 +80,6 @@ class SolvePostures:
     time_limit_s: OptionalFloat = None
     """Limit a problem for exact, nlp and micp (30 unless another is given); what is not decided by
     then is undecided [s]."""
-    engine: Literal["rows", "cvxpy"] = "rows"
-    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as
-    Lin et al. have them."""
     certificate: bool = False
     """Add the certificate to infeasible answers, for `stancekit verify`."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
@@ -109,9 +106,7 @@ class SolvePostures:
             name: value for name, value in options.items() if value is not None
         }
         with as_options(*SETTINGS):
-            planner = planner_of(
-                self.method, time_limit_s=self.time_limit_s, engine=self.engine, **settings
-            )
+            planner = planner_of(self.method, time_limit_s=self.time_limit_s, **settings)
         problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []
         with progress(f"solve by {self.method}") as bar:

@@ -9,7 +9,7 @@ from contextlib import redirect_stdout
 
 from stancekit.cli.main import COMMANDS, main
 
-SUBCOMMANDS = {"bench": ("envelopes", "planner", "scenes", "gait")}
+SUBCOMMANDS = {"bench": ("envelopes", "planner", "room", "gait")}
 WIDTH = 100
 
 

@@ -51,11 +51,6 @@ SECTIONS = (
         ("planners.problem.course_keys:CourseSpec",),
     ),
     Section(
-        "Published scenes",
-        "YAML with `surfaces`; see [scenes](../scenes.md).",
-        ("planners.problem.scene_keys:SceneSpec",),
-    ),
-    Section(
         "Leaps",
         "`stancekit/leap/1`, YAML or JSON for `stancekit plan FILE`; see [leaps](../concepts/leaps.md).",
         ("planners.problem.leap_classes:LeapClass",),

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .leap_bench import AGAIN, FINDERS, PROOF, TUNED, UNLEARNED, share
+from .leap_bench import AGAIN, FINDERS, TUNED, UNLEARNED, share
 
 Share = tuple[float, float, float]
 DRAWS = 10_000
@@ -65,12 +65,11 @@ def leap_room(
     cpu_s: float | None = None,
 ) -> Room:
     """The room of LeapChoice-v0 at a budget of tries, of solves or of CPU time, from rows of
-    ``bench leaps`` with ``most`` solves per scene.
+    ``leap_bench`` with ``most`` solves per scene.
     """
     by_method: dict[str, dict[int, Mapping[str, Any]]] = {}
     for row in rows:
-        if row["method"] != PROOF:
-            by_method.setdefault(row["method"], {})[row["scene"]] = row
+        by_method.setdefault(row["method"], {})[row["scene"]] = row
     scenes = sorted(
         set.intersection(*(set(rows_of_method) for rows_of_method in by_method.values()))
     )

@@ -1,3 +1,3 @@
 """Lin et al. §II as data and rows: layout, scaled numbers, every equation once (``terms``); in
-cvxpy: ``reference``.
+cvxpy: ``relaxation.papers``.
 """

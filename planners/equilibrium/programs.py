@@ -7,29 +7,11 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Any, Literal, Protocol, TypeVar, cast, get_args, runtime_checkable
-
-from ..files.arrays import checked_choice
-from .rows import Reference, Rows
+from typing import Any, TypeVar, cast
 
 T = TypeVar("T")
-Engine = Literal["rows", "cvxpy"]
-ENGINES: tuple[Engine, ...] = get_args(Engine)
 MOST = 64
 """Programs that are kept; a long course over many candidates takes some megabytes."""
-
-
-@runtime_checkable
-class Written(Protocol):
-    """A convex program: its rows, and the same in cvxpy."""
-
-    rows: Rows[Any]
-
-    def reference(self, given: Any) -> Reference:
-        """The model of ``equilibrium.reference`` that the rows say again, for what they are loaded
-        with.
-        """
-        ...
 
 
 class Programs:
@@ -39,19 +21,14 @@ class Programs:
 
     One thread at a time may use them: a program holds the numbers of the problem that it solves. A
     copy (deepcopy, pickle) has none yet and writes its own.
-
-    Arguments:
-        engine: "rows" solves programs as they are written; "cvxpy" solves their readable reference
-            in their place.
     """
 
-    def __init__(self, most: int = MOST, *, engine: Engine = "rows") -> None:
-        checked_choice(engine, "engine", ENGINES)
-        self._most, self.engine = most, engine
+    def __init__(self, most: int = MOST) -> None:
+        self._most = most
         self._kept: OrderedDict[Hashable, object] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"_most": self._most, "engine": self.engine, "_kept": OrderedDict()}
+        return {"_most": self._most, "_kept": OrderedDict()}
 
     def get(self, make: Callable[..., T], *key: Hashable) -> T:
         """``make(*key)``, or what it made last time."""
@@ -61,8 +38,6 @@ class Programs:
             self._kept.move_to_end(name)
         else:
             made = self._kept[name] = make(*key)
-            if self.engine == "cvxpy" and isinstance(made, Written):
-                made.rows.solve_instead(made.reference)
             if len(self._kept) > self._most:
                 self._kept.popitem(last=False)
         return cast(T, made)

@@ -4,8 +4,8 @@ are filled in later.
     minimise  ½ x'P x + q'x  subject to  A x + s = b,  s in a product of zero, non-negative and
     second-order cones.
 
-The readable formulations of the same programs, in cvxpy, are in ``reference``; a test holds the two
-equal. Here a block of A is put once, rows and columns, with what gives its values for a problem:
+The papers' programs stand in cvxpy, to read, in ``relaxation.papers``; tests hold both equal. Here a
+block of A is put once, rows and columns, with what gives its values for a problem:
 numbers of the problem as they are (``Of``), all of which are loaded in one gather, or a function.
 Clarabel solves. A program of one frame keeps its solver and has its data updated, without
 equilibration; a longer one is set up anew each time, with it. Either way an answer depends on its
@@ -15,9 +15,9 @@ own problem alone.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Generic, Protocol
+from typing import Any, Generic
 
 import clarabel
 import numpy as np
@@ -28,15 +28,6 @@ from .columns import Columns, pattern_of
 from .conic_solution import ConicSolution, ConicStatus
 from .gather import D, Fill, Gather, GatheredNumbers, Values
 from .layout import Index
-
-
-class Reference(Protocol):
-    """Another formulation of a program for one problem: ``model.Model``."""
-
-    def solve_as(self, columns: Mapping[str, Index], groups: Mapping[str, Index]) -> ConicSolution:
-        """Solve it; x and z in this order, by names."""
-        ...
-
 
 STATUS = {
     clarabel.SolverStatus.Solved: ConicStatus.SOLVED,
@@ -64,7 +55,6 @@ class Rows(Generic[D]):
         self._linear: list[tuple[Index, Values[D]]] = []
         self._constants: list[Fill[D]] = []
         self._solver: clarabel.DefaultSolver | None = None
-        self._reference: Callable[[D], Reference] | None = None
         self.columns: dict[str, Index] = {}
         self.groups: dict[str, Index] = {}
         self.shape = (0, 0)
@@ -138,12 +128,6 @@ class Rows(Generic[D]):
         self._linear.append((columns, values))
         self._constants += [] if constant is None else [constant]
 
-    def solve_instead(self, reference: Callable[[D], Reference]) -> None:
-        """From now on ``solve`` asks another formulation of the same program, with its names and
-        shapes.
-        """
-        self._reference = reference
-
     def solve(self, data: D) -> ConicSolution:
         """Solve for this problem, by the kept solver with its numbers updated, or by a new one.
 
@@ -154,8 +138,6 @@ class Rows(Generic[D]):
             An answer whose status is SOLVED, INFEASIBLE (with a Farkas ray as dual) or FAILED;
             where the solver gave up it was asked again with smaller steps.
         """
-        if self._reference is not None:
-            return self._reference(data).solve_as(self.columns, self.groups)
         begin = time.perf_counter()
         if self._solver is None or not self._keep:
             hessian, q, matrix, b = self.load(data)

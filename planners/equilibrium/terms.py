@@ -3,7 +3,7 @@ alike.
 
 A term adds its variables and rows to ``Rows``; a program is a short list of terms (``relaxation``,
 ``projection``). All quantities are non-dimensional. Programs are loaded with a ``Given``. The same
-terms in cvxpy: ``reference``.
+terms in cvxpy: ``relaxation.papers``.
 """
 
 from __future__ import annotations

@@ -39,8 +39,6 @@ def read_course(
     """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one
     posture, explicitly.
 
-    A YAML file with surfaces is a published scene (``scene_keys``).
-
     Arguments:
         frames: number of key frames M, in place of that of the file; not for JSON files, whose
             footholds are fixed.
@@ -84,15 +82,6 @@ def read_course(
                 str(error) if str(error).startswith(str(course)) else f"{course}: {error}"
             ) from None
     data = described(course)
-    if "surfaces" in data:
-        from .scene_file import read_scene
-
-        if alternative != AS_ASKED:
-            raise InvalidInput(
-                f"{course}: expected no other layout of a published scene, got "
-                f"{alternative.message}"
-            )
-        return read_scene(course, data, frames, robot, sets, reach)
     spec = _spec(course, data, robot)
     try:
         spec = spec if frames is None else spec.with_frames(frames)
@@ -120,14 +109,6 @@ def read_spec(course: str | Path, robot: Robot | str | None = None) -> CourseSpe
     return _spec(course, described(course), robot)
 
 
-def is_scene(course: str | Path) -> bool:
-    """Tell whether a name or a YAML file is a published scene, whose layout is given.
-
-    Raises InvalidInput.
-    """
-    return "surfaces" in described(course)
-
-
 def described(course: str | Path) -> Mapping[str, Any]:
     """The keys of a built-in name, of FAMILY:LEVEL:SEED or of a YAML file.
 
@@ -139,16 +120,11 @@ def described(course: str | Path) -> Mapping[str, Any]:
     family, numbers = split_name(name)
     if numbers and all(_is_number(each) for each in numbers) and not Path(name).exists():
         raise TERRAIN_FAMILIES.unknown(family)
-    for folder, names in (("courses", builtin_courses()), ("scenes", builtin_scenes())):
-        if name in names:
-            text = (
-                resources.files(f"stancekit.configs.{folder}")
-                .joinpath(f"{name}.yaml")
-                .read_text(encoding="utf-8")
-            )
-            return cast("Mapping[str, Any]", parse_yaml(text, name))
+    if name in builtin_courses():
+        file = resources.files("stancekit.configs.courses").joinpath(f"{name}.yaml")
+        return cast("Mapping[str, Any]", parse_yaml(file.read_text(encoding="utf-8"), name))
     if not Path(name).suffix and not Path(name).exists():
-        known = ", ".join((*builtin_courses(), *builtin_scenes()))
+        known = ", ".join(builtin_courses())
         message = f"course: expected one of {known}, FAMILY:LEVEL:SEED or a YAML file, got {name!r}"
         raise InvalidInput(
             message
@@ -210,16 +186,7 @@ def _plain(text: str, data: Mapping[str, Any]) -> str:
 
 def builtin_courses() -> tuple[str, ...]:
     """Names of the courses that come with the package."""
-    return _names("courses")
-
-
-def builtin_scenes() -> tuple[str, ...]:
-    """Names of the published scenes that come with the package."""
-    return _names("scenes")
-
-
-def _names(folder: str) -> tuple[str, ...]:
-    files = resources.files(f"stancekit.configs.{folder}").iterdir()
+    files = resources.files("stancekit.configs.courses").iterdir()
     return tuple(
         sorted(path.name.removesuffix(".yaml") for path in files if path.name.endswith(".yaml"))
     )

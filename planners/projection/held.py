@@ -13,7 +13,7 @@ from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.gather import Fill, Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.objective import objective
-from ..equilibrium.rows import Reference, Rows
+from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Moments
 from ..files.arrays import Array, cross
@@ -51,15 +51,7 @@ class FixToes:
             body.reach(HeldToes(rows), inner=True)
             body.limits()
             body.steps(None)
-        self._hold_body, self._least = hold_body, least_moment
-
-    def reference(self, given: Given) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import fix_toes  # cvxpy takes a second to import
-
-        return fix_toes(
-            given.scaled, given.held, hold_body=self._hold_body, least_moment=self._least
-        )
+        self._hold_body = hold_body
 
     def solve(self, scaled: Scaled, start: Point) -> Point:
         """Hold the toes of ``start``, with hold_body its c and Θ, too, and solve for the rest.
@@ -93,12 +85,6 @@ class FixForces:
         body.limits()
         body.steps(toes)
 
-    def reference(self, given: Given) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import fix_forces
-
-        return fix_forces(given.scaled, given.held)
-
     def solve(self, scaled: Scaled, start: Point) -> Point:
         """Hold the forces of ``start`` and solve for toes, c and Θ.
 
@@ -119,7 +105,6 @@ class Linearised:
     """
 
     def __init__(self, layout: Layout, least_moment: bool) -> None:
-        self._price = None if least_moment else MOMENT_PRICE
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         body, toes = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=True)
         forces = Forces.of_contacts(rows, layout)
@@ -136,12 +121,6 @@ class Linearised:
         body.reach(toes, inner=True)
         body.limits()
         body.steps(toes)
-
-    def reference(self, given: Given) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import linearised
-
-        return linearised(given.scaled, given.held, price=self._price)
 
     def solve(self, scaled: Scaled, about: Point) -> Point:
         """Step from ``about``, which gives p̄ and F̄; one candidate a foothold.

@@ -19,12 +19,10 @@ class Boxed(Given):
 
     Arguments:
         allowed: which of them a stance may use, (S, E).
-        slope: what ``within`` minimises, over [p, f], shape (B, 6).
     """
 
     boxes: Sequence[Envelope]
     allowed: Array | None = None
-    slope: Array | None = None
 
     @cached_property
     def corners(self) -> Corners:

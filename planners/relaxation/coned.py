@@ -18,7 +18,6 @@ from typing import ClassVar
 import numpy as np
 
 from ..equilibrium.layout import Layout
-from ..equilibrium.rows import Reference
 from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import Given
 from ..files.arrays import Array
@@ -64,29 +63,6 @@ class Coned(McCormick):
         rows.put(cone, forces, self._moved)
         if soft:
             rows.put(cone[..., 0], rows.columns["margin"], -1.0)
-
-    def reference(self, given: Boxed) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        import cvxpy as cp
-
-        from ..equilibrium.model import ConicModel
-
-        model = super().reference(given)
-        if not isinstance(model, ConicModel) or not len(self._coned):
-            return model  # McCormick's alone
-        problem = cp.Problem(cp.Minimize(model.cost), list(model.terms.values()))
-        known = {one.name(): one for one in problem.variables()}
-        count = len(self._coned)
-        forces = known["box_forces" if "box_forces" in known else "forces"][self._coned]
-        products = cp.reshape(known["moments"][self._coned], (3 * count, 3), order="C")
-        each = np.kron(np.eye(count), np.ones((3, 1))) @ forces  # one row per contact and axis j
-        low, high = (end[self._coned].reshape(-1, 1) for end in given.boxes[0].position)
-        moved = cp.vstack([products - cp.multiply(low, each), cp.multiply(high, each) - products])
-        friction = np.tile(np.repeat(given.scaled.friction[self._candidate], 3), 2)
-        most = cp.multiply(friction, moved[:, 0]) + known.get("margin", np.zeros(1))[0]
-        return ConicModel(
-            model.cost, {**model.terms, "box_cones": cp.SOC(most, moved[:, 1:], axis=1)}
-        )
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """P1 over one box; the gradient has the part of the cones, too."""

@@ -23,7 +23,7 @@ from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import Reference, Rows
+from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments
 from ..errors import InvalidInput
@@ -111,15 +111,6 @@ class JointRelaxation:
             raise InvalidInput(f"envelopes: expected one for joint, got {max(map(len, boxes))}")
         return programs.get(cls, scaled[0].layout).solve_each(
             scaled, [box for (box,) in boxes], points
-        )
-
-    def reference(self, given: Boxed) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import joint  # cvxpy takes a second to import
-
-        price = None if self._signed else MARGIN_PRICE
-        return joint(
-            given.scaled, given.boxes[0], None if self._signed else given.held, price=price
         )
 
     def solve(

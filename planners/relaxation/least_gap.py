@@ -16,7 +16,7 @@ from dataclasses import replace
 
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
-from ..equilibrium.rows import Reference, Rows
+from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array
@@ -45,12 +45,6 @@ class LeastGap:
         body.reach(toes, inner=True)
         body.limits()
         body.steps(toes)
-
-    def reference(self, given: Given) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import least_gap  # cvxpy takes a second to import
-
-        return least_gap(given.scaled, given.held)
 
     def solve(self, scaled: Scaled, about: Point) -> Point:
         """The point of least gap as linearised about another, rounded onto patches and friction

@@ -22,7 +22,7 @@ from ..equilibrium.layout import Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import Reference, Rows
+from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array
@@ -74,11 +74,7 @@ class LiftProgram:
     about_points: ClassVar[bool] = False
 
     def __init__(self, layout: Layout, implied: bool, least_moment: bool) -> None:
-        self.layout, self.rows, self._least = (
-            layout,
-            Rows[Given](keep=layout.frames == 1),
-            least_moment,
-        )
+        self.layout, self.rows = layout, Rows[Given](keep=layout.frames == 1)
         rows = self.rows
         body = BodyVariables(rows, layout)
         toes = FreeToes(rows, layout, explicit=not least_moment, implied=implied)
@@ -121,12 +117,6 @@ class LiftProgram:
         """Solve for a problem of this layout."""
         solution = self.rows.solve(Given(scaled))
         return self._answer(scaled, solution)
-
-    def reference(self, given: Given) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import lift  # cvxpy takes a second to import
-
-        return lift(given.scaled, least_moment=self._least)
 
     def _answer(self, scaled: Scaled, solution: ConicSolution) -> LiftAnswer:
         least = "residual" in solution.columns

@@ -26,7 +26,7 @@ from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import Reference, Rows
+from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given
 from ..errors import InvalidInput
@@ -50,14 +50,8 @@ class WithoutMoment:
     """
 
     def __init__(self, layout: Layout, inner: bool = False) -> None:
-        self.rows, self._inner = Rows[Given](keep=layout.frames == 1), inner
+        self.rows = Rows[Given](keep=layout.frames == 1)
         self._forces = _terms(self.rows, layout, explicit=False, inner=inner)[2]
-
-    def reference(self, given: Given) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import without_moments  # cvxpy takes a second to import
-
-        return without_moments(given.scaled, inner=self._inner)
 
     def solve(self, scaled: Scaled) -> Point | None:
         """A point of P̄ in the middle of its feasible set, or None where there is none or the
@@ -87,7 +81,7 @@ class McCormick:
         if soft and boxes > 1:
             raise InvalidInput(f"boxes: expected 1 for the signed margin, got {boxes}")
         layout.check_point_feet("envelopes")
-        self.layout, self._axes, self._soft = layout, axes, soft
+        self.layout = layout
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         self._body, self._toes, self._forces = _terms(rows, layout, explicit=not soft)
         margin = rows.variable("margin", 1) if soft else None
@@ -131,14 +125,6 @@ class McCormick:
     ) -> list[RelaxationAnswer]:
         """The best box of each problem, all of one layout (``table.RelaxedProgram``)."""
         return programs.get(cls, scaled[0].layout).solve_any_of_each(scaled, boxes)
-
-    def reference(self, given: Boxed) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import p1, p1_of_modes
-
-        if given.allowed is not None:
-            return p1_of_modes(given.scaled, given.boxes, given.allowed, axes=self._axes)
-        return p1(given.scaled, given.boxes[0], soft=self._soft, axes=self._axes)
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """P1 over one box (Lin et al. §III): m = p f replaced by McCormick's envelope over it.

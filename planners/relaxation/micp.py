@@ -1,29 +1,30 @@
-"""The program of MICP in cvxpy: everything but m = p f as P1 has it, and m = p f over the cells of
-``grid``.
+"""MICP as mixed-integer solvers take it: the paper's program (``papers.micp``), with planes in the
+place of cones for a solver that has none.
 
-For postures it is compiled once a layout, with parameters in the place of their numbers.
+For postures it is compiled once per layout, with parameters in the place of their numbers. A solver
+without second-order cones gets planes around or inside them, and tangents in the place of squares.
 """
 
 from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal, cast, get_args
 
 import cvxpy as cp
 import numpy as np
+from cvxpy.atoms.affine.add_expr import AddExpression
 
-from ..equilibrium.equations import mccormick
 from ..equilibrium.layout import Index, Layout
-from ..equilibrium.reference import coupled
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_choice
 from .envelope import Envelope
-from .grid import Breaks, Cells, Cones, Encoding, planes, without_squares
 from .mccormick import Axes
+from .papers import Breaks, Encoding, micp
 
 _ANY = 1e9  # gap: the first point found ends the search, since a claim needs no best point
 SOLVERS: dict[
@@ -43,9 +44,14 @@ ABSOLUTE_GAP = 1e-4
 """Absolute gap of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off
 the goal."""
 Claim = Literal["feasible", "infeasible", "unknown"]
+Cones = Literal["exact", "outer", "inner"]
 Cut = Literal["both", "position"]
 Domain = Literal["course", "unit"]
 EnvelopeUse = Literal["rows", "shrink"]
+TANGENTS = 16  # planes around a disc: the polygon exceeds it by 2 % at its corners, the polyhedron of a ball by 4 %
+KNOTS = np.array([0.0, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.33, 0.5, 0.8, 1.3])
+"""Where tangents touch a square, either side, in length scales: up to .35 off, y² is at most .0025
+above them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,22 +168,17 @@ class MicpProgram:
         envelope: Envelope | None = None,
         gap: float | None = None,
     ) -> None:
-        self._layout, self._solver, self._gap = scaled.layout, solver, gap
-        self._plan, self.products, terms = coupled(cast(Scaled, scaled), axes)
-        cells, cones = Cells(breaks, grid.counts, grid.encoding), cones_of(grid, solver)
-        constraints = [*terms.values(), *cells.terms(*self.products.parts)]
-        if envelope is not None:
-            constraints += mccormick(self.products.parts, envelope).values()
-        if several := [
-            k
-            for k, p in enumerate(self._layout.candidate_footholds)
-            if len(self._layout.corners[p]) > 1
-        ]:
-            constraints.append(
-                self._plan.shares[several] == cp.Variable(len(several), boolean=True)
-            )
-        constraints = [plane for row in constraints for plane in planes(row, cones)]
-        cost = cells.spread() if gap is None else self._plan.objective()
+        self._solver, self._gap = solver, gap
+        self.model = micp(
+            cast(Scaled, scaled),
+            breaks,
+            grid.encoding,
+            axes=axes,
+            envelope=envelope,
+            optimise=gap is not None,
+        )
+        cost, cones = self.model.cost, cones_of(grid, solver)
+        constraints = [plane for row in self.model.terms.values() for plane in planes(row, cones)]
         if gap is not None and cones != "exact":
             cost, tangents = without_squares(cost)
             constraints += tangents
@@ -229,7 +230,8 @@ class MicpProgram:
         return self._answer(scaled, seconds)
 
     def _answer(self, scaled: Scaled, seconds: float) -> MicpAnswer:
-        plan = self._plan
+        plan, products = self.model.plan, self.model.products
+        assert products is not None
         stance, _, foothold = scaled.layout.contacts
         shares, largest = (
             np.asarray(plan.shares.value),
@@ -237,10 +239,7 @@ class MicpProgram:
         )
         for candidate in np.argsort(shares, kind="stable"):
             largest[scaled.layout.candidate_footholds[candidate]] = candidate
-        position, world = (
-            np.asarray(self.products.position.value),
-            np.asarray(self.products.world.value),
-        )
+        position, world = np.asarray(products.position.value), np.asarray(products.world.value)
         frames = scaled.frames[largest[foothold]]
         moments = np.array(scaled.twisted)
         np.add.at(moments, stance, np.cross(position, world))
@@ -274,3 +273,86 @@ def cones_of(grid: MicpGrid, solver: str) -> Cones:
             f"cones: expected outer, inner, or exact for another solver than highs, got {cones!r}"
         )
     return cones
+
+
+def cell_error(domain: Envelope, counts: tuple[int, int]) -> float:
+    """The most that m may be off p f in a cell: a quarter of the largest product of its sides
+    (McCormick 1976).
+
+    Arguments:
+        domain: of [p, f].
+        counts: pieces of a p_j and of an f_k. Non-dimensional, as m is.
+    """
+    sides = domain.high - domain.low
+    return float(np.max(sides[:, :3, None] * sides[:, None, 3:])) / (4.0 * counts[0] * counts[1])
+
+
+def planes(constraint: cp.Constraint, cones: Cones) -> Sequence[cp.Constraint]:
+    """The constraint, or planes around or inside it if it is second-order cones ‖x‖ ≤ t of 2 or 3
+    components.
+
+    Three components are nested discs, ‖(x₁, x₂)‖ ≤ r and ‖(r, x₃)‖ ≤ t, with a variable r each
+    (Ben-Tal, Nemirovski).
+    """
+    if cones == "exact" or not isinstance(constraint, cp.SOC):
+        return [constraint]
+    radius, vectors = (
+        cp.reshape(part, (constraint.args[0].size, -1), order="C").T for part in constraint.args
+    )
+    if constraint.axis == 0 and constraint.args[1].ndim == 2:
+        vectors = constraint.args[1]
+    if cones == "inner":  # the polygon has corners, and so has the one that nests it
+        radius = np.cos(np.pi / TANGENTS) ** (vectors.shape[0] - 1) * radius
+    angle = np.linspace(0.0, 2.0 * np.pi, TANGENTS, endpoint=False)
+    circle, every = np.column_stack([np.cos(angle), np.sin(angle)]), np.ones((TANGENTS, 1))
+    if vectors.shape[0] == 2:
+        return [circle @ vectors <= every @ radius]
+    inner, half = (
+        cp.Variable((1, vectors.shape[1])),
+        circle[:, 0] > -1e-9,
+    )  # the first rows imply r ≥ 0
+    outer = circle[half] @ cp.vstack([inner, vectors[2:]]) <= every[half] @ radius
+    return [circle @ vectors[:2] <= every @ inner, outer]
+
+
+def without_squares(cost: cp.Expression) -> tuple[cp.Expression, list[cp.Constraint]]:
+    """A sum of weighted sums of squares, each square replaced by its highest tangent at ``KNOTS``:
+    from below.
+    """
+    knots, total, rows = np.concatenate([-KNOTS[:0:-1], KNOTS])[:, None], 0.0, []
+    for term in cost.args if isinstance(cost, AddExpression) else [cost]:
+        weight, squares = term.args
+        line = cp.reshape(squares.args[0], (1, squares.args[0].size), order="C")
+        above = cp.Variable(line.shape, nonneg=True)
+        rows.append(
+            np.ones_like(knots) @ above >= 2.0 * knots @ line - knots**2 @ np.ones(line.shape)
+        )
+        total = total + weight * cp.sum(above)
+    return total, rows
+
+
+def axes_of(scaled: Scaled) -> Axes:
+    """The contact frames where the candidates under every stance contact share one, else the
+    world's axes.
+    """
+    return "world" if len(of_several_frames(scaled)) else "contact"
+
+
+def of_several_frames(scaled: Scaled) -> Index:
+    """The stance contacts under which candidates of several frames are open, in order."""
+    contact, candidate = scaled.layout.contact_candidates
+    first = np.searchsorted(scaled.layout.candidate_footholds, scaled.layout.contacts[2])
+    off = np.abs(scaled.frames[candidate] - scaled.frames[first[contact]]).max(axis=(1, 2))
+    return np.unique(contact[off > 1e-6])
+
+
+def unit_domain(scaled: Scaled) -> Envelope:
+    """[−1, 1] for every p and f of every stance contact (Lin et al. §II), f_n included."""
+    ends = np.ones((len(scaled.layout.contacts[0]), 6))
+    return Envelope(low=-ends, high=ends)
+
+
+def meet(first: Envelope, second: Envelope) -> Envelope:
+    """The common part of two boxes; on a side where they have none, the gap between them."""
+    ends = (np.maximum(first.low, second.low), np.minimum(first.high, second.high))
+    return Envelope.from_vector(np.concatenate(ends, axis=None))

@@ -21,7 +21,7 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import Reference, Rows
+from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, FreeToes, Given
 from ..errors import InvalidInput
@@ -46,12 +46,6 @@ class Positions:
         body.reach(toes, inner=True)
         body.limits()
         body.steps(toes)
-
-    def reference(self, given: Given) -> Reference:
-        """Formulation of the same program in cvxpy."""
-        from ..equilibrium.reference import positions
-
-        return positions(given.scaled)
 
     def solve(self, scaled: Scaled) -> tuple[ConicSolution, Index, Point]:
         """The solution, the candidates of the largest shares by number, (P,), and the point without

@@ -68,7 +68,7 @@ class PlannerOptions:
         of: the kind of question that it will be asked; None where that may be either.
         time_limit_s: of one problem; ``POSTURE_LIMIT_S`` or ``COURSE_LIMIT_S`` where None [s].
         acceptance: when a claim counts.
-        programs: compiled models to share; their engine solves the convex programs.
+        programs: compiled models to share.
         settings: by name, for a planner from elsewhere, see ``SETTINGS``.
 
     Raises:
@@ -649,10 +649,9 @@ def _copied(options: PlannerOptions, limit_s: float, settings: Mapping[str, Any]
     """Options for a planner from elsewhere, which may write to what it is given; with a time limit
     always.
     """
-    engine = "rows" if options.programs is None else options.programs.engine
     return replace(
         options,
-        programs=Programs(engine=engine),
+        programs=Programs(),
         acceptance=replace(options.acceptance),
         time_limit_s=options.limit(limit_s),
         settings=dict(settings),

@@ -1,7 +1,7 @@
 """MICP (Lin et al. §II and Table II, [11]): m = p f over a grid of McCormick cells, by branch and
 bound in binaries.
 
-The grid is that of ``relaxation.grid``; which candidate patch a toe takes is binary, too. An
+The program is ``relaxation.papers.micp``; which candidate patch a toe takes is binary, too. An
 envelope comes in as rows of its own over the whole grid (Lin et al.), or as the box that the grid
 divides. HiGHS has no second-order cones: with tangent planes around them "infeasible" holds for the
 cones, too, while a point may leave them; with planes inside them a point holds, and "infeasible"
@@ -26,8 +26,19 @@ from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.boxes import boxes_of
 from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
-from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_frames, unit_domain
-from ..relaxation.micp import SOLVERS, MicpGrid, MicpProgram, cones_of, of_layout
+from ..relaxation.micp import (
+    SOLVERS,
+    MicpGrid,
+    MicpProgram,
+    axes_of,
+    cell_error,
+    cones_of,
+    meet,
+    of_layout,
+    of_several_frames,
+    unit_domain,
+)
+from ..relaxation.papers import Breaks
 from .answer import Acceptance, Claim, Kind, TimeLimited, check_unused, kind_of, plan_of
 from .clock import Clock
 from .least_steps import over_sides

@@ -52,8 +52,6 @@ SOLVE: list[tuple[str, dict[str, Any]]] = [
     ("time_limit_s", {"time_limit_s": float("nan")}),
     ("method", {"method": "magic"}),
     ("method", {"method": 7}),
-    ("engine", {"engine": "fast"}),
-    ("engine", {"method": ExactPlanner(), "engine": "cvxpy"}),
     ("projection", {"method": ExactPlanner(), "projection": "scp"}),
     ("time_limit_s", {"method": ExactPlanner(), "time_limit_s": 1.0}),
 ]
@@ -71,7 +69,6 @@ PLAN: list[tuple[str, dict[str, Any]]] = [
     ("frames", {"frames": 2.0}),
     ("frames", {"frames": True}),
     ("reserve", {"reserve": "no"}),
-    ("engine", {"engine": "mosek"}),
 ]
 OTHERS: list[tuple[str, Callable[[], Any]]] = [
     ("rng", lambda: stancekit.sample("wall-3", rng=1.5)),

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = {
     path.name: path.read_text(encoding="utf-8")
     for path in (ROOT / "benchmarks").rglob("*.py")
-    if not path.name.startswith("_") and "referee" not in path.parts
+    if not path.name.startswith("_") and not {"referee", "published"} & {*path.parts}
 }
 ALONE = {
     "same_answers.py": "is run by other checkouts, which have another harness",

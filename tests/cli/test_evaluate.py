@@ -179,37 +179,3 @@ def test_a_selector_that_ships_goes_by_its_name_and_is_refused_for_another_class
     ]
     told = "neural-ground-3: expected envelopes learned for wall-3, got some learned for ground-3"
     assert refusal("evaluate", labelled, "--selector", "neural-ground-3") == told
-
-
-def test_the_theorem_has_shares_intervals_and_rows(stancekit, labelled, envelopes):
-    ran = stancekit("evaluate", labelled, "--envelope", envelopes, "--theorem", "--json")
-    assert (ran.code, ran.err) == (0, "")
-    (record,) = ran.records
-    assert set(record) == {"selector", "1", "2", "2-p1", "3-p", "3-f"}
-    for name in ("1", "2", "2-p1"):
-        one = record[name]
-        assert one["of"] == 8
-        assert one["holds"] == (8 - len(one["broken"])) / 8
-        low, high = one["interval"]
-        assert -1e-12 <= low <= one["holds"] <= high <= 1.0 + 1e-12
-    table = stancekit("evaluate", labelled, "--envelope", envelopes, "--theorem").out
-    assert "(3) p kept" in table
-    assert max(len(line) for line in table.splitlines()) <= 80
-
-
-def test_the_theorem_wants_labels_fixed_boxes_and_their_class(
-    refusal, stancekit, labelled, envelopes, write
-):
-    message = "--theorem: expected --envelope FILE with fixed boxes, got none"
-    assert refusal("evaluate", labelled, "--theorem") == message
-    draw = ("--natural", "--feasible", "1", "--infeasible", "0", "--seed", "6", "--workers", "1")
-    stancekit("label", "wall-3", "data", *draw)
-    said = refusal("evaluate", "data", "--envelope", envelopes, "--theorem")
-    assert said == (
-        "data: expected rows labelled feasible or infeasible, not trivially, got none of 1"
-    )
-    other = json.loads(Path(envelopes).read_text()) | {"problem_class": "ground-3"}
-    said = refusal("evaluate", labelled, "--envelope", write("e.json", other), "--theorem")
-    assert said.endswith("learned for ground-3")
-    said = refusal("evaluate", labelled, "--selector", "neural-wall-3", "--theorem")
-    assert said.startswith("envelopes: expected a selector with the same ones for every scene")

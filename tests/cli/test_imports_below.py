@@ -42,7 +42,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.evaluation.gait_figures",
         )
     },
-    "bench_leaps": {TOOL: ("learners.evaluation",)},
     "bench_planner": {TOOL: ("learners.evaluation", "learners.evaluation.planner_bench")},
     "bench_room": {
         TOOL: (
@@ -51,9 +50,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.evaluation.room",
             "learners.zoo",
         )
-    },
-    "bench_scenes": {
-        TOOL: ("learners.evaluation",),
     },
     "between": {
         CHOICES: (
@@ -83,7 +79,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         TOOL: (
             "learners.evaluation.evaluate",
             "learners.evaluation.leaderboard",
-            "learners.evaluation.theorem",
         ),
     },
     "export": {TOOL: ("learners.data.export",)},
@@ -117,7 +112,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         LATER: (
             "learners.leaps.scorer",
-            "planners.equilibrium.programs",
             "planners.formats.answer_file",
             "planners.projection.whole_body_limits",
             "planners.search.plan_settings",
@@ -134,7 +128,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "play": {
         CHOICES: (
-            "planners.problem.course_file",
             "planners.terrain.families",
             "planners.terrain.import_options",
             "planners.terrain.reference",

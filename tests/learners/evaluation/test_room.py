@@ -34,7 +34,6 @@ ROWS = [
     row(3, "net", False, 40, 50),
     row(3, "noise", False, 40, 50),
     row(3, "noise-again", False, 40, 50),
-    row(3, "proof", False, 0, 9),
 ]
 
 

@@ -87,7 +87,6 @@ def test_scenes_that_it_learned_from_are_refused_as_a_test(name, tmp_path):
         seed=card_of(shipped("scorers")[name])["train"]["seed"],
         methods=(name,),
         solves=1,
-        proof=0,
     )
     with pytest.raises(
         InvalidInput,

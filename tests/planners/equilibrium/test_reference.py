@@ -1,5 +1,5 @@
-"""The programs that plan are the readable reference: every row is an equation of it, and so are
-optima and rays.
+"""The programs that plan are those of the papers and their kin in cvxpy: every row is an equation of
+them, and so are optima and rays.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from stancekit.planners.equilibrium.conic_solution import ConicSolution, ConicSt
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import Given
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.held import FixForces, FixToes, Linearised
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.grid import axes_of
 from stancekit.planners.relaxation.joint import JointRelaxation, near_nominal
 from stancekit.planners.relaxation.least_gap import LeastGap
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
+from stancekit.planners.relaxation.micp import axes_of
 from stancekit.planners.verify import check_certificate
+from tests.planners.oracle import MODELS, OraclePrograms, solve_as
 
 POSTURES = [
     ("wall-3", 0),
@@ -120,7 +120,7 @@ def loaded_with_wrench(problem: Problem) -> Problem:
 
 @dataclass(frozen=True, eq=False)
 class Answered:
-    """A program, what it was loaded with, and what either engine says."""
+    """A program, what it was loaded with, and what rows and oracle say."""
 
     where: str
     program: Any
@@ -215,11 +215,11 @@ def at_random(program, model, given, seed: int) -> tuple[np.ndarray, dict[str, n
 
 
 @pytest.mark.parametrize("which", PROBLEMS, ids=str)
-def test_every_row_is_an_equation_of_the_reference(scaled, near, which):
+def test_every_row_is_an_equation_of_the_model(scaled, near, which):
     seen = set()
     for name, (make, key), given in programs_of(scaled(which), near):
         program = make(*key)
-        model, groups = program.reference(given), program.rows.groups
+        model, groups = MODELS[make](given, *key[1:]), program.rows.groups
         x, expected = at_random(
             program, model, given, 0
         )  # rows are affine: two that agree at one such point agree
@@ -262,19 +262,19 @@ def same(first: ConicSolution, second: ConicSolution, where: str) -> None:
 
 @pytest.fixture(scope="module")
 def answers(scaled, near) -> list[Answered]:
-    """Every program of some problems, solved by either engine."""
+    """Every program of some problems, solved as rows and as cvxpy has it."""
     found = []
     for which in SOLVED:
         for name, (make, key), given in programs_of(scaled(which), near):
             program = make(*key)
             rows = program.rows
-            theirs = program.reference(given).solve_as(rows.columns, rows.groups)
-            solutions = {"rows": rows.solve(given), "cvxpy": theirs}
+            theirs = solve_as(MODELS[make](given, *key[1:]), rows.columns, rows.groups)
+            solutions = {"rows": rows.solve(given), "oracle": theirs}
             found.append(Answered(f"{name} {which}", program, given, solutions))
     return found
 
 
-def test_either_engine_comes_to_the_same_optima_and_refuses_the_same(answers):
+def test_rows_come_to_the_optima_of_the_models_and_refuse_the_same(answers):
     for answer in answers:
         same(*answer.solutions.values(), answer.where)
     statuses = [answer.solutions["rows"].status for answer in answers]
@@ -291,9 +291,7 @@ def test_the_small_form_of_the_lift_is_the_whole_one(drawn):
             small += 1
             same(
                 LiftProgram(scaled.layout, True, True).rows.solve(given),
-                Programs(engine="cvxpy")
-                .get(LiftProgram, scaled.layout, True, True)
-                .rows.solve(given),
+                OraclePrograms().get(LiftProgram, scaled.layout, True, True).rows.solve(given),
                 f"wall-3 {seed}",
             )
     assert small > 3
@@ -333,13 +331,13 @@ def symmetric(upper):
     return whole
 
 
-@pytest.mark.parametrize("engine", ["rows", "cvxpy"])
-def test_multipliers_are_optimal_whoever_found_them(answers, engine):
+@pytest.mark.parametrize("whose", ["rows", "oracle"])
+def test_multipliers_are_optimal_whoever_found_them(answers, whose):
     """In the rows' own matrices: A'z + P x + q = 0 and z'(b − A x) = 0; or a ray, A'z = 0 and b'z <
     0.
     """
     for answer in answers:
-        solution = answer.solutions[engine]
+        solution = answer.solutions[whose]
         hessian, q, matrix, b = loaded(answer.program, answer.given)
         x, z = in_rows(answer.program, answer.given, solution)
         if solution.status is ConicStatus.INFEASIBLE:
@@ -351,7 +349,7 @@ def test_multipliers_are_optimal_whoever_found_them(answers, engine):
             assert abs(z @ (b - matrix @ x)) < 1e-5, answer.where
 
 
-def test_multipliers_of_either_engine_prove_the_same(drawn):
+def test_multipliers_of_rows_and_oracle_prove_the_same(drawn):
     proved = 0
     for name, seeds in {
         "wall-3": (0, 3, 12, 20, 225),
@@ -362,8 +360,8 @@ def test_multipliers_of_either_engine_prove_the_same(drawn):
             problem = drawn(name, seed)
             scaled = Scaled.of(problem)
             ours, theirs = (
-                Programs(engine=engine).get(LiftProgram, scaled.layout, False, True).solve(scaled)
-                for engine in ("rows", "cvxpy")
+                programs.get(LiftProgram, scaled.layout, False, True).solve(scaled)
+                for programs in (Programs(), OraclePrograms())
             )
             bounds = [
                 check_certificate(
@@ -381,43 +379,33 @@ def test_multipliers_of_either_engine_prove_the_same(drawn):
     assert proved > 3
 
 
-def test_rays_of_either_engine_refute_a_course(ragged):
+def test_rays_of_rows_and_oracle_refute_a_course(ragged):
     refuted = 0
     for seed in range(8):
         course = ragged(seed, frames=2)
         scaled = Scaled.of(course)
-        for engine in ("rows", "cvxpy"):
-            answer = (
-                Programs(engine=engine).get(LiftProgram, scaled.layout, False, False).solve(scaled)
-            )
+        for programs in (Programs(), OraclePrograms()):
+            answer = programs.get(LiftProgram, scaled.layout, False, False).solve(scaled)
             if answer.status is ConicStatus.INFEASIBLE:
                 proof = Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None])
-                assert check_certificate(proof.of(course)).accepted, f"{engine} {seed}"
+                assert check_certificate(proof.of(course)).accepted, f"{programs} {seed}"
                 refuted += 1
     assert refuted >= 4
     assert refuted % 2 == 0
 
 
 @pytest.mark.parametrize("projection", ["fix-p", "fix-f", "fix-toes", "scp", "lift-fix-p"])
-def test_a_projection_ends_on_the_same_residual_with_either_engine(scaled, near, projection):
-    rows, reference = Programs(), Programs(engine="cvxpy")
+def test_a_projection_ends_on_the_residual_of_the_oracle(scaled, near, projection):
+    rows, oracle = Programs(), OraclePrograms()
     for which in [("wall-3", 5), ("ground-3", 1), (2, 2)]:
         problem = scaled(which)
         one = problem.chosen(np.array([numbers[0] for numbers in problem.which]))
         start = near(one, 1)
         ours, theirs = (
-            project(programs, projection, one, start, steps=1) for programs in (rows, reference)
+            project(programs, projection, one, start, steps=1) for programs in (rows, oracle)
         )
         assert ours.solves == theirs.solves
         if np.isfinite(ours.residual):
             assert ours.residual == pytest.approx(theirs.residual, abs=2e-6)
         else:
             assert np.isinf(theirs.residual)
-
-
-def test_an_engine_that_there_is_not_is_refused():
-    with pytest.raises(
-        InvalidInput,
-        match=r"^engine: expected one of rows, cvxpy, got 'mosek'$",
-    ):
-        Programs(engine="mosek")

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 
 from stancekit.planners.equilibrium.clarabel_settings import solver_settings
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
-from stancekit.planners.equilibrium.model import ConicModel
 from stancekit.planners.equilibrium.rows import Rows
+from stancekit.planners.relaxation.papers import Model
+from tests.planners.oracle import solve, solve_as
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROWS, COLUMNS = 7, 3
@@ -81,14 +82,15 @@ class Blend:
         """The same, as one would say it."""
         x, y = cp.Variable((2, 3), name="x"), cp.Variable(1, name="y")
         cost = d["stiff"] * cp.sum_squares(x) + 0.25 * cp.sum_squares(x[1] - x[0]) + 0.5 * y[0] ** 2
-        return ConicModel(
-            cost - cp.sum(cp.multiply(d["point"], x)) - d["pull"] * y[0] + 3.0 * d["pull"],
-            {
+        return Model(
+            cost=cost - cp.sum(cp.multiply(d["point"], x)) - d["pull"] * y[0] + 3.0 * d["pull"],
+            terms={
                 "plane": cp.sum(cp.multiply(d["normal"], x)) + y == d["level"],
                 "floor": x >= d["low"],
                 "balls": cp.SOC(d["radii"], x - d["centres"], axis=1),
                 "roof": y + x[0, 0] <= 0.3,
             },
+            plan=None,
         )
 
     @staticmethod
@@ -168,7 +170,7 @@ def test_the_lowest_point_of_a_ball_is_found(cost, centre, radius):
 def test_value_point_and_multipliers_of_every_group_are_those_of_cvxpy(seed, keep):
     solution, theirs = (
         Blend(keep).rows.solve(Blend.data(seed)),
-        Blend.model(Blend.data(seed)).solve(),
+        solve(Blend.model(Blend.data(seed))),
     )
     assert solution.objective == pytest.approx(theirs.objective, abs=1e-7)
     assert solution.bound == pytest.approx(theirs.bound, abs=1e-7)
@@ -192,10 +194,8 @@ def test_all_groups_bind_somewhere_among_the_seeds():
 @pytest.mark.parametrize("seed", range(4))
 def test_cvxpys_own_answer_is_the_models(seed):
     model = Blend.model(Blend.data(seed))
-    optimum = cp.Problem(cp.Minimize(model.cost), list(model.terms.values())).solve(
-        solver=cp.CLARABEL
-    )
-    assert model.solve().objective == pytest.approx(optimum, abs=1e-8)
+    optimum = model.problem.solve(solver=cp.CLARABEL)
+    assert solve(model).objective == pytest.approx(optimum, abs=1e-8)
 
 
 @KEPT
@@ -230,7 +230,7 @@ def test_infeasible_data_comes_with_a_farkas_ray_from_either(seed, keep):
     a = sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
     for solution in (
         program.rows.solve(data),
-        Blend.model(data).solve_as(program.rows.columns, program.rows.groups),
+        solve_as(Blend.model(data), program.rows.columns, program.rows.groups),
     ):
         assert solution.status is ConicStatus.INFEASIBLE
         ray = solution.z / -(b @ solution.z)

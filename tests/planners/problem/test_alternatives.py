@@ -13,7 +13,6 @@ import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Group
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import (
     ALTERNATIVES,
@@ -25,7 +24,7 @@ from stancekit.planners.problem.alternatives import (
 )
 from stancekit.planners.problem.candidates import CandidatePatches, NoPlace
 from stancekit.planners.problem.course_between import laid_between
-from stancekit.planners.problem.course_file import is_scene, read_course, read_spec
+from stancekit.planners.problem.course_file import read_course, read_spec
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
@@ -188,10 +187,3 @@ def test_a_surface_has_to_face_the_hip_and_not_the_middle_of_what_the_foot_reach
     ball = {"name": "leg", "shoulder_m": [0.0, 0.0, -0.35], "reach_m": 0.3}
     assert not footing.candidates(Limb(**ball), below, toe, 1, 0.2)
     assert footing.candidates(Limb(**ball, hip_m=np.zeros(3)), below, toe, 1, 0.2)
-
-
-def test_a_published_scene_has_one_layout() -> None:
-    assert is_scene("anymal-stairs")
-    assert not is_scene("walls")
-    with pytest.raises(InvalidInput, match=r"no other layout of a published scene, got toes 1\.15"):
-        read_course("anymal-stairs", alternative=ALTERNATIVES[1])

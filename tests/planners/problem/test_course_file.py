@@ -19,7 +19,6 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.candidates import CandidatePatches
 from stancekit.planners.problem.course_file import (
     builtin_courses,
-    builtin_scenes,
     read_course,
     read_spec,
     spec_from,
@@ -528,7 +527,7 @@ def test_two_limbs_on_one_patch_too_small_for_two_toes_are_named():
 
 def test_an_unknown_name_gets_the_names_there_are():
     message = refusal(read_course, "wals")
-    known = ", ".join((*FIVE, *builtin_scenes()))
+    known = ", ".join(FIVE)
     assert (
         message == f"course: expected one of {known}, FAMILY:LEVEL:SEED or a YAML file, got 'wals'"
     )

@@ -7,7 +7,6 @@ import pytest
 
 import stancekit
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.coned import Coned
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
@@ -15,6 +14,7 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import TwoStage
+from tests.planners.oracle import OraclePrograms
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_what_is_true_is_admitted_and_boxes_are_never_looser_than_mccormicks(hel
 
 
 def test_the_same_in_cvxpy_says_the_same(held, programs):
-    other, rng = Programs(engine="cvxpy"), np.random.default_rng(1)
+    other, rng = OraclePrograms(), np.random.default_rng(1)
     for _, scaled, at in held[:3]:
         box = around(at + 0.05, 0.15, rng)
         one, two = (Coned.margin(which, scaled, box, gradient=True) for which in (programs, other))

@@ -10,23 +10,26 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.equilibrium.equations import ContactForces, PlanVariables
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.grid import (
+from stancekit.planners.relaxation.micp import (
     KNOTS,
-    Breaks,
-    Cells,
     axes_of,
     cell_error,
     meet,
-    neighbouring,
     of_several_frames,
     planes,
     unit_domain,
     without_squares,
+)
+from stancekit.planners.relaxation.papers import (
+    Breaks,
+    Cells,
+    ContactForces,
+    PlanVariables,
+    neighbouring,
 )
 
 
@@ -50,9 +53,9 @@ def test_over_a_cell_the_products_reach_as_far_as_the_four_planes_of_mccormick(e
     domain = Envelope(
         low=[[-1.0, 0.0, 0.2, -0.5, 0.1, -1.0]], high=[[1.0, 0.8, 0.6, 0.7, 0.9, 1.0]]
     )
-    cells = Cells(Breaks.of(domain, (2, 2)), (2, 2), encoding)
+    cells = Cells(Breaks.of(domain, (2, 2)), encoding)
     parts = cp.Variable((1, 3)), cp.Variable((1, 3)), cp.Variable((1, 9))
-    rng, terms = np.random.default_rng(0), cells.terms(*parts)
+    rng, terms = np.random.default_rng(0), cells.terms(*parts).values()
     for _ in range(6):
         at = domain.low[0] + rng.random(6) * (domain.high - domain.low)[0]
         j, k = rng.integers(3, size=2)

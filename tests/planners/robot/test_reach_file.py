@@ -4,7 +4,6 @@ are none.
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach_file import read_polytope, read_reach
 
+ROOT = Path(__file__).resolve().parents[3]
 LIMBS = {"anymal": ("RHleg", "RFleg", "LHleg", "LFleg"), "talos": ("LF", "RF")}
 CUBE = "\n".join(
     [f"v {x} {y} {z}" for x in (0, 2) for y in (0, 2) for z in (0, 2)]
@@ -30,7 +30,7 @@ CUBE = "\n".join(
 
 
 def folder_of(robot: str) -> Path:
-    return Path(str(resources.files("stancekit.configs.reach"))) / robot
+    return ROOT / "benchmarks" / "published" / "reach" / robot
 
 
 def lines_of(path: Path, kind: str) -> list[list[str]]:
@@ -40,7 +40,7 @@ def lines_of(path: Path, kind: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("robot", LIMBS)
-def test_every_file_of_the_package_is_read_as_its_faces_say(robot):
+def test_every_published_file_is_read_as_its_faces_say(robot):
     paths = sorted(folder_of(robot).glob("*.obj"))
     assert len(paths) == {"anymal": 16, "talos": 4}[robot]
     for path in paths:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
@@ -21,6 +20,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan, explain
+from tests.planners.oracle import OraclePrograms
 
 from .test_exact import scip
 
@@ -155,7 +155,7 @@ def test_the_reference_solves_the_same_programs(climb, programs):
     free = TwoStagePlanner(programs=programs).solve(climb(6, frames=3))
     scaled = Scaled.of(along(course, free.solution))
     ours = solve_lift(programs, scaled, least_moment=False)
-    theirs = solve_lift(Programs(engine="cvxpy"), scaled, least_moment=False)
+    theirs = solve_lift(OraclePrograms(), scaled, least_moment=False)
     assert ours.solved
     assert theirs.solved
     assert ours.bound == pytest.approx(theirs.bound, rel=1e-4)

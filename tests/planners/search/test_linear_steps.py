@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
@@ -21,6 +20,7 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.multipliers import Multipliers
 from stancekit.planners.verify.stances import Schedule
+from tests.planners.oracle import OraclePrograms
 
 YAW_RAD = 2e-3
 
@@ -60,7 +60,7 @@ def test_plans_turn_no_farther_and_would_without(turning, programs, make):
 
 
 def test_the_lift_is_that_of_the_reference_and_below_every_plan(turning, programs):
-    reference, compared = Programs(engine="cvxpy"), 0
+    reference, compared = OraclePrograms(), 0
     for course in turning:
         scaled = Scaled.of(limited(course, YAW_RAD))
         mine, theirs = (

@@ -16,17 +16,17 @@ import pytest
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
-from stancekit.planners.equilibrium.reference import p1
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.grid import Breaks, cell_error
-from stancekit.planners.relaxation.micp import MicpGrid, MicpProgram, of_layout
+from stancekit.planners.relaxation.micp import MicpGrid, MicpProgram, cell_error, of_layout
+from stancekit.planners.relaxation.papers import Breaks, p1
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.verify import check_plan
+from tests.planners.oracle import solve
 
 NEEDS_SCIP = pytest.mark.skipif(
     importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra"
@@ -177,7 +177,7 @@ def test_one_piece_of_the_domain_is_the_mccormick_relaxation(scenes):
         if (
             claims[-1] == "infeasible"
         ):  # its cones are wider, so what it refuses the relaxation refuses, too
-            answer = p1(Scaled.of(problem), domain, soft=True).solve()
+            answer = solve(p1(Scaled.of(problem), domain, soft=True))
             assert answer.status is ConicStatus.INFEASIBLE or answer.objective > 0.0
     assert set(claims) == {"feasible", "infeasible"}
 
@@ -189,7 +189,9 @@ def test_a_point_of_the_grid_lies_on_the_surface_up_to_its_cells(feasible):
         program, domain = asked(problem, MicpGrid(intervals=intervals))
         answer = program.solve(Scaled.of(problem), 60.0)
         p, f = coordinates(answer.point)[0, :, :3], answer.point.forces
-        gap = np.abs(program.products.moments.value - (p[:, :, None] * f[:, None, :]).reshape(3, 9))
+        gap = np.abs(
+            program.model.products.moments.value - (p[:, :, None] * f[:, None, :]).reshape(3, 9)
+        )
         (p_low, p_high), (f_low, f_high) = domain.position, domain.force
         cell = ((p_high - p_low)[:, :, None] * (f_high - f_low)[:, None, :]).reshape(
             3, 9

@@ -20,6 +20,7 @@ from stancekit.planners.search.canonical import LONG, SHORT, canonical, without_
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.witness import Iteration, witnesses
 from stancekit.planners.verify import check_plan
+from tests.planners.oracle import OraclePrograms
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 FOUND = {"wall-3": 0.5, "wall-5": 0.75, "ground-3": 0.9}
@@ -95,7 +96,7 @@ def test_no_solver_takes_part_in_a_witness(name, programs):
     batch = batch_of(name, 30, seed=4)
     found = contents(canonical(batch))
     answers = solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf), batch)
-    other = solve_all(ExactPlanner(programs=Programs(engine="cvxpy"), time_limit_s=np.inf), batch)
+    other = solve_all(ExactPlanner(programs=OraclePrograms(), time_limit_s=np.inf), batch)
     for k, (ours, theirs) in enumerate(zip(answers, other, strict=True)):
         assert ours.status is theirs.status
         if k in found:

@@ -145,7 +145,7 @@ def test_another_robot_stands_as_it_does(tmp_path):
 
 
 def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path):
-    course = read_course("anymal-stairs")
+    course = read_course("stairs")
     scenario = FixedScenario(laid=course).picked(course, 3)
     by = np.array([0.01, 0.02, 0.005])
     moved = scenario.dragged("surface", course.terrain[3].centre_m + by).slid("surface", 0.5)

@@ -26,21 +26,21 @@ from typing import ClassVar, Literal, get_args
 import cvxpy as cp
 import numpy as np
 
-from ..answer.answer import Answer
-from ..answer.plan import Plan
-from ..equilibrium.layout import Index
-from ..equilibrium.programs import Programs
-from ..equilibrium.scaled import Point, Scaled
-from ..errors import InvalidInput
-from ..files.arrays import Array, checked_choice
-from ..problem import Problem
-from ..problem.problem import Foothold
-from ..projection.project import project
-from ..terrain.patch import Patch
-from ..terrain.polygon import half_planes
-from ..verify import check_plan
-from .answer import Acceptance, Claim, Kind, plan_of
-from .clock import Clock
+from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.equilibrium.layout import Index
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array, checked_choice
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.problem import Foothold
+from stancekit.planners.projection.project import project
+from stancekit.planners.search.answer import Acceptance, Claim, Kind, plan_of
+from stancekit.planners.search.clock import Clock
+from stancekit.planners.terrain.patch import Patch
+from stancekit.planners.terrain.polygon import Surface, half_planes
+from stancekit.planners.verify import check_plan
 
 Choice = Literal["l1", "mip"]
 SOLVERS = {"highs": cp.HIGHS, "scip": cp.SCIP}
@@ -364,8 +364,6 @@ def _sides(patch: Patch) -> tuple[Array, Array]:
 
 def _settled(course: Problem, choice: Index, toes_m: Array) -> Array:
     """The toes drawn onto their surfaces, which solvers leave by their tolerances."""
-    from ..terrain.polygon import Surface
-
     toes = toes_m.copy()
     for p, (foothold, regions) in enumerate(zip(course.footholds, course.regions, strict=True)):
         toes[p] = (

@@ -15,13 +15,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equilibrium.layout import Index
-from ..files.arrays import Array
-from ..physics import GRAVITY_M_S2
-from ..problem.leap import Leap
-from .numbers import LeapNumbers
-from .scp import FRICTION_SHARE, HEIGHT_RESERVE_M, REACH_RESERVE_M, TILT_RESERVE_RAD
-from .terms import SPEED_RESERVE
+from stancekit.planners.equilibrium.layout import Index
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.leap.numbers import LeapNumbers
+from stancekit.planners.leap.scp import (
+    FRICTION_SHARE,
+    HEIGHT_RESERVE_M,
+    REACH_RESERVE_M,
+    TILT_RESERVE_RAD,
+)
+from stancekit.planners.leap.terms import SPEED_RESERVE
+from stancekit.planners.physics import GRAVITY_M_S2
+from stancekit.planners.problem.leap import Leap
 
 Ask = Callable[[Any, float, float], None]
 RESERVES = (REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD, SPEED_RESERVE)

@@ -1,4 +1,10 @@
-"""The conditions of Lin et al.'s theorem (§III), asked of envelopes on labelled scenes.
+"""The conditions of Lin et al.'s theorem (§III), asked of boxes on labelled scenes.
+
+    stancekit label wall-3 data/test --seed 51
+    python benchmarks/theorem.py --data data/test --envelope box.json [box2.json ...] [--json]
+
+It prints for each condition the share of the scenes that do not break it, with its 95 % interval
+(Wilson), and the rows that do.
 
 (1) Every feasible problem has a solution with [p, f] in the box. Decided: by the label's own
     posture, or by halving the box where P1 over a part still has points and P2 finds no posture
@@ -10,32 +16,38 @@
     (toes, c and Θ held, forces solved for) and with f kept (all else solved for). Both projections
     are convex, so that a residual they leave is a proof. On feasible problems: an infeasible one
     that P1 admits breaks (3) as it breaks (2).
+
+A set of several boxes meets (1) where one does, and (2) where all do; (3) is asked of the box that
+P1 takes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import cvxpy as cp
 import numpy as np
+from _bench import Options, launch, share
 
+from stancekit import selectors
+from stancekit.envs.data.scenes import scene_of
 from stancekit.envs.scenes import LabelledScene
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.equilibrium.programs import Programs, programs_of_this_thread
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.coned import Coned
-from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.relaxed import RelaxationAnswer
-from stancekit.planners.relaxation.within import WithinBox
+from stancekit.planners.relaxation.papers import coupled, mccormick
+from stancekit.planners.relaxation.relaxed import RelaxationAnswer, Relaxed, unit_shares
 from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
-
-from ..data.executor import Executor, gather, processes
-from .evaluate import CHUNK, Progress, Share
 
 CORNERS = 8
 """Corners of P1's set that are projected, beside its own answer; directions are the same for all."""
@@ -47,41 +59,6 @@ SOUGHT = ("fix-p", "fix-toes", "scp")
 """Projections by which condition (1) looks for a posture in a part of the box."""
 WAYS = {"p": "fix-p", "f": "fix-f"}
 """Projections of condition (3), by the part that they keep."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """One condition on the scenes that it speaks of.
-
-    Arguments:
-        holds: share of the scenes that do not break it.
-        broken: rows of the data set that break it, by number.
-        undecided: rows for which the search met its limit; they count as holding.
-    Source:
-        Lin et al. §III.
-
-    Example:
-        >>> from stancekit.learners.evaluation.theorem import Condition
-        >>> from stancekit.learners.evaluation.evaluate import Share
-        >>> Condition(holds=Share(hits=3, of=4), broken=(7,)).to_json()["broken"]
-        [7]
-    """
-
-    holds: Share
-    broken: tuple[int, ...] = ()
-    undecided: tuple[int, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return share, interval and rows."""
-        return {
-            "holds": self.holds.value if self.holds.of else None,
-            "interval": list(self.holds.interval) if self.holds.of else None,
-            "of": self.holds.of,
-            "broken": list(self.broken),
-            "undecided": list(self.undecided),
-        }
-
-
 TITLES: Mapping[str, str] = {
     "1": "(1) a solution in the box, feasible scenes",
     "2": "(2) no point of P̄ in the box, infeasible scenes",
@@ -90,124 +67,139 @@ TITLES: Mapping[str, str] = {
     "3-f": "(3) f kept: what P1 admits projects, feasible scenes",
 }
 """Conditions by name, in the order of the table."""
+SHOWN = 6
+"""Rows that break a condition and are named for people; --json has all."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Theorem:
-    """The conditions of Lin et al.'s theorem, asked of one set of envelopes.
+class Arguments(Options):
+    """Which scenes, and which boxes."""
 
-    Arguments:
-        selector: name of the envelopes.
-        conditions: by the names of ``TITLES``.
-    Source:
-        Lin et al. §III.
-
-    Example:
-        >>> import stancekit
-        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
-        >>> test = stancekit.label("wall-3", "test", rows=(6, 6), seed=1)
-        >>> boxes = stancekit.fit(train, "quantile").envelopes
-        >>> from stancekit.selectors import theorem
-        >>> sorted(theorem(boxes, test).conditions)
-        ['1', '2', '2-p1', '3-f', '3-p']
-    """
-
-    selector: str
-    conditions: Mapping[str, Condition] = field(default_factory=dict)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the conditions by name."""
-        return {"selector": self.selector} | {
-            name: one.to_json() for name, one in self.conditions.items()
-        }
+    data: Path
+    """Data set folder of ``stancekit label``, of rows that no box was learned from."""
+    envelope: tuple[Path, ...]
+    """Files of fixed boxes."""
 
 
-def theorem(
-    name: str,
-    envelopes: EnvelopeSet,
-    scenes: Sequence[LabelledScene],
-    numbers: Sequence[int],
-    *,
-    progress: Progress | None = None,
-    run: Executor | None = None,
-) -> Theorem:
-    """Ask the conditions on labelled scenes.
+def main(arguments: Arguments) -> None:
+    """Ask, and print a row per box and condition."""
+    rows = selectors.rows_of(arguments.data)
+    known = {
+        int(number): scene_of(row)
+        for number, row in zip(rows.chosen, rows.rows(), strict=True)
+        if row.status is not Status.UNDECIDED and not row.trivial
+    }
+    if not known:
+        sys.exit(f"{arguments.data}: expected rows labelled feasible or infeasible, got none")
+    for file in arguments.envelope:
+        boxes = selectors.selector_for(rows, file, file.stem).envelopes
+        boxes.check_fits(next(iter(known.values())).problem)
+        for condition, found in conditions(boxes.envelopes, known).items():
+            arguments.say(as_row(file.stem, condition, found), _line)
 
-    Arguments:
-        numbers: of the scenes' rows, by which those that break a condition are named. A set of
-            several boxes meets (1) where one does, and (2) where all do; (3) is asked of the box
-            that P1 takes.
-    """
-    pairs = list(zip(numbers, scenes, strict=True))
-    chunks = [pairs[begin : begin + CHUNK] for begin in range(0, len(pairs), CHUNK)]
 
-    def on_progress(done: int, total: int) -> None:
-        if progress is not None:
-            progress(min(done * CHUNK, len(pairs)), len(pairs))
-
-    ask = partial(_asked, envelopes)
-    parts = gather(run or processes(1), [partial(ask, chunk) for chunk in chunks], on_progress)
+def conditions(
+    boxes: Sequence[Envelope], scenes: Mapping[int, LabelledScene]
+) -> dict[str, dict[int, bool | None]]:
+    """Findings by condition and row: whether it holds, None where the search met its limit."""
+    programs = Programs()
     answers: dict[str, dict[int, bool | None]] = {condition: {} for condition in TITLES}
-    for part in parts:
-        for condition, row, holds in part:
+    for row, scene in scenes.items():
+        for condition, holds in _asked(programs, boxes, scene):
             answers[condition][row] = holds
-    return Theorem(
-        selector=name,
-        conditions={condition: _condition(rows) for condition, rows in answers.items()},
-    )
+    return answers
 
 
-def _condition(found: Mapping[int, bool | None]) -> Condition:
-    broken = tuple(row for row, holds in found.items() if holds is False)
-    return Condition(
-        holds=Share(hits=len(found) - len(broken), of=len(found)),
-        broken=broken,
-        undecided=tuple(row for row, holds in found.items() if holds is None),
-    )
+def as_row(selector: str, condition: str, found: Mapping[int, bool | None]) -> dict[str, Any]:
+    """The share of the scenes that do not break a condition, those left open among them."""
+    broken = [row for row, holds in found.items() if holds is False]
+    undecided = [row for row, holds in found.items() if holds is None]
+    return {
+        "selector": selector,
+        "condition": condition,
+        "holds": share(len(found) - len(broken), len(found)),
+        "broken": broken,
+        "undecided": undecided,
+    }
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    broken, more = row["broken"][:SHOWN], len(row["broken"]) - SHOWN
+    names = " ".join(map(str, broken)) + (f" and {more} more" if more > 0 else "")
+    title, holds = TITLES[row["condition"]], row["holds"]
+    open_ = f", {len(row['undecided'])} of them open" if row["undecided"] else ""
+    return f"{row['selector']}: {title}: {holds}{open_}" + (f"; broken by {names}" * bool(broken))
 
 
 def _asked(
-    envelopes: EnvelopeSet, pairs: Sequence[tuple[int, LabelledScene]]
-) -> list[tuple[str, int, bool | None]]:
-    """Findings of scenes about the conditions: name, row, and whether it holds, None for undecided."""
-    programs, findings = programs_of_this_thread(), list[tuple[str, int, bool | None]]()
-    for row, scene in pairs:
-        scaled = Scaled.of(scene.problem)
-        answer = programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes.envelopes)
-        admits = None if not answer.known else answer.feasible
-        if not scene.feasible:
-            findings.append(("2", row, _apart(programs, scaled, envelopes.envelopes)))
-            findings.append(("2-p1", row, None if admits is None else not admits))
-            continue
-        findings.append(("1", row, _met(programs, scene, scaled, envelopes.envelopes)))
-        if admits:
-            box = envelopes.envelopes[answer.chosen]
-            points = _points(programs, scaled, box, answer)
-            for keeps, way in WAYS.items():
-                findings.append((f"3-{keeps}", row, _projectable(programs, way, scaled, points)))
-    return findings
+    programs: Programs, boxes: Sequence[Envelope], scene: LabelledScene
+) -> Iterator[tuple[str, bool | None]]:
+    """Findings of a scene: the condition, and whether it holds, None for undecided."""
+    scaled = Scaled.of(scene.problem)
+    answer = programs.get(McCormick, scaled.layout).solve_any(scaled, boxes)
+    admits = None if not answer.known else answer.feasible
+    if not scene.feasible:
+        yield "2", _apart(scaled, boxes)
+        yield "2-p1", None if admits is None else not admits
+        return
+    yield "1", _met(programs, scene, scaled, boxes)
+    if admits:
+        points = _points(scaled, boxes[answer.chosen], answer)
+        for keeps, way in WAYS.items():
+            yield f"3-{keeps}", _projectable(programs, way, scaled, points)
 
 
-def _apart(programs: Programs, scaled: Scaled, boxes: Sequence[Envelope]) -> bool | None:
+def towards(
+    scaled: Scaled, box: Envelope, slope: Array, *, products: bool
+) -> tuple[Point | None, bool]:
+    """The point that minimises slope · [p, f] over P1, or over P̄ within the box; None where there is
+    none; and whether that is known, which it is not where the solver gave up.
+
+    Arguments:
+        slope: shape (B, 6).
+        products: P1, with the envelope and E9; else with the sides of the box alone.
+    """
+    plan, found, terms = coupled(scaled, "contact")
+    terms |= mccormick(found.parts, box)
+    if not products:
+        del terms["moment"], terms["envelope"]
+    at = cp.hstack([found.position, found.forces])
+    problem = cp.Problem(cp.Minimize(cp.sum(cp.multiply(slope, at))), list(terms.values()))
+    try:
+        problem.solve(solver=cp.CLARABEL, max_threads=1)
+    except cp.SolverError:
+        return None, False
+    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+        return None, problem.status in (cp.INFEASIBLE, cp.INFEASIBLE_INACCURATE)
+    layout = scaled.layout
+    relaxed = Relaxed(
+        scaled=scaled,
+        com=plan.com.value,
+        rotation=plan.rotation.value,
+        weights=unit_shares(scaled, plan.weights.value),
+        forces=found.forces.value,
+        rows=(np.arange(len(layout.contacts[0])), layout.contacts[2]),
+    )
+    return relaxed.rounded()[1], True
+
+
+def _apart(scaled: Scaled, boxes: Sequence[Envelope]) -> bool | None:
     """Tell whether no box holds a point of P̄; None where the solver gave up and no box has one."""
     holds: bool | None = True
-    program = programs.get(WithinBox, scaled.layout, False)
     for box in boxes:
-        point, known = program.solve(scaled, box, np.zeros_like(box.low))
+        point, known = towards(scaled, box, np.zeros_like(box.low), products=False)
         if point is not None:
             return False
         holds = holds if known else None
     return holds
 
 
-def _points(
-    programs: Programs, scaled: Scaled, box: Envelope, answer: RelaxationAnswer
-) -> list[Point]:
+def _points(scaled: Scaled, box: Envelope, answer: RelaxationAnswer) -> list[Point]:
     """P1's own answer, and corners of its set towards random directions in units of the box."""
     directions = np.random.default_rng(0).standard_normal((CORNERS, *box.low.shape))
     widths = np.maximum(box.high - box.low, 1e-6)
-    program = programs.get(WithinBox, scaled.layout, True)
-    points = [answer.point] + [program.solve(scaled, box, each / widths)[0] for each in directions]
+    points = [answer.point]
+    points += [towards(scaled, box, each / widths, products=True)[0] for each in directions]
     return [point for point in points if point is not None]
 
 
@@ -249,8 +241,8 @@ def _met(
 def _searched(
     programs: Programs, scene: LabelledScene, scaled: Scaled, box: Envelope
 ) -> bool | None:
-    """Tell whether a posture has [p, f] in a box: P1 over halves of it, with cones times the box's bounds
-    (``Coned``), deepest first.
+    """Tell whether a posture has [p, f] in a box: P1 over halves of it, with cones times the box's
+    bounds (``Coned``), deepest first.
     """
     program, queue = programs.get(Coned, scaled.layout), [box]
     whole = box.high - box.low
@@ -304,3 +296,7 @@ def _posture(
         if answer.status is Status.FEASIBLE:
             return True
     return False
+
+
+if __name__ == "__main__":
+    launch(main, Arguments, __doc__)

@@ -4,23 +4,22 @@ is refused.
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from benchmarks.published.kinematic import KinematicPlanner
+from benchmarks.published.scene import FOLDER, SCENES, read_scene
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.course_file import builtin_scenes, read_course
 from stancekit.planners.search.clock import Clock
-from stancekit.planners.search.kinematic import KinematicPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 
-SCENES = {  # steps, as published
+STEPS = {  # steps, as published
     "anymal-complex": 5,
     "anymal-flat-ground": 9,
     "anymal-inclined-surfaces": 17,
@@ -36,26 +35,24 @@ SCENES = {  # steps, as published
 
 
 def keys_of(name: str) -> dict:
-    return yaml.safe_load(
-        (Path(str(resources.files("stancekit.configs.scenes"))) / f"{name}.yaml").read_text()
-    )
+    return yaml.safe_load((FOLDER / "scenes" / f"{name}.yaml").read_text())
 
 
-def test_the_eleven_scenes_come_with_the_package_each_with_source_and_licence():
-    assert builtin_scenes() == tuple(SCENES)
-    for name in SCENES:
+def test_the_eleven_scenes_have_source_and_licence():
+    assert tuple(STEPS) == SCENES
+    for name in STEPS:
         source = keys_of(name)["source"]
         assert source["repository"] == "loco-3d/sl1m"
         assert len(source["commit"]) == 40
         assert source["licence"].startswith("BSD 2-Clause")
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", STEPS)
 def test_a_scene_is_laid_out_as_its_phases_say(name):
-    keys, course = keys_of(name), read_course(name)
+    keys, course = keys_of(name), read_scene(name)
     moved = [put for put in course.footholds if put.frame > 0]
-    assert len(moved) == SCENES[name] == sum(len(lifted) for lifted in course.lifts)
-    assert keys["steps"] * keys.get("rounds", 1) == SCENES[name]
+    assert len(moved) == STEPS[name] == sum(len(lifted) for lifted in course.lifts)
+    assert keys["steps"] * keys.get("rounds", 1) == STEPS[name]
     assert len(course.terrain) == len(keys["surfaces"])
     assert all(not lifted for lifted in course.lifts[::2])  # the body moves alone between two steps
     for patch, corners in zip(course.terrain, keys["surfaces"], strict=True):
@@ -74,7 +71,7 @@ def test_a_scene_is_laid_out_as_its_phases_say(name):
 
 @pytest.mark.parametrize("name", ["anymal-stairs", "anymal-trot"])
 def test_a_scene_is_planned_within_its_own_polytopes(name, programs):
-    course = read_course(name)
+    course = read_scene(name)
     plan = TwoStagePlanner(programs=programs).solve(course).solution
     assert check_plan(plan).accepted
     feet = {
@@ -96,7 +93,7 @@ def test_a_scene_is_planned_within_its_own_polytopes(name, programs):
 
 def test_a_scene_whose_first_stance_is_out_of_reach_is_refuted(programs):
     """Four feet on a square of 0.3 m: a proof of the first frame, checked."""
-    course = read_course("anymal-complex")
+    course = read_scene("anymal-complex")
     outcome = TwoStagePlanner(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
     assert check_certificate(outcome.certificate.of(course)).accepted
@@ -112,7 +109,7 @@ def test_two_soles_have_no_room_on_the_bridge_of_the_ramp(tmp_path, programs):
     path = written(
         tmp_path, "talos-ramp", initial_contacts=None, phases=phases, ours={"start": "free"}
     )
-    course = read_course(path)
+    course = read_scene(path)
     assert {len(put.candidates) for put in course.footholds} == {4}  # yaws
     outcome = TwoStagePlanner(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
@@ -125,7 +122,7 @@ def test_two_soles_have_no_room_on_the_bridge_of_the_ramp(tmp_path, programs):
         phases=phases,
         ours={"start": "free", "sole_m": narrow},
     )
-    found = KinematicPlanner("mip").place(read_course(path), Clock.start())[0]
+    found = KinematicPlanner("mip").place(read_scene(path), Clock.start())[0]
     assert found is not None
 
 
@@ -184,18 +181,22 @@ def written(tmp_path: Path, name: str, **changed: object) -> Path:
 def test_what_makes_no_scene_is_refused_in_one_line(tmp_path, name, changed, message):
     path = written(tmp_path, name, **changed)
     with pytest.raises(InvalidInput, match=message) as caught:
-        read_course(path)
+        read_scene(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
 
 
-def test_options_that_a_scene_has_no_use_for():
+def test_a_robot_and_a_folder_of_reach_at_once_are_refused():
+    message = r"^anymal-trot: expected a robot or a folder of reach polytopes, got both"
+    with pytest.raises(InvalidInput, match=message):
+        read_scene("anymal-trot", robot="hexapod", reach="anywhere")
+
+
+def test_boxes_of_reach_take_the_place_of_the_published_polytopes():
+    course = read_scene("anymal-trot", robot="anymal")
+    assert course.robot.limb_names == ("LF", "RF", "LH", "RH")
+    assert {put.limb for put in course.footholds} == set(course.robot.limb_names)
     with pytest.raises(
-        InvalidInput, match=r"^anymal-trot: expected no number of frames for a scene"
+        InvalidInput, match=r"robot: expected legs whose names begin as LF, RF, got"
     ):
-        read_course("anymal-trot", frames=3)
-    with pytest.raises(
-        InvalidInput,
-        match=r"^anymal-trot: expected a robot or a folder of reach polytopes, got both",
-    ):
-        read_course("anymal-trot", robot="hexapod", reach="anywhere")
+        read_scene("talos-ramp", robot="anymal")

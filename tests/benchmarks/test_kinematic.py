@@ -9,12 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.published.kinematic import KinematicPlanner, Placed
+from benchmarks.published.scene import read_scene
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.clock import Clock
-from stancekit.planners.search.kinematic import KinematicPlanner, Placed
 from stancekit.planners.verify import check_plan
 
 NEAR_M = 1e-5
@@ -22,7 +23,7 @@ NEAR_M = 1e-5
 
 def part(name: str, frames: int) -> Problem:
     """The beginning of a scene."""
-    whole = read_course(name)
+    whole = read_scene(name)
     return replace(
         whole,
         footholds=tuple(put for put in whole.footholds if put.frame < frames),
@@ -112,7 +113,7 @@ def test_what_has_no_forces_is_refused_as_planned_and_accepted_where_forces_are_
 
 
 def test_a_course_without_positions_is_claimed_not_proved():
-    course = read_course("anymal-complex")
+    course = read_scene("anymal-complex")
     for choice in ("l1", "mip"):
         outcome = KinematicPlanner(choice).solve(course)
         assert outcome.status is Status.UNDECIDED

@@ -1,46 +1,254 @@
-"""Lin et al.'s equations in cvxpy, one each, for a plan of M frames; a posture is a plan of one.
-See ``reference``.
+"""The programs of Lin et al. in cvxpy, as the paper writes them: to read, to run, to change first.
 
-The numbers of a problem are written right into the terms, which have the names, shapes and signs of
-the groups of rows in ``terms``. All quantities are non-dimensional (E3, E4; ``scaled``).
+Every equation stands once, for a plan of M frames; a posture is a plan of one. Numbers of a problem
+are written right into the terms, and all quantities are non-dimensional (E3, E4; ``scaled``).
+
+    P    E1–E11 as they are, with m = p f (E8), which is bilinear
+    P̄    ``p_bar``: P without E8
+    P1   ``p1``, ``p1_of_modes``: E8 replaced by McCormick's envelope over a box, or over one of several
+    lift ``lift``: P without a box, f split over the corners of its patch
+    P2   ``fix_toes``, ``fix_forces``: P with one factor of E8 kept from P1, so that it is linear
+    MICP ``micp``: E8 over a grid of small envelopes, one of which is chosen by binaries
+
+MICP is solved as it stands here (``micp``). The others are planned with as blocks of rows
+(``equilibrium.rows``), some hundred times as fast; tests hold both equal, row by row.
+
+    p1(Scaled.of(problem), box, soft=True).problem.solve(solver="CLARABEL")
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, Protocol, TypeAlias
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import cvxpy as cp
 import numpy as np
 import scipy.sparse as sp
 
+from ..equilibrium.layout import Index
+from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 from ..robot.reach import turned_most
-from .layout import Index
-from .model import Terms
-from .scaled import Point, Scaled
+from .envelope import Envelope
+from .mccormick import Axes
 
+Terms = dict[str, cp.Constraint]
+"""Constraints by name, with the names, shapes and signs of the groups of rows in ``terms``."""
 Vectors: TypeAlias = cp.Expression | Array
 """A vector a row, shape (n, 3)."""
 
+Encoding = Literal["log", "unary"]
 
-Axes = Literal["contact", "world"]
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Model:
+    """A program: minimise the cost subject to the terms.
 
-class ContactBox(Protocol):
-    """Bounds on [p, f] of every stance contact: p in world axes, f in those that the model is asked
-    for.
+    Arguments:
+        plan: variables of body and toes.
+        products: p, f and m of every stance contact, of programs that have m.
     """
 
-    @property
-    def low(self) -> Array:
-        """Shape (B, 6)."""
-        ...
+    cost: cp.Expression
+    terms: Terms
+    plan: PlanVariables
+    products: Products | None = None
 
     @property
-    def high(self) -> Array:
-        """Shape (B, 6)."""
-        ...
+    def problem(self) -> cp.Problem:
+        """The program as cvxpy solves it."""
+        return cp.Problem(cp.Minimize(self.cost), list(self.terms.values()))
+
+
+def p_bar(scaled: Scaled, *, inner: bool = False) -> Model:
+    """P̄: E1–E5, E10 and E11, everything but m = p f (Lin et al. §III). With m free, the moments'
+    balance E9 says nothing.
+
+    Arguments:
+        scaled: the problem, with any number of candidates.
+        inner: see ``on_toes``.
+
+    Returns:
+        A model without an objective: where it has no answer, neither has the problem.
+    """
+    plan = PlanVariables(scaled)
+    terms = {**on_toes(plan, inner=inner), **on_forces(ContactForces.of_candidates(plan))}
+    return Model(cost=cp.Constant(0.0), terms=terms, plan=plan)
+
+
+def p1(scaled: Scaled, box: Envelope, *, soft: bool, axes: Axes = "contact") -> Model:
+    """P1: P̄ and E9, with m = p f (E8) replaced by its envelope over one box per stance contact
+    (Lin et al. §III).
+
+    Arguments:
+        soft: the signed margin t, by which every row of the envelope is relaxed, is minimised; else
+            the objective.
+        axes: of the box's forces (``Products``).
+
+    Raises:
+        InvalidInput: for soles.
+    """
+    plan, products, terms = coupled(scaled, axes)
+    margin = cp.Variable(1, name="margin") if soft else 0.0
+    return Model(
+        cost=margin[0] if soft else plan.objective(),
+        terms={**terms, **mccormick(products.parts, box, margin=margin)},
+        plan=plan,
+        products=products,
+    )
+
+
+def p1_of_modes(
+    scaled: Scaled, boxes: Sequence[Envelope], allowed: Array, *, axes: Axes = "contact"
+) -> Model:
+    """P1 over several boxes, one chosen per stance (Lin et al. §IV-A): the convex hull of the
+    choices.
+
+    Each stance has z_e ≥ 0, Σ z = 1; its (p, f, m) is a sum of copies, the e-th in z_e M_c(B_e).
+
+    Arguments:
+        allowed: bounds of z, shape (S, E).
+    """
+    plan, products, terms = coupled(scaled, axes)
+    modes = cp.Variable(allowed.shape, name="modes")
+    terms |= {
+        "one_mode": cp.sum(modes, axis=1) == 1,
+        "mode_positive": modes >= 0,
+        "mode_allowed": modes <= allowed,
+    }
+    whole, copies = cp.hstack(products.parts), []
+    for e, box in enumerate(boxes):
+        copies.append(cp.Variable(whole.shape, name=f"copy_{e}"))
+        parts = copies[e][:, :3], copies[e][:, 3:6], copies[e][:, 6:]
+        rows = mccormick(parts, box, share=modes[:, e][scaled.layout.contacts[0]])
+        terms |= {f"{name}_{e}": row for name, row in rows.items()}
+    terms["added"] = sum(copies) - whole == 0
+    return Model(cost=plan.objective(), terms=terms, plan=plan, products=products)
+
+
+def lift(scaled: Scaled, *, least_moment: bool) -> Model:
+    """The relaxation without a box: f_u := λ_u f at every vertex, so that Σ p_w × f (E6) is
+    Σ_u v_u × f_u, linear (``relaxation.lift``).
+
+    Arguments:
+        scaled: with any number of candidates.
+        least_moment: minimise the largest component of the moments (E6, E9); else they are zero and
+            the objective is the course's. Its optimum is a lower bound on that of the problem.
+    """
+    plan = PlanVariables(scaled)
+    forces = ContactForces.of_vertices(plan)
+    moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
+    return _with_moment(plan, moment, {**on_toes(plan), **on_forces(forces)}, least_moment)
+
+
+def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool) -> Model:
+    """P2 with p kept from P1 (fix-p, Lin et al. §IV-A): toes held, with hold_body c and Θ, too.
+
+    Σ f is fixed (E5), so that Σ p × f (E6) is linear in (c, f).
+
+    Arguments:
+        held: the point whose toes, and body, are kept; one candidate per foothold.
+        least_moment: minimise the moments that are left; else they are zero and the objective is
+            the course's.
+    """
+    plan = PlanVariables(scaled, held.toes)
+    forces = ContactForces.of_contacts(scaled)
+    moment = plan.net(cross(scaled.bearing_points(held.toes), forces.world), forces.stance)
+    body = plan.stays_at(held)
+    if not hold_body:
+        body = {**plan.within_reach(inner=True), **plan.within_limits(), **plan.steps()}
+    return _with_moment(plan, moment, {**on_forces(forces), **body}, least_moment)
+
+
+def fix_forces(scaled: Scaled, held: Point) -> Model:
+    """P2 with f kept from P1 (fix-f, Lin et al. §III): the least moment residual (E6) over toes, c
+    and Θ.
+
+    Arguments:
+        held: the point whose forces, shape (B, 3), are kept; their frames are those of the chosen
+            candidates, so that the forces in the world are kept, too, and p × f is linear in p.
+    """
+    plan = PlanVariables(scaled)
+    stance, _, foothold = scaled.layout.contacts
+    offsets = scaled.bearing_points(np.zeros_like(held.toes))
+    levers = cross(plan.toes[foothold] + offsets, scaled.in_world(held.forces))
+    moment = plan.net(levers, stance)
+    return _with_moment(plan, moment, on_toes(plan, inner=True), least_moment=True)
+
+
+def micp(
+    scaled: Scaled,
+    breaks: Breaks,
+    encoding: Encoding,
+    *,
+    axes: Axes = "contact",
+    envelope: Envelope | None = None,
+    optimise: bool = False,
+) -> Model:
+    """MICP: P̄ and E9, with m = p f (E8) over a grid of cells that binaries choose among (Lin et al.
+    §II and Table II, [11]); which candidate patch a toe takes is binary, too.
+
+    Arguments:
+        breaks: where p and f are cut.
+        envelope: a box whose envelope is added to the grid, as in Table II.
+        optimise: minimise the objective; else a cost with which a first point is found soon.
+    """
+    plan, products, terms = coupled(scaled, axes)
+    cells = Cells(breaks, encoding)
+    terms |= cells.terms(*products.parts)
+    if envelope is not None:
+        terms |= mccormick(products.parts, envelope)
+    layout = scaled.layout
+    chosen = [k for k, p in enumerate(layout.candidate_footholds) if len(layout.corners[p]) > 1]
+    if chosen:
+        terms["one_patch"] = plan.shares[chosen] == cp.Variable(len(chosen), boolean=True)
+    cost = plan.objective() if optimise else cells.spread()
+    return Model(cost=cost, terms=terms, plan=plan, products=products)
+
+
+def coupled(scaled: Scaled, axes: Axes) -> tuple[PlanVariables, Products, Terms]:
+    """Variables and terms of P1 and MICP: everything but what stands for m = p f, and the cost.
+
+    Raises InvalidInput for soles.
+
+    Arguments:
+        axes: of the forces that the products are taken of, those of contacts or of the world.
+    """
+    scaled.layout.check_point_feet("envelopes")
+    plan = PlanVariables(scaled)
+    forces = ContactForces.of_candidates(plan)
+    products = Products(plan, forces, axes)
+    return plan, products, {**on_toes(plan), **on_forces(forces), **products.terms()}
+
+
+def on_toes(plan: PlanVariables, *, inner: bool = False) -> Terms:
+    """Terms on the toes: patches (E1), reach, limits and steps (E11).
+
+    Arguments:
+        inner: of half-spaces of reach, for plans; relaxations have the outer sets.
+    """
+    return {
+        **plan.on_patches(),
+        **plan.within_reach(inner=inner),
+        **plan.within_limits(),
+        **plan.steps(),
+    }
+
+
+def on_forces(forces: ContactForces) -> Terms:
+    """Terms on the forces: E5, E10 and their bounds."""
+    return {**forces.balance(), **forces.in_cones(), **forces.in_boxes()}
+
+
+def _with_moment(
+    plan: PlanVariables, moment: cp.Expression, terms: Terms, least_moment: bool
+) -> Model:
+    """Minimise the largest component of the net moments, or the objective where they vanish."""
+    if not least_moment:
+        return Model(cost=plan.objective(), terms={**terms, "moment": moment == 0}, plan=plan)
+    residual, rows = within(moment)
+    return Model(cost=residual, terms={**terms, **rows}, plan=plan)
 
 
 class PlanVariables:
@@ -327,7 +535,7 @@ class Products:
 
 def mccormick(
     parts: Sequence[Vectors],
-    box: ContactBox,
+    box: Envelope,
     *,
     share: Vectors | None = None,
     margin: Vectors | float = 0,
@@ -369,6 +577,135 @@ def mccormick(
         "sides": cp.vstack([cp.multiply(one, box.low) - at, at - cp.multiply(one, box.high)])
         <= margin,
     }
+
+
+class Breaks(NamedTuple):
+    """Breakpoints of every p_j and f_k, rows 3i + j and 3i + k for contact i, and products of each
+    two, 9i + 3j + k.
+
+    Numbers, or parameters in their place.
+    """
+
+    p: Vectors
+    f: Vectors
+    products: Vectors
+
+    @classmethod
+    def of(cls, domain: Envelope, counts: tuple[int, int]) -> Breaks:
+        """The breakpoints that cut the sides of a domain evenly.
+
+        Arguments:
+            domain: of [p, f], B contacts.
+            counts: pieces of a p_j and of an f_k, so that there are one more breakpoint each.
+        """
+        p, f = (
+            np.linspace(low, high, count + 1, axis=-1)
+            for (low, high), count in zip((domain.position, domain.force), counts, strict=True)
+        )
+        products = p[:, :, None, :, None] * f[:, None, :, None, :]
+        rows = 3 * len(p)
+        return cls(p.reshape(rows, -1), f.reshape(rows, -1), products.reshape(3 * rows, -1))
+
+
+class Cells:
+    """m = p f (E8) over a grid of McCormick cells, one of which is chosen (Lin et al. §II, [11]).
+
+    Every p_j and f_k is cut into intervals. Over one cell the envelope of m = p f is the hull of
+    the four points (p, f, p f) at its corners, so that over the grid
+
+        (p, f, m) = Σ_ab w_ab (P_a, F_b, P_a F_b),   w ≥ 0, Σ w = 1,   α_a = Σ_b w_ab and
+        β_b = Σ_a w_ab of type SOS2,
+
+    with breakpoints P_a, F_b: weight lies on one cell's corners only. So do Dai, Izatt and Tedrake
+    (2019, [11]) in Drake (``AddBilinearProductMcCormickEnvelopeSos2``). The three products of a p_j
+    share its α, those of an f_k its β, so that binaries are per variable and not per cell.
+
+    Arguments:
+        breaks: breakpoints; α, β and w have their rows.
+        encoding: of the choice, see ``neighbouring``.
+    """
+
+    def __init__(self, breaks: Breaks, encoding: Encoding) -> None:
+        self._breaks, self._encoding = breaks, encoding
+        self._alpha, self._beta = (cp.Variable(ends.shape, nonneg=True) for ends in breaks[:2])
+        self._corners = cp.Variable(
+            breaks.products.shape, nonneg=True
+        )  # w_ab in column a (K_f + 1) + b
+
+    def spread(self) -> cp.Expression:
+        """Σ of α and β times the squared distance (in intervals) of their breakpoint from the
+        middle one.
+
+        Least on neighbours for a given p or f: HiGHS finds them ten times faster than without an
+        objective.
+        """
+        every = (self._alpha, self._beta)
+        steps = [np.arange(one.shape[1]) - 0.5 * (one.shape[1] - 1) for one in every]
+        return sum(cp.sum(one @ step**2) for one, step in zip(every, steps, strict=True))
+
+    def terms(self, position: cp.Variable, forces: cp.Variable, moments: cp.Variable) -> Terms:
+        """(p, f, m) lies in the McCormick envelope of one cell of the grid, chosen by binaries.
+
+        Arguments:
+            position, forces: shape (B, 3).
+            moments: the products p_j f_k, shape (B, 9).
+
+        Returns:
+            Constraints; the weights of every breakpoint and corner are variables of the grid.
+        """
+        alpha, beta, corners = self._alpha, self._beta, self._corners
+        rows, ends = np.arange(alpha.shape[0]), (alpha.shape[1], beta.shape[1])
+        of_p, of_f = rows.repeat(3), rows.reshape(-1, 3).repeat(3, axis=0).ravel()
+        by_p = corners @ np.kron(np.eye(ends[0]), np.ones((ends[1], 1)))
+        by_f = corners @ np.kron(np.ones((ends[0], 1)), np.eye(ends[1]))
+        terms: Terms = {
+            "one_alpha": cp.sum(alpha, axis=1) == 1,
+            "one_beta": cp.sum(beta, axis=1) == 1,
+            "by_p": by_p == alpha[of_p],
+            "by_f": by_f == beta[of_f],
+        }
+        for name, weights in (("alpha", alpha), ("beta", beta)):
+            sos2 = neighbouring(weights, self._encoding)
+            terms |= {f"sos2_{name}_{k}": row for k, row in enumerate(sos2)}
+        names, parts = ("on_p", "on_f", "on_m"), (position, forces, moments)
+        every = (alpha, beta, corners)
+        for name, part, weights, breaks in zip(names, parts, every, self._breaks, strict=True):
+            blend = cp.sum(cp.multiply(breaks, weights), axis=1)
+            terms[name] = cp.vec(part, order="C") == blend
+        return terms
+
+
+def neighbouring(weights: cp.Variable, encoding: Encoding) -> list[cp.Constraint]:
+    """Every row of ``weights``, shape (R, K + 1), is zero but for two neighbours (SOS2); one
+    interval needs no row.
+
+    Arguments:
+        encoding: "unary" has a binary an interval, "log" log2 of them (Vielma and Nemhauser).
+
+    Returns:
+        Constraints.
+    """
+    rows, count = weights.shape[0], weights.shape[1] - 1
+    if count == 1:
+        return []
+    if (
+        encoding == "unary"
+    ):  # Padberg: weight up to breakpoint a wants an interval up to a; from a on, from a − 1 on
+        chosen, ends = cp.Variable((rows, count), boolean=True), np.ones((count + 1, count))
+        return [
+            cp.sum(chosen, axis=1) == 1,
+            weights @ np.triu(ends) <= chosen @ np.triu(ends[1:]),
+            weights @ np.tril(ends, -1) <= chosen @ np.tril(ends[1:]),
+        ]
+    bits = count.bit_length() - 1
+    code = (
+        np.array([k ^ (k >> 1) for k in range(count)])[:, None] >> np.arange(bits) & 1 == 1
+    )  # Gray, by digit
+    beside = np.stack(
+        [code[[0, *range(count)]], code[[*range(count), count - 1]]]
+    )  # of both intervals at a breakpoint
+    digit = cp.Variable((rows, bits), boolean=True)
+    return [weights @ beside.all(axis=0) <= digit, weights @ (~beside).all(axis=0) <= 1 - digit]
 
 
 def added(values: Vectors, groups: Index, count: int) -> cp.Expression:

@@ -1,3 +1,0 @@
-"""Published scenes, a YAML file each with source and licence; typed by
-``stancekit.planners.problem.scene_keys``.
-"""
