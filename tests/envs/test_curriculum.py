@@ -11,8 +11,8 @@ import pytest
 from stancekit.envs.curriculum import Curriculum
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.search.two_stage import TwoStagePlanner
+from tests.refusals import refuses
 
 PROGRAMS = Programs()
 
@@ -80,16 +80,16 @@ def curriculum_of_all() -> gym.Env:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "name"),
     [
-        ({"families": ["lava"]}, "family: expected one of stairs, stones, gaps, "),
-        ({"families": "stairs"}, "families: expected a list of some of stairs"),
-        ({"families": []}, "families: expected one or more, got none"),
-        ({"families": ["gaps"], "target": 1.0}, "target: expected"),
-        ({"families": ["gaps"], "step": 0.0}, "step: expected"),
-        ({"families": ["gaps"], "level": 1.2}, "level: expected"),
+        ({"families": ["lava"]}, "family"),
+        ({"families": "stairs"}, "families"),
+        ({"families": []}, "families"),
+        ({"families": ["gaps"], "target": 1.0}, "target"),
+        ({"families": ["gaps"], "step": 0.0}, "step"),
+        ({"families": ["gaps"], "level": 1.2}, "level"),
     ],
 )
-def test_what_makes_no_curriculum_is_refused(options, said):
-    with pytest.raises(InvalidInput, match=said):
+def test_what_makes_no_curriculum_is_refused(options, name):
+    with refuses(name):
         Curriculum(**options)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.views.difficulty import difficulty_curves
+from tests.refusals import refuses
 
 
 def row(family, level, planned):
@@ -32,5 +31,5 @@ def test_every_family_has_a_panel_with_its_shares_in_order_of_level():
 
 
 def test_no_rows_are_refused():
-    with pytest.raises(InvalidInput, match="rows: expected one or more levels"):
+    with refuses("rows"):
         difficulty_curves([])

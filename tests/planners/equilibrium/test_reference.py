@@ -18,7 +18,6 @@ from stancekit.planners.equilibrium.conic_solution import ConicSolution, ConicSt
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import Given
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.held import FixForces, FixToes, Linearised
 from stancekit.planners.projection.project import project
@@ -30,6 +29,7 @@ from stancekit.planners.relaxation.least_gap import LeastGap
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
 from stancekit.planners.verify import check_certificate
+from tests.refusals import refuses
 
 POSTURES = [
     ("wall-3", 0),
@@ -416,8 +416,5 @@ def test_a_projection_ends_on_the_same_residual_with_either_engine(scaled, near,
 
 
 def test_an_engine_that_there_is_not_is_refused():
-    with pytest.raises(
-        InvalidInput,
-        match=r"^engine: expected one of rows, cvxpy, moreau, moreau-cpu, got 'mosek'$",
-    ):
+    with refuses("engine"):
         Programs(engine="mosek")
