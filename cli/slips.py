@@ -15,7 +15,14 @@ def slip(box: str) -> str:
     rows = [row.strip().strip("│").strip() for row in box.splitlines()[1:]]
     body = list(dropwhile(_is_rule, rows))
     text = " ".join(takewhile(lambda row: not _is_rule(row), body)).rstrip(". ")
-    return _choice(text) or _number(text) or _unknown(text, body) or _without(text) or text
+    return (
+        _choice(text)
+        or _number(text)
+        or _unknown(text, body)
+        or _without(text)
+        or _missing(text)
+        or text
+    )
 
 
 def _is_rule(row: str) -> bool:
@@ -61,3 +68,8 @@ def _hinted(rest: str, hints: list[str]) -> str:
 def _without(said: str) -> str:
     match = re.fullmatch(r"Missing value for argument '(\S+)'\. Expected 1 values", said)
     return "" if match is None else f"{match[1]}: expected a value after it, got none"
+
+
+def _missing(said: str) -> str:
+    match = re.match(r"Missing from stancekit [a-z -]+: (--[\w-]+|[A-Z_]+)", said)
+    return "" if match is None else f"{match[1]}: expected a value for it, got none"

@@ -19,6 +19,7 @@ from stancekit.planners.arguments import settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
+from stancekit.planners.files.validation import shown
 from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
 from stancekit.planners.leap.numbers import LeapNumbers, LeapPoint
 from stancekit.planners.leap.scp import attempt, plan_from, plan_of
@@ -199,7 +200,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
         if choice.dtype.kind not in "iu" or not self.action_space.contains(choice.astype(np.int64)):
             feet, options = self._shape
             raise InvalidInput(
-                f"action: expected {feet} whole numbers, 0 to {options - 1}, got {action!r}"
+                f"action: expected {feet} whole numbers, 0 to {options - 1}, got {shown(action)}"
             )
         before = episode.solves
         episode.attempt(choice.astype(np.int64))

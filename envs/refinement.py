@@ -19,6 +19,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_int
+from stancekit.planners.files.validation import shown
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
@@ -191,7 +192,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             raise gym.error.ResetNeeded("the episode is over: reset the environment")
         if not self.action_space.contains(action):
             raise InvalidInput(
-                f"action: expected a dimension, 0 to {6 * self._count - 1}, got {action!r}"
+                f"action: expected a dimension, 0 to {6 * self._count - 1}, got {shown(action)}"
             )
         before = search.solves
         search.cut(int(action))

@@ -18,6 +18,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.files.validation import shown
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
@@ -212,7 +213,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             or not 0 <= array < len(self._planners)
         ):
             raise InvalidInput(
-                f"action: expected a planner, 0 to {len(self._planners) - 1}, got {action!r}"
+                f"action: expected a planner, 0 to {len(self._planners) - 1}, got {shown(action)}"
             )
         course, begin = self._course, self._frame
         tried = self._try(course, int(action))

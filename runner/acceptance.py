@@ -212,7 +212,9 @@ def _leap(plan: LeapPlan, source: str) -> str:
     ends in motion.
     """
     if not all(plan.problem.still):
-        raise InvalidInput(f"{source}: expected a leap that begins and ends at rest")
+        raise InvalidInput(
+            f"{source}: expected a leap that begins and ends at rest, got one in motion"
+        )
     report = check_leap(plan, body=True)
     if not report.accepted:
         raise InvalidInput(f"{source}: expected a leap that the verifier accepts, {_said(report)}")

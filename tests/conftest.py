@@ -25,6 +25,7 @@ from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.robot import hexapod
 from stancekit.planners.terrain import Patch
 from tests.emulators.pulse import Pulse
+from tests.refusals import assert_refusals_say, heard
 
 settings.register_profile("the same examples in every run", derandomize=True, deadline=None)
 settings.load_profile("the same examples in every run")
@@ -86,6 +87,24 @@ def _measured_legs_are_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterato
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STANCEKIT_CACHE", str(shared / "legs"))
         yield
+
+
+@pytest.fixture(scope="session")
+def _heard() -> Iterator[dict[str, bool]]:
+    """Messages of errors since the test began."""
+    messages = dict[str, bool]()
+    with heard(messages):
+        yield messages
+
+
+@pytest.fixture(autouse=True)
+def _every_refusal_says_where_what_was_expected_and_what_came(
+    _heard: dict[str, bool],
+) -> Iterator[None]:
+    """Fail a test that meets an ``InvalidInput`` of another form."""
+    _heard.clear()
+    yield
+    assert_refusals_say(_heard)
 
 
 @pytest.fixture(scope="session")

@@ -110,7 +110,9 @@ class GaitView(View):
         if self.trajectory.samples < 2 or not all(
             np.isfinite(getattr(self.trajectory, n)).all() for n in samples
         ):
-            raise InvalidInput("trajectory: expected two or more samples of finite numbers")
+            raise InvalidInput(
+                "trajectory: expected two or more samples of finite numbers, got others"
+            )
 
     @property
     def robot(self) -> Robot:

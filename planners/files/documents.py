@@ -194,7 +194,8 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
         message = " ".join(str(error).split()) or type(error).__name__
         if "maximum nesting depth" in message:  # PyYAML 6.0.4 looks ahead, and finds it first
             raise InvalidInput(f"{where}: {TOO_DEEP}") from None
-        raise InvalidInput(f"{where}: expected YAML: {message:.300}") from None
+        message = message.replace('in "<unicode string>", ', "at ")
+        raise InvalidInput(f"{where}: expected YAML, it is broken: {message:.300}") from None
     if not isinstance(data, dict):
         raise InvalidInput(f"{where}: expected keys and values, got {type(data).__name__}")
     return data

@@ -62,10 +62,10 @@ class _Shown(reprlib.Repr):
 
 
 def shown(value: Any, most: int = 60) -> str:
-    """Text of a value, as Python writes it, cut after ``most`` letters; its cost does not grow with
-    the value.
+    """Text of a value in one line, as Python writes it, cut after ``most`` letters; its cost does
+    not grow with the value.
     """
-    return _Shown(most).repr(value)[:most]
+    return " ".join(_Shown(most).repr(value)[:most].splitlines())
 
 
 def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -> Value:

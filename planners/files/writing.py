@@ -138,7 +138,7 @@ def check_writable(path: str | Path) -> Path:
         if path.is_dir():
             raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
         if not path.parent.is_dir():
-            raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
+            raise InvalidInput(f"{path}: expected an existing folder {path.parent}, found none")
         if not os.access(path if _is_special(path) else target.parent, os.W_OK):
             raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
         if len(os.fsencode(target.name)) > LONGEST_NAME:

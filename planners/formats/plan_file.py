@@ -181,17 +181,19 @@ def plan_from(
         joint_names(course.robot)
     ):
         raise InvalidInput(
-            f"{header_path}: arrays.joints: expected the names of the robot's joints in its order"
+            f"{header_path}: arrays.joints: expected the names of the robot's joints in its order, got others"
         )
     for name, labels in _labels(course).items():  # files from before have none
         if header["arrays"].get(name, labels) != labels:
-            raise InvalidInput(f"{header_path}: arrays.{name}: expected those of the course")
+            raise InvalidInput(
+                f"{header_path}: arrays.{name}: expected those of the course, got others"
+            )
     plan = Plan(problem=written, provenance=header["provenance"], **numbers)
     verdict = header["verdict"]
     checked = verdict.get("checked", ["contacts"])
     if not isinstance(checked, list) or set(map(str, checked)) - {"contacts", *WHOLE_BODY}:
         raise InvalidInput(
-            f"{header_path}: verdict.checked: expected contacts, {', '.join(WHOLE_BODY)} or fewer"
+            f"{header_path}: verdict.checked: expected contacts, {', '.join(WHOLE_BODY)} or fewer, got others"
         )
     if plan_digest(plan, verdict["tolerance"], verdict["accepted"], checked) != verdict["digest"]:
         raise InvalidInput(
@@ -390,4 +392,4 @@ def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Prob
                 f"shape {array.shape}"
             )
         if not np.isfinite(array).all():
-            raise InvalidInput(f"{path}: {name}: expected finite numbers")
+            raise InvalidInput(f"{path}: {name}: expected finite numbers, got others")

@@ -223,7 +223,7 @@ def _samples(arrays: Mapping[str, Array], robot: Robot) -> dict[str, Any]:
     if stands is None:
         stands = np.linalg.norm(arrays_of_walk["forces_n"], axis=2) > LOADED * robot.weight_n
     elif not np.isin(stands, (0.0, 1.0)).all():
-        raise InvalidInput("stands: expected 0 or 1 for every foot")
+        raise InvalidInput("stands: expected 0 or 1 for every foot, got others")
     return {
         "times_s": arrays_of_walk["t_s"],
         "torso_m": arrays_of_walk["base_m"],

@@ -48,13 +48,15 @@ class FileTerrain(TerrainSpec):
         Raises InvalidInput for one of several frictions, or of none.
         """
         if not footholds.pieces:
-            raise InvalidInput(f"{footholds.name}: expected a terrain with footholds, got none")
+            raise InvalidInput(
+                f"{footholds.name or 'terrain'}: expected some with footholds, got none"
+            )
         flat = [piece.patch for piece in footholds.pieces if not piece.turn_rad]
         patches = (*footholds.surfaces, *flat)
         if frictions := sorted({patch.friction for patch in patches})[1:]:
             least = min(patch.friction for patch in patches)
             raise InvalidInput(
-                f"{footholds.name}: expected one friction for the whole terrain, got frictions "
+                f"{footholds.name or 'terrain'}: expected one friction for the whole terrain, got frictions "
                 f"from {least:g} to {frictions[-1]:g}"
             )
         try:

@@ -88,7 +88,7 @@ def _read(path: Path) -> Workspace:
     try:
         return _workspace(read_archive(path))
     except (KeyError, ValueError):
-        raise InvalidInput(f"{path}: expected the workspace of a leg") from None
+        raise InvalidInput(f"{path}: expected the workspace of a leg, got something else") from None
 
 
 def _workspace(arrays: Mapping[str, Any]) -> Workspace:

@@ -196,7 +196,7 @@ class Forest:
                 f"got {tree.shape} and {rows.shape}"
             )
         if not (np.isfinite(tree).all() and np.isfinite(rows).all()):
-            raise InvalidInput("certificate: expected finite numbers")
+            raise InvalidInput("certificate: expected finite numbers, got others")
         candidates = len(self.numbers.candidate)
         root = np.arange(problem * candidates, (problem + 1) * candidates)
         stack: list[Node] = [

@@ -54,7 +54,7 @@ def check_world(world: Any) -> None:
             f"world {name}: capabilities: expected a WorldCapabilities, got {shown(can)}"
         )
     if can is not None and can.joints != joints:
-        raise InvalidInput(f"world {name}: capabilities: expected those of its joints, got others'")
+        raise InvalidInput(f"world {name}: capabilities: expected those of its joints, got others")
     for method in METHODS:
         if not callable(getattr(world, method, None)):
             raise InvalidInput(f"world {name}: expected the method {method}, got none")

@@ -60,10 +60,12 @@ class HardwareWorld(LatchedWorld):
         Raises InvalidInput where the world is not armed, or they are not finite.
         """
         if not self.armed:
-            raise InvalidInput("world: expected torque(True) before step")
+            raise InvalidInput("world: expected torque(True) before step, got step first")
         targets = np.asarray(targets_rad, dtype=float)
         if targets.shape != self._sent.shape or not np.all(np.isfinite(targets)):
-            raise InvalidInput(f"targets_rad: expected {len(self.joints)} finite numbers")
+            raise InvalidInput(
+                f"targets_rad: expected {len(self.joints)} finite numbers, got others"
+            )
         return targets
 
     def _wait(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stancekit
+from tests.refusals import refuses
 
 FUNCTIONS = (
     "draw",
@@ -101,11 +102,8 @@ def test_an_argument_of_another_type_is_one_line_with_its_name(
     function, name, fine, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        stancekit.InvalidInput, match=rf"^{name}: expected .*, got .*Nothing"
-    ) as caught:
+    with refuses(name):
         getattr(stancekit, function)(**fine[function] | {name: Nothing()})
-    assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 
@@ -188,14 +186,9 @@ def test_what_a_verb_takes_is_said(
 
 
 def test_a_plan_is_for_another_robot_where_one_is_named(tmp_path):
-    with pytest.raises(
-        stancekit.InvalidInput, match=r"none.urdf: expected a file, found nothing there$"
-    ):
+    with refuses("none.urdf"):
         stancekit.plan("walls", robot=tmp_path / "none.urdf")
-    with pytest.raises(
-        stancekit.InvalidInput,
-        match=r"^robot: expected none with a course that is laid out, got hexa",
-    ):
+    with refuses("robot"):
         stancekit.plan(stancekit.sample("ground-3", rng=3)[0].course(), robot="hexapod")
     assert stancekit.plan("stairs", frames=2, robot="hexapod").solution is not None
 
@@ -217,8 +210,7 @@ def test_one_posture_problem_is_a_course_of_one_frame():
     planned = stancekit.plan(problem).solution
     assert planned is not None
     assert planned.com_m.shape == (1, 3)
-    line = "frames: expected none with a course that is laid out, of 1, got 2"
-    with pytest.raises(stancekit.InvalidInput, match=f"^{line}$"):
+    with refuses("frames"):
         stancekit.plan(problem, frames=2)
 
 

@@ -11,6 +11,7 @@ from stancekit.configs import config_path
 from stancekit.learners.selectors.selector import Learned
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot.model import Robot
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -117,13 +118,9 @@ def test_what_is_none_of_ours_is_one_line(name, content, words, tmp_path):
 
 def test_another_kind_than_was_asked_for_is_refused(plan, tmp_path):
     stancekit.save(plan, tmp_path / "plan.json")
-    with pytest.raises(
-        stancekit.InvalidInput, match=r"plan\.json: expected a Problem, got a Plan$"
-    ):
+    with refuses("plan.json"):
         stancekit.load(tmp_path / "plan.json", stancekit.Problem)
-    with pytest.raises(
-        stancekit.InvalidInput, match=r"^thing: expected a problem, a leap, .* got 3$"
-    ):
+    with refuses("thing"):
         stancekit.save(3, tmp_path / "x.json")
 
 
@@ -138,7 +135,7 @@ def test_an_answer_is_written_with_its_own_report_or_its_certificate(problems, t
     _, certificate = stancekit.load(tmp_path / "proof.json")
     assert stancekit.verify(certificate).accepted
     nothing = dataclasses.replace(answer, status=stancekit.Status.UNDECIDED, solution=None)
-    with pytest.raises(stancekit.InvalidInput, match="a certificate, got undecided"):
+    with refuses("x.json"):
         stancekit.save(nothing, tmp_path / "x.json")
 
 
@@ -148,35 +145,33 @@ def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
         (plan, certificate, "Plan with Certificate"),
         (problems[0], None, "Problem"),
     ):
-        with pytest.raises(stancekit.InvalidInput, match=rf"got {came}$"):
+        with refuses(came):
             stancekit.verify(subject, answer)
-    with pytest.raises(
-        stancekit.InvalidInput, match="expected no answer and no envelope with a Plan"
-    ):
+    with refuses("draw"):
         stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution)
 
 
 def test_a_posture_is_no_motion_and_has_no_file(tmp_path):
     posture = stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution
-    for refuses, call in (
+    for name, call in (
         (
-            r"\.json: expected the plan of a course, got that of",
+            ".json",
             lambda: stancekit.save(posture, tmp_path / "a.json"),
         ),
         (
-            "^film: expected something that moves, got the plan of",
+            "film",
             lambda: stancekit.film(posture, tmp_path / "a.mp4"),
         ),
         (
-            "^posture: expected the plan of a course, got that of",
+            "posture",
             lambda: stancekit.simulate(posture),
         ),
         (
-            "expected no answer and no envelope with a Plan",
+            "draw",
             lambda: stancekit.draw(posture, posture),
         ),
     ):
-        with pytest.raises(stancekit.InvalidInput, match=refuses):
+        with refuses(name):
             call()
 
 
@@ -193,10 +188,7 @@ def test_a_certificate_knows_what_it_is_a_proof_of_and_the_form_of_before_is_tak
     with pytest.warns(DeprecationWarning, match=r"explain\(certificate\), which knows its problem"):
         assert stancekit.explain(problems[0], certificate) == stancekit.explain(certificate)
     read = stancekit.Certificate.from_json(certificate.to_json())
-    with pytest.raises(
-        stancekit.InvalidInput,
-        match=r"certificate: expected one that knows its problem, .* got none",
-    ):
+    with refuses("certificate"):
         stancekit.verify(read)
     assert stancekit.verify(read.of(problems[0])).accepted
     other = stancekit.sample("ground-3", rng=3)[0]

@@ -4,7 +4,6 @@ without a use.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 
 import stancekit
 from stancekit.planners.search.methods import make_planner
+from tests.refusals import refuses
 
 BLOCK = """v -1 -1 0
 v 1 -1 0
@@ -22,16 +22,6 @@ v -1 1 0
 f 1 2 3
 f 1 3 4
 """
-
-
-def refused(begins: str, call: Callable[[], Any]) -> str:
-    """The line with which a call is refused."""
-    with pytest.raises(stancekit.InvalidInput) as caught:
-        call()
-    line = str(caught.value)
-    assert line.startswith(begins), line
-    assert "\n" not in line
-    return line
 
 
 def problem() -> stancekit.Problem:
@@ -57,7 +47,8 @@ def test_integers_of_numpy_are_integers(tmp_path):
 
 
 def test_a_grid_is_not_cut_finer_than_memory_allows():
-    refused("intervals: expected 64 or less, got 1048576", lambda: stancekit.Micp(intervals=2**20))
+    with refuses("intervals"):
+        stancekit.Micp(intervals=2**20)
 
 
 def test_settings_of_courses_are_refused_with_postures():
@@ -68,11 +59,13 @@ def test_settings_of_courses_are_refused_with_postures():
         ("projection", stancekit.Micp(projection="fix-p")),
         ("reserve", stancekit.TwoStage(reserve=False)),
     ):
-        refused(f"{name}: ", lambda method=method: stancekit.solve(problem(), method))
+        with refuses(name):
+            stancekit.solve(problem(), method)
 
 
 def test_a_planner_of_another_kind_of_question_is_refused():
-    refused("method: ", lambda: stancekit.solve(problem(), make_planner("decoupled", of="courses")))
+    with refuses("method"):
+        stancekit.solve(problem(), make_planner("decoupled", of="courses"))
     for name in ("nlp", "two-stage", "micp", "decoupled"):
         assert (
             stancekit.plan("stairs", make_planner(name, of="courses"), frames=2).status
@@ -89,7 +82,8 @@ def test_a_course_is_solved_for_its_contacts_alone():
         None,
         2,
     )
-    refused("method: expected one of ", lambda: stancekit.solve(course, "p1"))
+    with refuses("method"):
+        stancekit.solve(course, "p1")
 
 
 def test_one_planner_answers_postures_and_courses():
@@ -98,13 +92,10 @@ def test_one_planner_answers_postures_and_courses():
     found = stancekit.plan("stairs", made, frames=2)
     assert found.status is stancekit.Status.FEASIBLE
     assert made.solve(found.problem).status is stancekit.Status.FEASIBLE
-    refused(
-        "method: expected one for postures, ", lambda: make_planner("decoupled").solve(problem())
-    )
-    refused(
-        "gap: expected no such argument with exact for postures",
-        lambda: make_planner("exact", gap=0.5).solve(problem()),
-    )
+    with refuses("method"):
+        make_planner("decoupled").solve(problem())
+    with refuses("gap"):
+        make_planner("exact", gap=0.5).solve(problem())
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -121,17 +112,18 @@ def test_old_arguments_are_taken_as_they_were_or_refused():
         1.0,
     )
     assert share("nlp", reserve=False) == 1.0
-    refused(
-        "reserve: ", lambda: stancekit.plan("stairs", stancekit.TwoStage(), frames=2, reserve=False)
-    )
-    refused("planner: expected text, ", lambda: stancekit.plan("stairs", frames=2, planner=3))
-    refused("method: expected one of ", lambda: stancekit.plan("stairs", "p1", frames=2))
-    refused("feasible: ", lambda: stancekit.label("wall-3", "rows", rows=3, feasible=3))
-    refused(
-        "start_yaw_rad: ",
-        lambda: stancekit.walk(level(), (0.2, 0.0), heading_rad=0.1, start_yaw_rad=0.2),
-    )
-    refused("time_limit_s: ", lambda: stancekit.walk(level(), (0.2, 0.0), time_limit_s=0.0))
+    with refuses("reserve"):
+        stancekit.plan("stairs", stancekit.TwoStage(), frames=2, reserve=False)
+    with refuses("planner"):
+        stancekit.plan("stairs", frames=2, planner=3)
+    with refuses("method"):
+        stancekit.plan("stairs", "p1", frames=2)
+    with refuses("feasible"):
+        stancekit.label("wall-3", "rows", rows=3, feasible=3)
+    with refuses("start_yaw_rad"):
+        stancekit.walk(level(), (0.2, 0.0), heading_rad=0.1, start_yaw_rad=0.2)
+    with refuses("time_limit_s"):
+        stancekit.walk(level(), (0.2, 0.0), time_limit_s=0.0)
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -174,20 +166,14 @@ def test_settings_of_a_plan_are_refused_where_they_are_none():
         ("standing", 3),
         ("checkpoint", 3),
     ):
-        refused(f"{name}: ", lambda name=name, value=value: stancekit.PlanSettings(**{name: value}))
-        with pytest.warns(DeprecationWarning, match=r"^plan\("):
-            refused(
-                f"{name}: ",
-                lambda name=name, value=value: stancekit.plan("stairs", frames=2, **{name: value}),
-            )
+        with refuses(name):
+            stancekit.PlanSettings(**{name: value})
+        with pytest.warns(DeprecationWarning, match=r"^plan\("), refuses(name):
+            stancekit.plan("stairs", frames=2, **{name: value})
     leap = "leap:0"
     for settings in ({"push_n": 1.0}, {"standing": "map.npz"}, {"checkpoint": "c.json"}):
-        refused(
-            f"{next(iter(settings))}: ",
-            lambda settings=settings: stancekit.plan(
-                leap, settings=stancekit.PlanSettings(**settings)
-            ),
-        )
+        with refuses(next(iter(settings))):
+            stancekit.plan(leap, settings=stancekit.PlanSettings(**settings))
 
 
 def test_places_are_arrays_or_numbers_that_are_sound():
@@ -197,38 +183,34 @@ def test_places_are_arrays_or_numbers_that_are_sound():
     )
     assert found.status is stancekit.Status.FEASIBLE
     for odd in ((1e300, 0.0), (0.0, 0.0, 0.0), (float("nan"), 0.0), np.array(["a", "b"])):
-        refused(
-            "start_xy_m: ",
-            lambda odd=odd: stancekit.plan(over, start_xy_m=odd, goal_xy_m=(0.3, 0.0)),
-        )
-        refused("goal_xy_m: ", lambda odd=odd: stancekit.walk(level(), odd))
+        with refuses("start_xy_m"):
+            stancekit.plan(over, start_xy_m=odd, goal_xy_m=(0.3, 0.0))
+        with refuses("goal_xy_m"):
+            stancekit.walk(level(), odd)
     for count in (0, -1, 1001):
-        refused(
-            f"frames: expected 1 to 1000, got {count}",
-            lambda count=count: stancekit.plan(
-                over, start_xy_m=(-0.3, 0), goal_xy_m=(0.3, 0), frames=count
-            ),
-        )
+        with refuses("frames", str(count)):
+            stancekit.plan(over, start_xy_m=(-0.3, 0), goal_xy_m=(0.3, 0), frames=count)
 
 
 def test_a_terrain_says_what_it_lacks(tmp_path):
     mesh = Path(tmp_path / "block.obj")
     mesh.write_text(BLOCK, encoding="utf-8")
-    refused("start_xy_m, goal_xy_m: ", lambda: stancekit.plan(mesh))
+    with refuses("start_xy_m", "goal_xy_m"):
+        stancekit.plan(mesh)
     over = stancekit.terrain(level(), friction=0.8)
     slick = replace(over.pieces[0], patch=over.pieces[0].patch.with_friction(0.1))
     between: dict[str, Any] = {"start_xy_m": (-0.3, 0.0), "goal_xy_m": (0.3, 0.0), "frames": 2}
-    line = refused(
-        "", lambda: stancekit.plan(replace(over, pieces=(*over.pieces, slick)), **between)
-    )
-    assert "expected one friction for the whole terrain, got frictions from 0.1 to 0.8" in line
-    assert "with footholds, got none" in refused(
-        "", lambda: stancekit.plan(replace(over, pieces=()), **between)
-    )
+    with refuses("friction", "0.1", "0.8"):
+        stancekit.plan(replace(over, pieces=(*over.pieces, slick)), **between)
+    with refuses("footholds"):
+        stancekit.plan(replace(over, pieces=()), **between)
     rough = stancekit.terrain(level(), friction=20.0)
-    assert "friction: expected" in refused("", lambda: stancekit.plan(rough, **between))
-    refused("unit_m: expected none with ", lambda: stancekit.terrain(level(), unit_m=2.0))
-    refused("unit_m: expected none with ripple", lambda: stancekit.terrain("ripple", unit_m=2.0))
+    with refuses("friction"):
+        stancekit.plan(rough, **between)
+    with refuses("unit_m"):
+        stancekit.terrain(level(), unit_m=2.0)
+    with refuses("unit_m"):
+        stancekit.terrain("ripple", unit_m=2.0)
     assert (
         stancekit.terrain(level(), unit_m=1.0, kind=None).area_m2 == over.area_m2
     )  # as the command gives them
@@ -240,10 +222,8 @@ def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
         name="four", mass_kg=10.0, limbs=(limbs[0], limbs[2], limbs[3], limbs[5])
     )
     for law in ("ground-3", "wall-3"):
-        refused(
-            "robot: expected legs with half-spaces",
-            lambda law=law: stancekit.sample(law, robot=four),
-        )
+        with refuses("robot"):
+            stancekit.sample(law, robot=four)
 
 
 def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
@@ -251,7 +231,8 @@ def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
     assert found is not None
     stancekit.save(found, tmp_path / "plan.json")
     before = (tmp_path / "plan.json").read_bytes()
-    refused("log: ", lambda: stancekit.run(tmp_path / "plan.json", log=tmp_path / "plan.json"))
+    with refuses("log"):
+        stancekit.run(tmp_path / "plan.json", log=tmp_path / "plan.json")
     assert (tmp_path / "plan.json").read_bytes() == before
 
 

@@ -13,6 +13,7 @@ import pytest
 
 import stancekit
 from stancekit.planners.errors import InvalidInput
+from tests.refusals import refuses
 
 ODD: tuple[Any, ...] = (
     None,
@@ -149,11 +150,9 @@ def test_a_function_takes_what_it_can_be_or_says_what_is_wrong(name: str) -> Non
 def test_lists_of_other_things_are_said_by_their_place() -> None:
     problem = sound()["Problem"]
     more: dict[str, Any] = {"mass_kg": 10.0, "com_nominal_m": [0.0, 0.0, 0.0], "com_radius_m": 0.1}
-    with pytest.raises(InvalidInput, match=r"^contacts\[0\]: expected a Contact, got 1$"):
+    with refuses("contacts[0]"):
         stancekit.Problem.posture(contacts=[1, 2], **more)  # type: ignore[arg-type]
-    with pytest.raises(
-        InvalidInput, match=r"^contacts: expected a list of Contact, got array\(\[\]"
-    ):
+    with refuses("contacts"):
         stancekit.Problem.posture(contacts=np.zeros(0), **more)  # type: ignore[arg-type]
     assert (
         stancekit.Problem.posture(contacts=list(problem.contacts), **more).contacts
@@ -167,7 +166,5 @@ def test_lists_of_other_things_are_said_by_their_place() -> None:
         with pytest.raises(InvalidInput) as caught:
             stancekit.Robot(name="a", mass_kg=1.0, limbs=limbs)  # type: ignore[arg-type]
         assert message in str(caught.value)
-    with pytest.raises(
-        InvalidInput, match=r"^count: expected 1 to 1000000, got 9223372036854775808$"
-    ):
+    with refuses("count"):
         stancekit.sample("wall-3", 2**63)

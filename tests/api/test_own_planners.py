@@ -13,6 +13,7 @@ import stancekit
 from stancekit import Answer, Plan, Status
 from stancekit.planners.search import methods
 from stancekit.planners.search.exact import ExactPlanner
+from tests.refusals import assert_names, refuses
 
 
 class Says:
@@ -43,7 +44,8 @@ def test_a_posture_that_does_not_hold_is_refused(held):
     floating = replace(held.solution, forces_n=0.0 * held.solution.forces_n)
     outcome = stancekit.solve(held.problem, Says(replace(held, solution=floating, method="mine")))
     assert (outcome.status, outcome.solution) == (Status.UNDECIDED, None)
-    assert outcome.message.startswith("witness refused: rejected: worst is force_balance")
+    assert "force_balance" in [group.name for group in outcome.report.refused]
+    assert_names(outcome.message, "force_balance")
 
 
 def test_a_proof_of_another_problem_is_refused(held, refuted):
@@ -105,9 +107,7 @@ def test_an_answer_is_verified_by_what_it_rests_on(held, refuted):
         assert report.answer is (answer.solution or answer.certificate)
     forged = replace(held, solution=replace(held.solution, forces_n=0.0 * held.solution.forces_n))
     assert not stancekit.verify(forged).accepted
-    with pytest.raises(
-        stancekit.InvalidInput, match="expected an answer with a solution or a proof"
-    ):
+    with refuses("verify"):
         stancekit.verify(Answer(status=Status.UNDECIDED, method="mine"))
 
 
@@ -154,8 +154,7 @@ def test_a_planner_of_one_kind_of_question_says_so_where_it_is_asked_another(tmp
             if kind in kinds:
                 assert ask().status is Status.UNDECIDED
                 continue
-            said = f"expected a planner of {kind}, got one that answers {kinds} alone$"
-            with pytest.raises(stancekit.InvalidInput, match=said):
+            with refuses(asked, kind):
                 ask()
 
 
@@ -166,7 +165,7 @@ def test_a_planner_of_courses_in_the_group_of_before_works_and_says_so(held, mon
         match=r"theirs of stancekit\.course_planners, which answers courses alone",
     ):
         assert stancekit.plan(stancekit.load("stairs"), "theirs").status is Status.UNDECIDED
-    with pytest.raises(stancekit.InvalidInput, match=r"got theirs, which answers courses alone$"):
+    with refuses("method", "theirs"):
         stancekit.solve(held.problem, "theirs")
     assert "theirs" in methods.known("courses")
     assert "theirs" not in methods.known("postures")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.errors import InvalidInput
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_a_walk_of_so_many_iterations_is_the_same_again(level):
     assert counts[0] == counts[1] < counts[2] <= 60 + 1
     again = stancekit.walk(level, (0.4, 0.0), total_iterations=60, **asked)
     assert again.solution.digest == walks[2].solution.digest
-    with pytest.raises(InvalidInput, match="total_iterations: expected 1 or more, got 0"):
+    with refuses("total_iterations"):
         stancekit.walk(level, (0.4, 0.0), total_iterations=0)
 
 
@@ -53,9 +53,9 @@ def test_limits_of_solves_are_settings_of_methods():
     outcome = stancekit.plan(
         "tube", stancekit.Exact(gap=1e-6, max_solves=2), frames=4, time_limit_s=1e6
     )
-    assert outcome.message.endswith("met its limit (2 solves)")
+    assert_names(outcome.message, "limit", "2 solves")
     assert stancekit.plan("walls", stancekit.TwoStage(max_solves=40), frames=3).report.accepted
-    with pytest.raises(InvalidInput, match=r"max_solves: expected a number in \[0"):
+    with refuses("max_solves"):
         stancekit.Exact(max_solves=-1)
-    with pytest.raises(InvalidInput, match="max_solves: expected no such argument"):
+    with refuses("max_solves"):
         stancekit.solve(problem, stancekit.TwoStage(max_solves=4))

@@ -9,6 +9,7 @@ import pytest
 import stancekit
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.runner.worlds import WORLDS, WorldSettings
+from tests.refusals import refuses
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
@@ -58,10 +59,7 @@ def test_a_world_that_was_made_before_pulls_as_the_plan_is_for(plan: stancekit.P
         world = WORLDS.get("mujoco").make(
             WorldSettings(robot=plan.problem.robot, gravity_m_s2=gravity_m_s2)
         )
-        with pytest.raises(
-            stancekit.InvalidInput,
-            match=r"expected the world's gravity, 1\.62 m/s², .* 9\.81 m/s²$",
-        ):
+        with refuses("stairs", "1.62", "9.81"):
             verb(plan, world)
 
 
@@ -74,5 +72,5 @@ def test_a_gait_runs_as_planned() -> None:
     )
     assert walk.solution is not None
     faster = stancekit.RunSettings(timing=Timing().at_pace(2.0))
-    with pytest.raises(stancekit.InvalidInput, match=r"^timing: expected key frames"):
+    with refuses("timing"):
         stancekit.run(walk.solution, settings=faster)

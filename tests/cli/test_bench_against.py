@@ -13,11 +13,11 @@ import yaml
 
 from stancekit.cli.bench_against import judge
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.walk_table import read_walk, table_of, walk_names
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
+from tests.refusals import refuses
 
 TIMES_S = 0.005 * np.arange(61)
 KEYS = {
@@ -132,57 +132,46 @@ def test_all_walks_of_a_folder_are_judged_beside_our_cells(folder, tmp_path, cap
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    ("changed", "name"),
     [
-        ({"program": None}, r"stands\.yaml: program: expected"),
-        ({"terrain": "nowhere"}, r"stands\.yaml: terrain"),
-        ({"robot": "spider"}, r"stands\.yaml: robot: expected"),
-        ({"friction": -1.0}, r"stands\.yaml: friction"),
-        ({"speed": 1.0}, r"stands\.yaml: speed"),
+        ({"program": None}, "program"),
+        ({"terrain": "nowhere"}, "terrain"),
+        ({"robot": "spider"}, "robot"),
+        ({"friction": -1.0}, "friction"),
+        ({"speed": 1.0}, "speed"),
     ],
 )
-def test_keys_that_are_wrong_are_refused_in_one_line(folder, changed, message):
+def test_keys_that_are_wrong_are_refused_in_one_line(folder, changed, name):
     (folder / "stands.yaml").write_text(yaml.safe_dump({**KEYS, **changed}))
-    with pytest.raises(InvalidInput, match=message) as caught:
+    with refuses("stands.yaml", name):
         read_walk(folder / "stands.yaml")
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("wrong", "name"),
     [
-        (lambda text: text.replace("base_x_m", "x"), r"stands\.csv: .* missing base_x_m$"),
-        (lambda text: text.replace("t_s,", "t_s,more,", 1), r"stands\.csv: .* got more$"),
-        (
-            lambda text: text.replace("\n0.005,", "\nnow,"),
-            r"stands\.csv: expected 36 numbers in every row",
-        ),
-        (
-            lambda text: text.replace("\n0.005,", "\n"),
-            r"stands\.csv: expected 36 numbers in every row",
-        ),
-        (
-            lambda text: text.replace(",1.0,0.0,0.0,0.0,", ",0.5,0.0,0.0,0.0,"),
-            r"unit quaternions, got one of .* 0\.5",
-        ),
-        (lambda text: text.replace(",1.0\n", ",0.5\n"), r"stands: expected 0 or 1 for every foot$"),
-        (lambda text: "", r"stands\.csv: expected some text, the file is empty$"),
+        (lambda text: text.replace("base_x_m", "x"), "base_x_m"),
+        (lambda text: text.replace("t_s,", "t_s,more,", 1), "more"),
+        (lambda text: text.replace("\n0.005,", "\nnow,"), "stands.csv"),
+        (lambda text: text.replace("\n0.005,", "\n"), "stands.csv"),
+        (lambda text: text.replace(",1.0,0.0,0.0,0.0,", ",0.5,0.0,0.0,0.0,"), "base_wxyz"),
+        (lambda text: text.replace(",1.0\n", ",0.5\n"), "stands"),
+        (lambda text: "", "stands.csv"),
     ],
 )
-def test_samples_that_are_wrong_are_refused_in_one_line(folder, wrong, message):
+def test_samples_that_are_wrong_are_refused_in_one_line(folder, wrong, name):
     path = folder / "stands.csv"
     path.write_text(wrong(path.read_text()))
-    with pytest.raises(InvalidInput, match=message) as caught:
+    with refuses(name):
         read_walk(folder / "stands.yaml")
-    assert "\n" not in str(caught.value)
 
 
 def test_folders_without_walks_and_walks_without_samples(folder, tmp_path):
-    with pytest.raises(InvalidInput, match=r"expected a folder of walks, found none$"):
+    with refuses("nowhere"):
         walk_names(tmp_path / "nowhere")
     (folder / "stands.csv").unlink()
-    with pytest.raises(InvalidInput, match=r"stands\.csv or stands\.npz beside it, got neither$"):
+    with refuses("stands.yaml", "stands.csv", "stands.npz"):
         read_walk(folder / "stands.yaml")
     (folder / "stands.yaml").unlink()
-    with pytest.raises(InvalidInput, match=r"expected walks, NAME\.yaml with"):
+    with refuses(folder):
         walk_names(folder)

@@ -8,7 +8,7 @@ import pytest
 
 from stancekit.cli.bench_gait import BenchGait, success_table
 from stancekit.learners.evaluation import gait_bench
-from stancekit.planners.errors import InvalidInput
+from tests.refusals import refuses
 
 
 @pytest.fixture(autouse=True)
@@ -96,7 +96,7 @@ def test_json_is_an_object_a_cell(tmp_path, capsys):
 
 
 def test_kept_cells_alone_are_shown_without_measuring(tmp_path, capsys, measured):
-    with pytest.raises(InvalidInput, match="expected cells of this protocol, got none"):
+    with refuses(tmp_path):
         bench(tmp_path, tables_only=True).run()
     bench(tmp_path).run()
     count = len(measured)
@@ -105,9 +105,7 @@ def test_kept_cells_alone_are_shown_without_measuring(tmp_path, capsys, measured
 
 
 def test_kept_cells_are_looked_for_in_a_folder_that_there_is(tmp_path):
-    with pytest.raises(
-        InvalidInput, match=r"typo: expected an existing folder with --kept, found none there$"
-    ):
+    with refuses("typo"):
         bench(tmp_path / "typo", tables_only=True).run()
     assert not (tmp_path / "typo").exists()
     assert bench(tmp_path / "new" / "one").run() == 0
@@ -143,15 +141,15 @@ def test_quick_is_one_task_a_terrain(tmp_path, measured):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "name"),
     [
-        ({"terrain": "moon"}, "--terrain: expected some of ripple"),
-        ({"chart": "flat"}, "--chart: expected some of ambient"),
-        ({"tasks": 0}, "--tasks: expected greater than 0, got 0"),
-        ({"cap": -1.0}, "--cap: expected"),
-        ({"workers": 0}, "--workers: expected 1 or more, got 0"),
+        ({"terrain": "moon"}, "--terrain"),
+        ({"chart": "flat"}, "--chart"),
+        ({"tasks": 0}, "--tasks"),
+        ({"cap": -1.0}, "--cap"),
+        ({"workers": 0}, "--workers"),
     ],
 )
-def test_options_out_of_range_are_refused(tmp_path, options, message):
-    with pytest.raises(InvalidInput, match=f"^{message}"):
+def test_options_out_of_range_are_refused(tmp_path, options, name):
+    with refuses(name):
         BenchGait(out=tmp_path, **options).run()

@@ -186,7 +186,7 @@ def test_the_command_as_a_process_takes_a_broken_mesh(tmp_path: Path) -> None:
             capture_output=True,
             text=True,
         )
-        one_line(done.returncode, done.stderr)
+        assert name in one_line(done.returncode, done.stderr)
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])

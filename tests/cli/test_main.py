@@ -209,9 +209,7 @@ def test_the_version_is_one_line(option, stancekit):
         ),
         (
             ("sample",),
-            "Missing from stancekit sample: NAME Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; "
-            "one that another package brings, a YAML file, FILE.py:NAME; or FAMILY:LEVEL with --export. (required); "
-            "see stancekit sample --help",
+            "NAME: expected a value for it, got none; see stancekit sample --help",
         ),
     ],
 )
@@ -226,7 +224,7 @@ def test_a_terminal_without_boxes_is_told_the_same():
     run = subprocess.run([*COMMAND, "fit"], capture_output=True, text=True, env=plain, check=False)
     assert run.returncode == 2
     assert run.stdout == ""
-    assert run.stderr.startswith("stancekit: error: Missing from stancekit fit: ")
+    assert run.stderr.startswith("stancekit: error: --out: expected ")
     assert run.stderr.endswith("; see stancekit fit --help\n")
 
 

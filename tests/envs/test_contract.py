@@ -18,6 +18,7 @@ from gymnasium.utils.env_checker import check_env
 import stancekit
 import stancekit.envs
 from stancekit.envs.distributions.postures import GROUND_3
+from tests.refusals import refuses
 
 IDS = sorted(name for name in gym.registry if name.startswith("stancekit/"))
 QUICK: dict[str, dict[str, Any]] = {
@@ -193,9 +194,7 @@ def test_a_reset_mask_keeps_the_scenes_of_the_others():
     ]
     assert len(info["label"]) == len(info["_label"]) == 3
     for mask in ([True, False], [1, 0, 0], np.zeros(3, dtype=bool), "all"):
-        with pytest.raises(
-            stancekit.InvalidInput, match=r"^options: reset_mask: expected an array of truth values"
-        ):
+        with refuses("options", "reset_mask"):
             envs.reset(options={"reset_mask": mask})
 
 
@@ -225,7 +224,7 @@ def test_an_action_of_no_numbers_is_refused():
     env = gym.make("stancekit/EnvelopeSelection-v0", problem="ground-3", disable_env_checker=True)
     env.reset(seed=0)
     for action in (np.full(36, np.nan, np.float32), np.array(["a"] * 36), np.full(36, None)):
-        with pytest.raises(stancekit.InvalidInput, match=r"^action: expected finite numbers, got "):
+        with refuses("action"):
             env.step(action)
 
 

@@ -10,13 +10,13 @@ import stancekit
 import stancekit.envs
 from stancekit.envs.leap_choice import LeapChoiceEnv
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.features import OF_CANDIDATE
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch
 from stancekit.planners.leap.rule import Rule
 from stancekit.planners.leap.scp import plan_of
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
+from tests.refusals import refuses
 
 NAME = "stancekit.envs:stancekit/LeapChoice-v0"
 
@@ -132,23 +132,22 @@ def test_scenes_of_a_folder_are_of_the_part_that_was_asked_for(tmp_path):
         for seed in range(5):
             env.reset(seed=seed)
             assert env.numbers.leap.name in names[part]
-    with pytest.raises(InvalidInput, match="expected tries of leap-hard, got leap-few"):
+    with refuses("leap-hard", "leap-few"):
         LeapChoiceEnv(scenes=tmp_path / "few")
 
 
 @pytest.mark.parametrize(
-    ("given", "line"),
+    ("given", "name"),
     [
-        ({"problem": "leap-none"}, "distribution: expected one of|problem"),
-        ({"tries": 0}, "tries: expected"),
-        ({"solves": 0}, "solves: expected"),
+        ({"problem": "leap-none"}, "distribution"),
+        ({"tries": 0}, "tries"),
+        ({"solves": 0}, "solves"),
         ({"budget": 3}, "budget"),
     ],
 )
-def test_bad_arguments_are_refused_in_one_line(given, line):
-    with pytest.raises(InvalidInput, match=line) as caught:
+def test_bad_arguments_are_refused_in_one_line(given, name):
+    with refuses(name):
         LeapChoiceEnv(**given)
-    assert "\n" not in str(caught.value)
 
 
 def test_bad_actions_and_a_missing_reset_are_refused(few):
@@ -158,7 +157,7 @@ def test_bad_actions_and_a_missing_reset_are_refused(few):
             call()
     few.reset(seed=0)
     for action in (np.zeros(7, dtype=int), np.full(8, 2), np.zeros(8), [0] * 7 + [-1]):
-        with pytest.raises(InvalidInput, match="expected 8 whole numbers, 0 to 1"):
+        with refuses("action"):
             few.step(action)
 
 

@@ -18,10 +18,10 @@ from stancekit.envs.scenes import ListedScenes
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch, propagate
+from tests.refusals import refuses
 
 NAME = "stancekit.envs:stancekit/EnvelopeRefinement-v0"
 
@@ -140,7 +140,7 @@ def test_episodes_end_with_the_experts_verdict_or_at_the_budget(env):
         assert not ended or info["verdict"] == info["label"]
         assert cut_off == (not ended and info["solves"] >= 60)
         assert total == pytest.approx(ended - (info["solves"] - before) / 60)
-        with pytest.raises(gymnasium.error.ResetNeeded, match="the episode is over"):
+        with refuses(kind=gymnasium.error.ResetNeeded):
             env.step(np.int64(0))
         ends.append(ended)
         observation, info = env.reset()
@@ -221,16 +221,16 @@ def test_rules_answer_batches():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "name"),
     [
-        ({"budget": 0}, "budget: expected 1 or more, got 0"),
-        ({"projection": "fix-hope"}, "projection: expected one of fix-p"),
-        ({"render_mode": "human"}, r"render_mode: expected one of \['rgb_array'\], got"),
-        ({"problem": "ceiling-3"}, "distribution: expected one of"),
+        ({"budget": 0}, "budget"),
+        ({"projection": "fix-hope"}, "projection"),
+        ({"render_mode": "human"}, "render_mode"),
+        ({"problem": "ceiling-3"}, "distribution"),
     ],
 )
-def test_bad_arguments_are_refused(arguments, message):
-    with pytest.raises(InvalidInput, match=message):
+def test_bad_arguments_are_refused(arguments, name):
+    with refuses(name):
         EnvelopeRefinementEnv(**arguments)
 
 
@@ -238,7 +238,7 @@ def test_misuse_is_told(env, scenes):
     with pytest.raises(gymnasium.error.ResetNeeded):
         EnvelopeRefinementEnv().step(np.int64(0))
     env.reset(seed=0)
-    with pytest.raises(InvalidInput, match="action: expected a dimension, 0 to 17"):
+    with refuses("action"):
         env.step(np.int64(18))
-    with pytest.raises(InvalidInput, match="scene: expected 3 contacts on triangles"):
+    with refuses("scene"):
         EnvelopeRefinementEnv(scenes=ListedScenes(scenes["wall-5"])).reset(seed=0)

@@ -24,6 +24,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.verify import check_plan
+from tests.refusals import refuses
 
 SLOW = {
     "stancekit/WarpedGait-v0"
@@ -137,7 +138,7 @@ def test_reset_is_needed_first(env):
 
 def test_a_bad_action_is_refused(env):
     env.reset(seed=0)
-    with pytest.raises(InvalidInput, match=r"^action: "):
+    with refuses("action"):
         env.unwrapped.step(np.zeros((2, 3), np.float32))
 
 
@@ -154,9 +155,7 @@ def test_another_class_of_problems_has_its_own_spaces(name):
 
 @pytest.mark.parametrize("name", OF_POSTURES)
 def test_a_class_that_is_none_is_refused(name):
-    with pytest.raises(
-        InvalidInput, match=r"^distribution: expected one of ground-3, .*, or F.* got 'ice-3'$"
-    ):
+    with refuses("distribution"):
         gymnasium.make(name, problem="ice-3")
 
 
@@ -164,7 +163,7 @@ def test_a_class_that_is_none_is_refused(name):
 def test_a_way_to_render_that_is_none_is_refused(name):
     entry = gymnasium.registry[name].entry_point
     module, _, kind = str(entry).partition(":")
-    with pytest.raises(InvalidInput, match=r"^render_mode: expected .*, got 'ansi'$"):
+    with refuses("render_mode"):
         getattr(import_module(module), kind)(render_mode="ansi")
 
 
@@ -349,7 +348,7 @@ def test_a_library_is_chosen_from_by_number(selection, tmp_path):
     for index, action in enumerate((DOMAIN, DOMAIN / 2.0)):
         assert same(selection.step(action)[4], chosen.step(np.int64(index))[4], exact=True)
     for action in (2, -1):
-        with pytest.raises(InvalidInput, match=f"^action: expected 0 to 1, got {action}$"):
+        with refuses("action", str(action)):
             chosen.step(np.int64(action))
 
 
@@ -414,7 +413,7 @@ def test_a_label_that_never_comes_up_is_told(monkeypatch):
     from stancekit.envs import sampling
 
     monkeypatch.setattr(sampling, "MAX_DRAWS", 0)
-    with pytest.raises(PlanningFailed, match=r"^wall-3: no scene of the wanted label in 0 draws$"):
+    with refuses("wall-3", kind=PlanningFailed):
         SampledScenes(distribution("wall-3")).draw(np.random.default_rng(0))
 
 
@@ -463,26 +462,24 @@ def test_bad_arguments_are_refused(arguments, message):
 
 
 def test_no_scenes_and_scenes_of_another_size_are_refused(scenes):
-    with pytest.raises(InvalidInput, match=r"^scenes: expected one or more, got none$"):
+    with refuses("scenes"):
         ListedScenes([])
     env = EnvelopeSelectionEnv("wall-5", scenes=ListedScenes(scenes))
-    with pytest.raises(
-        InvalidInput, match=r"^scene: expected 5 contacts on triangles, got 3 contacts on "
-    ):
+    with refuses("scene"):
         env.reset(seed=0)
 
 
 @pytest.mark.parametrize(
-    ("action", "message"),
+    ("action", "name"),
     [
-        (np.zeros(35), r"^action: expected shape \(36,\), got \(35,\)$"),
-        (np.zeros(72), r"^action: expected shape \(36,\), got \(72,\)$"),
-        (0, r"^action: expected shape \(36,\), got \(\)$"),
-        (np.full(36, np.nan), "expected finite numbers"),
-        (np.full(36, 1e30), "expected magnitudes up to"),
+        (np.zeros(35), "action"),
+        (np.zeros(72), "action"),
+        (0, "action"),
+        (np.full(36, np.nan), "action"),
+        (np.full(36, 1e30), "low"),
     ],
 )
-def test_an_action_that_is_no_box_is_refused(action, message, selection):
+def test_an_action_that_is_no_box_is_refused(action, name, selection):
     selection.reset(seed=0)
-    with pytest.raises(InvalidInput, match=message):
+    with refuses(name):
         selection.step(action)

@@ -27,6 +27,7 @@ from stancekit.planners.problem.posture import MAX_TILT_RAD
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.margins import stance_margins, verdict_yields_m
+from tests.refusals import refuses
 
 PROGRAMS = Programs()
 LIFT, WALKING, CLIMBING = 0, 1, 2
@@ -119,7 +120,7 @@ def test_reset_is_needed_before_the_first_and_after_the_last_step():
 def test_a_bad_action_is_refused(action):
     env = made()
     env.reset(seed=0)
-    with pytest.raises(InvalidInput, match=r"^action: expected a planner, 0 to 2, got "):
+    with refuses("action"):
         env.step(action)
 
 
@@ -262,7 +263,7 @@ def test_a_course_that_cannot_begin_is_drawn_again_until_that_is_given_up(monkey
         for foothold in course.footholds
     )
     env = TraverseEnv(lambda rng: replace(course, footholds=slippery), regions=1, programs=PROGRAMS)
-    with pytest.raises(PlanningFailed, match="no course in 3 draws whose first key frame holds"):
+    with refuses(kind=PlanningFailed):
         env.reset(seed=0)
 
 
@@ -336,39 +337,31 @@ def test_the_modes_of_the_coming_frames_are_told():
 def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
     course = read_course("icy-walls", frames=3)
     env = TraverseEnv(lambda rng: course, regions=2, programs=PROGRAMS)
-    with pytest.raises(
-        InvalidInput, match=r"^frame 1, limb LM: expected at most 2 candidates, got 4$"
-    ):
+    with refuses("frame 1", "limb LM"):
         env.reset(seed=0)
 
 
 @pytest.mark.parametrize(
-    ("named", "message"),
+    ("named", "name"),
     [
-        ({"horizon": 0}, "horizon: expected 1 or more, got 0"),
-        ({"patience": 0}, "patience: expected 1 or more, got 0"),
-        ({"corners": 2}, "corners: expected 3 or more, got 2"),
-        ({"planners": []}, "planners: expected one or more, got none"),
-        ({"courses": ()}, "courses: expected one or more, got none"),
-        (
-            {"courses": icy_walls},
-            "regions: expected the most candidates of a toe where courses is a function, got None",
-        ),
-        (
-            {"courses": ("wals",)},
-            "course: expected one of ground-to-wall, icy-walls, stairs, tube, walls",
-        ),
-        ({"render_mode": "ansi"}, r"render_mode: expected one of \['rgb_array'\], got 'ansi'"),
-        ({"frames": 0}, "frames: expected 1 to 1000 key frames, got 0"),
+        ({"horizon": 0}, "horizon"),
+        ({"patience": 0}, "patience"),
+        ({"corners": 2}, "corners"),
+        ({"planners": []}, "planners"),
+        ({"courses": ()}, "courses"),
+        ({"courses": icy_walls}, "regions"),
+        ({"courses": ("wals",)}, "course"),
+        ({"render_mode": "ansi"}, "render_mode"),
+        ({"frames": 0}, "frames"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(named, message):
-    with pytest.raises(InvalidInput, match=f"^{message}"):
+def test_settings_that_make_no_sense_are_refused(named, name):
+    with refuses(name):
         TraverseEnv(**named)
 
 
 def test_a_course_of_one_frame_has_nowhere_to_go():
-    with pytest.raises(InvalidInput, match="course: expected two or more frames to go, got 1"):
+    with refuses("course"):
         made(frames=1).reset(seed=0)
 
 
@@ -525,8 +518,5 @@ def test_a_list_of_sets_may_hold_files_and_a_window_that_is_refused_names_its_st
         by_file, by_set = (env.step(np.int64(k))[-1]["refused"] for k in (1, 2))
     assert by_file == by_set
     assert len([one for one in caplog.records if "is refused" in one.message]) == 2 * by_file
-    with pytest.raises(
-        InvalidInput,
-        match=r"envelopes\[0\]\[1\]: expected an EnvelopeSet, text or a Path, got a MemorylessPolicy",
-    ):
+    with refuses("envelopes[0][1]"):
         TraverseEnv(**options, envelopes=[[ground, MemorylessPolicy(terrain_rule)]])

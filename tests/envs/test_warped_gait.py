@@ -31,6 +31,7 @@ from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.planners.robot.small_urdfs import quadruped
+from tests.refusals import refuses
 
 PLAIN = HeightField.from_function(lambda x, y: 0.1 * x - 0.05 * y, 3.0, 0.25, name="plain")
 WALK = Walk(
@@ -108,43 +109,28 @@ def test_reset_is_needed_first():
 def test_a_bad_action_is_refused(action):
     env = made()
     env.reset(seed=0)
-    with pytest.raises(
-        InvalidInput, match=r"^action: expected three indices in \(0–1, 0–2, 0–2\), got "
-    ):
+    with refuses("action"):
         env.step(np.array(action))
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "name"),
     [
-        (
-            {"charts": ()},
-            "charts: expected some of ambient, shear, decoupled, warped, warped-exact, got []",
-        ),
-        (
-            {"charts": ("polar",)},
-            "chart: expected one of ambient, .*, or FILE.py:NAME, got 'polar'",
-        ),
-        ({"render_mode": "human"}, "render_mode: expected one of \\['rgb_array'\\], got 'human'"),
-        (
-            {"weights": GaitRewardWeights(seconds=0.1)},
-            "weights: expected timing with seconds, whose weight is 0.1",
-        ),
+        ({"charts": ()}, "charts"),
+        ({"charts": ("polar",)}, "chart"),
+        ({"render_mode": "human"}, "render_mode"),
+        ({"weights": GaitRewardWeights(seconds=0.1)}, "weights"),
     ],
 )
-def test_bad_settings_are_refused(settings, message):
-    with pytest.raises(InvalidInput, match=message.replace("[]", r"\[\]")):
+def test_bad_settings_are_refused(settings, name):
+    with refuses(name):
         made(**settings)
 
 
 def test_terrains_have_names():
-    with pytest.raises(
-        InvalidInput, match=r"^terrain: expected one of mixed, rough, .*, got 'lava'$"
-    ):
+    with refuses("terrain"):
         WarpedGaitEnv("lava")
-    with pytest.raises(
-        InvalidInput, match=r"^difficulty: expected 0 ≤ low ≤ high ≤ 1, got 0.5 and 0.2$"
-    ):
+    with refuses("difficulty"):
         SampledTasks(difficulty=(0.5, 0.2))
 
 
@@ -253,13 +239,9 @@ def test_a_robot_is_named_as_everywhere(tmp_path):
         observation, _ = env.reset(seed=0)
         drawn[robot and str(robot).rpartition("/")[2]] = observation["adhesive"].shape
     assert drawn == {"hexapod": (6,), "dog.urdf": (4,), "dog.yaml": (4,), None: (4,)}
-    with pytest.raises(
-        InvalidInput, match=r"^robot: expected none where tasks are given, which have their own$"
-    ):
+    with refuses("robot"):
         made(robot="hexapod")
-    with pytest.raises(
-        InvalidInput, match=r"^robot: expected anymal, anymal-boxes, hexapod, a1, .*, got 'table'$"
-    ):
+    with refuses("robot"):
         WarpedGaitEnv(robot="table")
 
 
@@ -302,9 +284,7 @@ def test_walks_are_drawn_over_any_family_that_has_ground():
     assert len(names & {"stairs", "stones", "gaps", "beams", "rubble", "slopes"}) > 2
     observation, _ = WarpedGaitEnv("stairs", charts=("decoupled",)).reset(seed=0)
     assert np.abs(observation["heights"]).max() > 0.05
-    with pytest.raises(
-        InvalidInput, match=r"^terrain: expected a family of ground to walk on, got walls, all up"
-    ):
+    with refuses("terrain"):
         WarpedGaitEnv("walls")
     with pytest.warns(
         DeprecationWarning,
@@ -320,9 +300,7 @@ def test_a_robot_that_can_stand_nowhere_is_said_so():
     ]
     steep = replace(anymal(), feet=tuple(feet))
     waves = SampledTasks(terrain="waves", difficulty=(1.0, 1.0), robot=steep)
-    with pytest.raises(
-        PlanningFailed, match=r"^no walk was found on waves in 100 draws; the last: start_xy_m: "
-    ):
+    with refuses("waves", "start_xy_m", kind=PlanningFailed):
         waves(np.random.default_rng(0))
 
 
@@ -414,18 +392,18 @@ def test_a_pool_of_other_walks_is_refused(other, said, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("pool", "said"),
+    ("pool", "name"),
     [
-        (0, "pool: expected 1 to 100000 walks, got 0"),
-        ("none.npz", "none.npz: expected a file, found nothing there"),
+        (0, "pool"),
+        ("none.npz", "none.npz"),
     ],
 )
-def test_a_pool_that_is_none_is_refused(pool, said):
-    with pytest.raises(InvalidInput, match=f"^{said}$"):
+def test_a_pool_that_is_none_is_refused(pool, name):
+    with refuses(name):
         WarpedGaitEnv(pool=pool, **POOLED)
 
 
 def test_another_file_is_no_pool(tmp_path):
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    with pytest.raises(InvalidInput, match=r"expected a pool of walks, got another file$"):
+    with refuses("other.npz"):
         WarpedGaitEnv(pool=tmp_path / "other.npz", **POOLED)

@@ -30,6 +30,7 @@ from tests.emulators.devices import bus_process
 from tests.emulators.fast_time import FastTime
 from tests.emulators.servo_bus import EmulatedBus
 from tests.emulators.wrong_calibration import spoiled
+from tests.refusals import refuses
 
 LATENCY_MS = 40.0
 """Emulated servos answer late where tests share a machine with others."""
@@ -81,7 +82,7 @@ def test_reset_measures_every_joint_and_moves_none(bus: EmulatedBus, world: Dyna
     seen = bus.state()
     assert (seen["goal_writes"], any(seen["torque"])) == (0, False)
     assert not world.armed
-    with pytest.raises(InvalidInput, match=r"^world: expected torque\(True\) before step$"):
+    with refuses("world"):
         world.step(START)
     assert bus.state()["goal_writes"] == 0
 
@@ -139,7 +140,7 @@ def test_a_target_that_is_no_number_is_refused_and_not_sent(
     world.reset(*STILL)
     world.torque(True)
     before = bus.state()["goal_writes"]
-    with pytest.raises(InvalidInput, match=r"^targets_rad: expected 24 finite numbers$"):
+    with refuses("targets_rad"):
         world.step(np.where(np.arange(24) == 5, bad, START))
     assert bus.state()["goal_writes"] == before
 
@@ -149,13 +150,13 @@ def move(world: DynamixelWorld, periods: int) -> None:
         world.step(wave(k))
 
 
-FAULTS = {
-    "silent servo": r"^servo \d+ \(\w+\).*: no answer; is it connected and powered\?$",
-    "corrupted packets": r"answers come damaged, e.g. that of servo",
-    "delay": r"answers after \d+ ms, latency_ms 40 allows 80: set the adapter's latency timer to 1 ms, or l",
-    "overload": r"^servo \d+ \(\w+\): overload; its torque is off until it is rebooted$",
-    "power loss": r"^servo 1 \(LF_yaw\), .*: no answer, maybe more of them; has the bus power\?$",
-    "cable pulled": r"^port .*: .*; is the cable in\?$",
+NAMED = {
+    "silent servo": "servo",
+    "corrupted packets": "servo",
+    "delay": "latency_ms",
+    "overload": "overload",
+    "power loss": "servo 1 (LF_yaw)",
+    "cable pulled": "port",
 }
 
 
@@ -163,22 +164,20 @@ UNSEEN = {"silent servo", "corrupted packets", "delay", "power loss", "cable pul
 """Faults after which the servos cannot be seen to stand."""
 
 
-@pytest.mark.parametrize("kind", FAULTS)
+@pytest.mark.parametrize("kind", NAMED)
 def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(
     bus: EmulatedBus, world: DynamixelWorld, kind: str
 ) -> None:
     world.reset(*STILL)
     world.torque(True)
     bus.inject(kind, 0.1)
-    with pytest.raises(HardwareFault, match=FAULTS[kind]):
+    with refuses(NAMED[kind], kind=HardwareFault):
         move(world, 200)
     sent, at_s = bus.state()["goal_writes"], time.monotonic()
-    with pytest.raises(InvalidInput, match="before step"):
+    with refuses("torque(True)"):
         world.step(START)
     if kind in UNSEEN:
-        with pytest.raises(
-            HardwareFault, match=r"bus watchdogs stop the servos 0\.6 s after the last packet$"
-        ):
+        with refuses("0.6 s", kind=HardwareFault):
             world.hold()
     else:
         world.hold()
@@ -213,9 +212,7 @@ def test_a_host_that_paused_finds_its_servos_stopped(
     for k in range(10):
         world.step(wave(k))
     time.sleep(0.9)
-    with pytest.raises(
-        HardwareFault, match=r"and 21 more: its bus watchdog stopped it: the host was silent$"
-    ):
+    with refuses("servo 1 (LF_yaw)", kind=HardwareFault):
         world.step(wave(10))
     assert bus.state()["refused_goals"] == 24
     world.torque(True)
@@ -266,9 +263,7 @@ def test_relaxing_switches_every_torque_off_and_names_whom_it_cannot_reach(
     world.torque(True)
     bus.inject("silent servo")
     time.sleep(0.05)
-    with pytest.raises(
-        HardwareFault, match=r"^servo \d+ \(\w+\): no answer; is it connected and powered\?$"
-    ):
+    with refuses("servo", kind=HardwareFault):
         world.relax()
     assert bus.state()["torque"].count(True) == 1
 
@@ -283,7 +278,7 @@ def test_settings_that_differ_are_not_written_while_the_torque_is_on(bus: Emulat
     )
     with (
         DynamixelWorld(ROBOT, other) as world,
-        pytest.raises(InvalidInput, match=r"relax the robot first$"),
+        refuses("servo 1 (LF_yaw)", "Current Limit"),
     ):
         world.reset(*STILL)
     assert all(bus.state()["torque"])
@@ -305,7 +300,7 @@ def test_a_port_has_one_owner_and_must_be_one(
             second.reset(*STILL)
         assert str(refused.value) == f"port {port}: {why}"
     (tmp_path / "file").write_text("")
-    with pytest.raises(InvalidInput, match="expected a serial port"):
+    with refuses("port"):
         DynamixelWorld(ROBOT, mirrored(str(tmp_path / "file"))).reset(*STILL)
 
 
@@ -315,27 +310,15 @@ def test_wrong_servos_are_refused_before_any_motion(
     right = mirrored(bus.path)
     lower = replace(right.joints["LF_hip"], lower_rad=0.9, rest_rad=None)
     deaf = replace(right, baud=115200, latency_ms=2.0)  # nobody answers, however long it waits
-    for wrong, kind, message in (
-        (
-            replace(right, model="XM430-W350"),
-            InvalidInput,
-            r"servos XM430-W350 \(model 1020\): servo 1 \(LF_yaw\) is ",
-        ),
-        (
-            deaf,
-            InvalidInput,
-            r"found 1 to 24 at 1000000: set baud to 1000000 in the calibration file, or the servos'",
-        ),
-        (
-            replace(right, joints=right.joints | {"LF_hip": lower}),
-            InvalidInput,
-            r"^servo 2 \(LF_hip\): expected an angle in \[0.90, 1.80\] rad, measured 0.50",
-        ),
+    for wrong, kind, name in (
+        (replace(right, model="XM430-W350"), InvalidInput, "servo 1 (LF_yaw)"),
+        (deaf, InvalidInput, "1000000"),
+        (replace(right, joints=right.joints | {"LF_hip": lower}), InvalidInput, "servo 2 (LF_hip)"),
     ):
         with monkeypatch.context() as patched, DynamixelWorld(ROBOT, wrong) as world:
             if wrong is deaf:
                 patched.setattr(servo_port, "time", FastTime())
-            with pytest.raises(kind, match=message):
+            with refuses(name, kind=kind):
                 world.reset(*STILL)
     assert bus.state()["goal_writes"] == 0
 
@@ -345,7 +328,7 @@ def test_a_joint_calibrated_wrong_is_named_before_any_motion(bus: EmulatedBus, s
     calibration, joint = spoiled(mirrored(bus.path), np.random.default_rng(seed))
     with (
         DynamixelWorld(ROBOT, calibration) as world,
-        pytest.raises(InvalidInput, match=rf"\({joint}\): expected"),
+        refuses(joint),
     ):
         world.reset(*STILL)
     assert bus.state()["goal_writes"] == 0

@@ -22,6 +22,7 @@ from stancekit.runner.safety.estop import (
 )
 from stancekit.runner.safety.latch import Source, StopLatch, Stopped
 from stancekit.runner.safety.watchdog import Watchdog
+from tests.refusals import refuses
 
 
 def listening(*sources: Source) -> StopLatch:
@@ -188,7 +189,7 @@ def test_a_process_that_stood_still_is_stopped_before_anything_is_sent_again() -
         now[0] = 2.5  # SIGSTOP, and SIGCONT later: its own thread did not run, either
         latch.listen(dog.look)
         with (
-            pytest.raises(Stopped, match=r"the process stood still for [12]\.\d+ s, limit 1 s"),
+            refuses("1 s", kind=Stopped),
             latch.sending(),
         ):
             raise AssertionError("it was let through")

@@ -13,7 +13,6 @@ import pytest
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.motion.gait_motion import SETTLE_S, GaitMotion, footholds
@@ -22,11 +21,13 @@ from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import Accepted
+from stancekit.runner.execution import Tolerance
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld
+from tests.refusals import refuses
 
 
 @pytest.fixture
@@ -64,8 +65,8 @@ def test_where_there_is_less_friction_than_it_counts_on_feet_slide_and_the_repor
 ) -> None:
     report = walked(accepted, "mujoco", 0.1)
     assert not report.succeeded
-    assert "slipped" in report.message
-    assert ", put down at " in report.message
+    assert report.execution is not None
+    assert report.execution.slip_m.max() > Tolerance().slip_m
 
 
 def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(
@@ -87,48 +88,37 @@ def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(
     path = tmp_path / "walk.json"
     pushed = replace(gait.trajectory, forces_n=1.3 * gait.trajectory.forces_n)
     write_trajectory(path, pushed, check_trajectory(pushed))
-    with pytest.raises(
-        InvalidInput,
-        match=r"walk.json: expected a gait that the verifier accepted, this one it rej",
-    ):
+    with refuses("walk.json"):
         Accepted.from_file(path)
     write_trajectory(path, gait.trajectory, gait.report)
     path.write_text(path.read_text().replace('"friction": 0.75', '"friction": 0.85'))
-    with pytest.raises(InvalidInput, match="its digest does not fit its contents"):
+    with refuses("digest"):
         Accepted.from_file(path)
-    with pytest.raises(InvalidInput, match=r"robot anymal: no legs are known"):
+    with refuses("robot anymal"):
         walking_robot(anymal())
     assert walking_robot(hexapod_walker()).mass_kg == hexapod_walker().mass_kg
 
 
 def test_feet_that_stick_are_in_no_world(accepted: Accepted) -> None:
     sticky = replace(accepted.plan, adhesive=np.arange(6) < 2)
-    with pytest.raises(
-        InvalidInput, match=r"this one cannot: no world has feet that stick, as \w+, \w+ do"
-    ):
+    with refuses("walk", "LF", "LM"):
         Accepted.verified(sticky, "walk")
 
 
 @pytest.mark.parametrize(
-    ("servo", "why"),
+    ("servo", "name"),
     [
-        (
-            Servo(velocity_rad_s=0.8),
-            r"gait: joint ..*: it would take .* times the velocity that it may have",
-        ),
-        (
-            Servo(torque_nm=2.0),
-            r"motion: .* s, joint .*: .* Nm at rest, expected less than 0.9 of its 2 Nm",
-        ),
-        (Servo(lower_rad=(-1.9, -1.8, -2.6, 1.7)), r"its foot stays .* mm from where it should be"),
+        (Servo(velocity_rad_s=0.8), "velocity"),
+        (Servo(torque_nm=2.0), "2 Nm"),
+        (Servo(lower_rad=(-1.9, -1.8, -2.6, 1.7)), "foot"),
     ],
 )
 def test_joints_that_cannot_do_it_are_named_before_anything_moves(
-    accepted: Accepted, servo: Servo, why: str
+    accepted: Accepted, servo: Servo, name: str
 ) -> None:
     with make_world("mujoco", accepted.robot, servo) as made:
         runner = Runner(made)
-        with pytest.raises(InvalidInput, match=why):
+        with refuses(name):
             runner.run(accepted)
         assert runner.state is None
 

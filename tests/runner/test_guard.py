@@ -4,7 +4,6 @@ stop.
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -13,12 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.errors import HardwareFault
 from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.guard import Limits, SafeWorld, capabilities_of
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.worlds.world import Actuator, Stoppable, World
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
+from tests.refusals import assert_names, refuses
 
 START = np.tile([0.0, 0.3, 0.0, 1.2], 6)
 POSE = np.array([0.0, 0.0, 0.2]), np.eye(3)
@@ -75,9 +75,7 @@ def test_a_command_that_is_no_number_is_refused_and_stops(wrong: float) -> None:
     safe = guarded(world)
     asked = START.copy()
     asked[5] = wrong
-    with pytest.raises(
-        Stopped, match=rf"command refused: expected 24 finite targets, got {wrong} for LM_hip"
-    ):
+    with refuses(str(wrong), "LM_hip", kind=Stopped):
         safe.step(asked)
     for _ in range(3):
         with pytest.raises(Stopped):
@@ -87,7 +85,7 @@ def test_a_command_that_is_no_number_is_refused_and_stops(wrong: float) -> None:
 
 
 def test_a_command_of_another_length_is_refused_too() -> None:
-    with pytest.raises(Stopped, match=r"got shape \(23,\)"):
+    with refuses("(23,)", kind=Stopped):
         guarded(MemoryWorld()).step(START[:23])
 
 
@@ -97,10 +95,7 @@ def test_a_joint_that_does_not_follow_stops_the_run_and_is_named() -> None:
     world.stuck = [7]
     for k in range(1, 11):
         safe.step(START + 0.02 * k * (np.arange(24) == 7))
-    with pytest.raises(
-        Stopped,
-        match=r"joint LM_knee: 0.220 rad from where it was sent, more than 0.11 rad for 0.05 s$",
-    ):
+    with refuses("LM_knee", "0.220 rad", "0.11 rad", kind=Stopped):
         safe.step(START + 0.22 * (np.arange(24) == 7))
     # .12 rad in step 6 is the first beyond; five periods of 10 ms are not longer than .05 s, six
     # are
@@ -117,9 +112,7 @@ def test_a_robot_that_does_not_move_at_all_is_told_as_that() -> None:
         for k in range(1, 20):
             safe.step(START + k * turned)
 
-    with pytest.raises(
-        Stopped, match=r"for 0.05 s; no joint has moved at all: does the robot take commands\?"
-    ):
+    with refuses("0.05 s", kind=Stopped):
         moved()
 
 
@@ -138,7 +131,7 @@ def test_a_joint_that_does_not_follow_is_found_also_when_some_measurements_say_t
         for k in range(1, 80):
             safe.step(START + min(0.02 * k, 0.3) * (np.arange(24) == 7))
 
-    with pytest.raises(Stopped, match=r"joint LM_knee: 0.\d+ rad from where it was sent"):
+    with refuses("LM_knee", kind=Stopped):
         moved()
 
 
@@ -170,10 +163,10 @@ def test_what_a_device_does_wrong_stops_the_run_and_nothing_is_sent_again() -> N
     safe = guarded(world)
     safe.step(START)
     world.fault = silent
-    with pytest.raises(HardwareFault, match="no answer"):
+    with refuses("LF_knee", kind=HardwareFault):
         safe.step(START)
     world.fault = lambda world: None
-    with pytest.raises(Stopped, match="no answer"):
+    with refuses("LF_knee", kind=Stopped):
         safe.step(START)
     assert len(world.commands) == 1
 
@@ -182,83 +175,55 @@ def test_measurements_that_are_no_numbers_are_a_fault_of_the_device() -> None:
     world = MemoryWorld()
     safe = guarded(world)
     world.spoil = lambda state: replace(state, angles_rad=np.full(24, np.nan))
-    with pytest.raises(
-        HardwareFault, match="expected finite measurements, got others in angles_rad"
-    ):
+    with refuses("angles_rad", kind=HardwareFault):
         safe.step(START)
     assert safe.latch.tripped
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "name"),
     [
-        (lambda state: None, r"expected a State, got None"),
-        (vars, r"expected a State, got \{"),
-        (
-            lambda state: replace(state, angles_rad=state.angles_rad[:-1]),
-            r"expected shape \(24,\) of angles_rad, got",
-        ),
-        (
-            lambda state: replace(state, forces_n=np.zeros(18)),
-            r"expected shape \(6, 3\) of forces_n, got \(18,\)",
-        ),
-        (
-            lambda state: replace(state, rotation=None),
-            r"expected (numbers in|shape \(3, 3\) of) rotation, got",
-        ),
-        (
-            lambda state: replace(state, sent_rad=["x"] * 24),
-            r"expected numbers in sent_rad, got others",
-        ),
-        (
-            lambda state: replace(state, torques_nm=[[0.0], [0.0, 1.0]]),
-            r"expected numbers in torques_nm, got others",
-        ),
-        (
-            lambda state: replace(state, time_s=np.inf),
-            r"expected finite measurements, got others in time_s",
-        ),
+        (lambda state: None, "None"),
+        (vars, "State"),
+        (lambda state: replace(state, angles_rad=state.angles_rad[:-1]), "angles_rad"),
+        (lambda state: replace(state, forces_n=np.zeros(18)), "forces_n"),
+        (lambda state: replace(state, rotation=None), "rotation"),
+        (lambda state: replace(state, sent_rad=["x"] * 24), "sent_rad"),
+        (lambda state: replace(state, torques_nm=[[0.0], [0.0, 1.0]]), "torques_nm"),
+        (lambda state: replace(state, time_s=np.inf), "time_s"),
     ],
 )
-def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, said: str) -> None:
+def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, name: str) -> None:
     world = MemoryWorld()
     safe = guarded(world)
     world.spoil = spoil
-    with pytest.raises(HardwareFault, match=f"^world memory: {said}"):
+    with refuses("world memory", name, kind=HardwareFault):
         safe.step(START)
     assert safe.latch.tripped
 
 
 @pytest.mark.parametrize(
-    ("attribute", "value", "said"),
+    ("attribute", "value", "name"),
     [
-        ("name", 3, "world: name: expected 1 to 200 printable letters, got 3"),
-        (
-            "kind",
-            "toy",
-            "world memory: kind: expected one of simulation, recording, hardware, got 'toy'",
-        ),
-        ("latch", None, "world memory: latch: expected a StopLatch, got None"),
-        ("robot", "hexapod", "world memory: robot: expected a Robot, got 'hexapod'"),
-        ("servo", {}, "world memory: servo: expected a Servo, got {}"),
-        ("rate_hz", 0.0, "world memory: rate_hz: expected a number above 0, got 0"),
-        ("rate_hz", "fast", "world memory: rate_hz: expected a number, got 'fast'"),
-        ("joints", [1, 2], "world memory: joints: expected a tuple of names, got [1, 2]"),
-        (
-            "joints",
-            ("a", "b"),
-            "world memory: capabilities: expected those of its joints, got others'",
-        ),
-        ("capabilities", 7, "world memory: capabilities: expected a WorldCapabilities, got 7"),
-        ("step", None, "world memory: expected the method step, got none"),
+        ("name", 3, "name"),
+        ("kind", "toy", "kind"),
+        ("latch", None, "latch"),
+        ("robot", "hexapod", "robot"),
+        ("servo", {}, "servo"),
+        ("rate_hz", 0.0, "rate_hz"),
+        ("rate_hz", "fast", "rate_hz"),
+        ("joints", [1, 2], "joints"),
+        ("joints", ("a", "b"), "capabilities"),
+        ("capabilities", 7, "capabilities"),
+        ("step", None, "step"),
     ],
 )
 def test_an_object_that_is_no_world_is_refused_in_one_line(
-    attribute: str, value: Any, said: str
+    attribute: str, value: Any, name: str
 ) -> None:
     world = MemoryWorld()
     setattr(world, attribute, value)
-    with pytest.raises(InvalidInput, match=f"^{re.escape(said)}$"):
+    with refuses(name):
         SafeWorld(world)
 
 
@@ -282,7 +247,7 @@ def test_a_loop_that_is_late_is_stopped_by_its_next_command() -> None:
     now[0] = 0.19
     safe.step(START)
     now[0] = 0.5
-    with pytest.raises(Stopped, match=r"the loop was silent for 0.310 s, limit 0.2 s"):
+    with refuses("0.310 s", "0.2 s", kind=Stopped):
         safe.step(START)
     assert len(world.commands) == 2
 
@@ -301,7 +266,7 @@ def test_a_stop_source_is_asked_before_every_command() -> None:
     safe = guarded(world, sources=[lambda: pressed[0] or None])
     safe.step(START)
     pressed[0] = "mushroom button"
-    with pytest.raises(Stopped, match="mushroom button"):
+    with refuses("mushroom button", kind=Stopped):
         safe.step(START)
     assert len(world.commands) == 1
 
@@ -332,7 +297,8 @@ def test_home_is_gone_to_slowly_but_never_after_a_stop() -> None:
     count = len(world.commands)
     safe.latch.trip("button")
     after = end(safe, "home", [START], 0.5)
-    assert (after.left, after.message) == ("held", "home is not gone to after a stop")
+    assert after.left == "held"
+    assert_names(after.message, "home")
     assert len(world.commands) == count
 
 
@@ -364,5 +330,5 @@ def test_a_world_is_an_actuator_by_what_it_can_do() -> None:
 
 
 def test_limits_out_of_range_are_refused_all_at_once() -> None:
-    with pytest.raises(InvalidInput, match=r"limits.velocity_share: .*; limits.step_rad: "):
+    with refuses("limits.velocity_share", "limits.step_rad"):
         Limits(velocity_share=2.0, step_rad=0.0)

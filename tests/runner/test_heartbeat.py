@@ -18,7 +18,6 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.runner.safety.heartbeat import ANSWER_S, BUS, ROUNDS, HeartbeatMonitor, _cancelled
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.safety.watchdog import Watchdog
@@ -26,6 +25,7 @@ from stancekit.runner.worlds.ros.bridge import RosLink
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.ros_robots import JOINTS, START, commands
 from tests.emulators.rosbridge import RosBridge
+from tests.refusals import refuses
 
 LIMIT_S = 1.0
 HOST = """
@@ -176,7 +176,7 @@ def test_a_heartbeat_monitor_that_ends_before_it_got_anything_is_one_line(
         return child
 
     monkeypatch.setattr(subprocess, "Popen", ended)
-    with pytest.raises(InvalidInput, match="heartbeat monitor: expected it to start, it did not"):
+    with refuses("heartbeat monitor"):
         HeartbeatMonitor(1.0).__enter__()
 
 
@@ -203,8 +203,5 @@ def test_a_cancel_over_a_new_connection_leaves_none_open(monkeypatch: pytest.Mon
 def test_where_no_rosbridge_is_it_does_not_begin() -> None:
     with RosBridge(JOINTS, START) as bridge:
         port = bridge.port
-    with pytest.raises(
-        InvalidInput,
-        match=f"heartbeat monitor: rosbridge ws://127.0.0.1:{port}: expected a rosbridge",
-    ):
+    with refuses("heartbeat monitor", f"ws://127.0.0.1:{port}"):
         HeartbeatMonitor(1.0, same_names(JOINTS, port=port)).__enter__()

@@ -11,6 +11,7 @@ import pytest
 
 from stancekit.runner.safety.estop import on_signals
 from stancekit.runner.safety.latch import StopLatch, Stopped
+from tests.refusals import refuses
 
 
 def test_a_latch_keeps_its_first_reason_and_never_opens_again() -> None:
@@ -22,7 +23,7 @@ def test_a_latch_keeps_its_first_reason_and_never_opens_again() -> None:
     now[0] = 4.0
     latch.trip("second")
     assert (latch.tripped, latch.reason, latch.time_s) == (True, "first", 3.0)
-    with pytest.raises(Stopped, match="first"):
+    with refuses("first", kind=Stopped):
         latch.check()
 
 
@@ -40,7 +41,7 @@ def test_what_was_on_its_way_at_the_stop_is_counted_from_the_stop_and_nothing_fo
         sent.append(now[0])
     assert (latch.after, latch.after_s, latch.sent_s) == (1, 0.25, 1.25)
     for _ in range(3):
-        with pytest.raises(Stopped, match="button"), latch.sending():
+        with refuses("button", kind=Stopped), latch.sending():
             sent.append(now[0])
     assert sent == [0.0, 0.0, 1.25]
     assert latch.after == 1
@@ -106,14 +107,14 @@ def test_a_signal_that_comes_while_its_own_thread_sends_trips_without_waiting_fo
             end = time.monotonic() + 5.0
             while not latch.tripped and time.monotonic() < end:
                 time.sleep(0.001)
-        with pytest.raises(Stopped, match=f"signal {number.name}"):
+        with refuses(number.name, kind=Stopped):
             latch.check()
     assert latch.after == 1
 
 
 def test_a_write_that_fails_gives_the_lock_back() -> None:
     latch = StopLatch()
-    with pytest.raises(OSError, match="cable"), latch.sending():
+    with refuses("cable", kind=OSError), latch.sending():
         raise OSError("cable")
     other = threading.Thread(target=latch.settle)
     other.start()
@@ -127,5 +128,5 @@ def test_sources_are_asked_for_every_write() -> None:
     with latch.sending():
         pass
     pressed[0] = "mushroom button"
-    with pytest.raises(Stopped, match="mushroom button"), latch.sending():
+    with refuses("mushroom button", kind=Stopped), latch.sending():
         raise AssertionError("it was let through")

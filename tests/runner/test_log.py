@@ -17,10 +17,10 @@ import pytest
 
 pytest.importorskip("mcap")
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.runner.log import FORMAT, TOPICS, McapLog, read_log, state_from_json, state_json
 from tests.emulators.faulty_disk import ended
 from tests.emulators.memory_world import MemoryWorld
+from tests.refusals import refuses
 
 PLAN: dict[str, Any] = {
     "format": FORMAT,
@@ -205,10 +205,7 @@ def test_two_runs_do_not_write_one_log(tmp_path: Path) -> None:
     for _ in range(2):  # in its own place, then beside an older one
         with McapLog(path) as log:
             log.write("plan", PLAN)
-            with (
-                McapLog(path) as other,
-                pytest.raises(InvalidInput, match="expected a log of its own, another run"),
-            ):
+            with McapLog(path) as other, refuses(path):
                 other.write("plan", PLAN)
             log.write("decision", {"what": "go", "why": "on"})
         assert len(read_log(path).messages) == 2
@@ -228,29 +225,21 @@ def test_numbers_that_json_lacks_are_written_as_null_and_come_back_as_nan(tmp_pa
     assert back.time_s == 0.0
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"", "expected a log of format"),
-        (b"not an mcap file at all", "expected an MCAP file, got something else"),
-        (b"\x89MCAP0\r\n", "expected a log of format"),
-    ],
-)
-def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes, said: str) -> None:
+@pytest.mark.parametrize("content", [b"", b"not an mcap file at all", b"\x89MCAP0\r\n"])
+def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
-    with pytest.raises(InvalidInput, match=said) as raised:
+    with refuses(path):
         read_log(path)
-    assert "\n" not in str(raised.value)
 
 
 def test_a_log_that_is_missing_or_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="expected a file, found nothing there"):
+    with refuses("none.mcap"):
         read_log(tmp_path / "none.mcap")
-    with pytest.raises(InvalidInput, match="expected an existing folder"):
+    with refuses("no"):
         McapLog(tmp_path / "no" / "run.mcap")
 
 
 def test_a_measurement_that_lacks_something_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="row 3: expected a whole measurement"):
+    with refuses("row 3"):
         state_from_json({"time_s": 1.0}, "row 3")

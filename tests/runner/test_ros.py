@@ -14,7 +14,7 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
-from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.errors import HardwareFault
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import Servo
 from stancekit.runner.worlds.ros.clock import stamp_of
@@ -22,6 +22,7 @@ from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import RosJoint, RosSetup, same_names
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 from tests.emulators.rosbridge import EPOCH_S, RosBridge
+from tests.refusals import refuses
 
 
 def test_reset_measures_and_sends_nothing_that_could_move_the_robot() -> None:
@@ -33,7 +34,7 @@ def test_reset_measures_and_sends_nothing_that_could_move_the_robot() -> None:
             np.testing.assert_allclose(state.feet_m, feet, atol=1e-9)
             assert not state.forces_n.any()
             assert not world.capabilities.has_body_pose
-            with pytest.raises(InvalidInput, match=r"expected torque\(True\) before step"):
+            with refuses("torque(True)"):
                 world.step(START)
         assert commands(bridge) == []
         assert {message["op"] for message in bridge.received} == {"subscribe", "advertise"}
@@ -97,7 +98,7 @@ def test_targets_are_clipped_to_limits_and_speed_and_what_was_sent_comes_back() 
         for _ in range(60):
             state = world.step(np.full(len(JOINTS), 9.0))
         np.testing.assert_allclose(state.sent_rad, world.capabilities.upper_rad)
-        with pytest.raises(InvalidInput, match="expected 24 finite numbers"):
+        with refuses("24"):
             world.step(np.full(len(JOINTS), np.nan))
 
 
@@ -130,32 +131,31 @@ def rested(bridge: RosBridge, for_s: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "why"),
+    ("kind", "name"),
     [
-        ("connection lost", "the connection is lost"),
-        ("rosbridge gone", "the connection is lost"),
-        ("silent", "/joint_states: LF_yaw, LF_hip, LF_roll and 21 more: nothing heard for 200 ms"),
-        ("not json", "expected a rosbridge message, got one that cannot be read"),
-        ("no operation", "expected a rosbridge message, got one that cannot be read"),
-        ("status error", "it reported an error of its own"),
-        ("null angle", "/joint_states: LF_yaw: expected a finite number, got None"),
-        ("half a message", "/joint_states: expected 24 positions, one a name, got 12"),
-        ("delay", "nothing heard for 200 ms"),
-        ("e-stop", "e-stop pressed on /e_stop"),
+        ("connection lost", "connection"),
+        ("rosbridge gone", "connection"),
+        ("silent", "/joint_states"),
+        ("not json", "rosbridge"),
+        ("no operation", "rosbridge"),
+        ("status error", "error"),
+        ("null angle", "LF_yaw"),
+        ("half a message", "/joint_states"),
+        ("delay", "200 ms"),
+        ("e-stop", "/e_stop"),
     ],
 )
 def test_a_fault_while_streaming_stops_the_robot_and_nothing_is_sent_afterwards(
-    monkeypatch: pytest.MonkeyPatch, kind: str, why: str
+    monkeypatch: pytest.MonkeyPatch, kind: str, name: str
 ) -> None:
     handed = handed_over(monkeypatch)
     with armed() as (bridge, world):
         bridge.inject(kind, 0.2)
-        with pytest.raises(HardwareFault, match=why) as fault:
+        with refuses(name, kind=HardwareFault) as fault:
             wave(world)
         sent = len(handed)  # the last of them may still be on its way
-        assert "\n" not in str(fault.value)
         assert not world.armed
-        with pytest.raises(InvalidInput, match="expected torque"):
+        with refuses("torque(True)"):
             world.step(START)
         rested(bridge, world.setup.lead_s + 0.25)
         stopped = bridge.state()
@@ -194,6 +194,6 @@ def test_relax_switches_the_controller_off_and_torque_on_again(ros: Literal[1, 2
         assert bridge.state()["on"]
     with (
         armed(ros) as (_, world),
-        pytest.raises(HardwareFault, match="names no controller_manager; the robot holds"),
+        refuses("controller_manager", kind=HardwareFault),
     ):
         world.relax()

@@ -14,12 +14,13 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
-from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.errors import HardwareFault
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators import rosbridge
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 from tests.emulators.rosbridge import RosBridge
+from tests.refusals import refuses
 
 Ros = Literal[1, 2]
 MANAGED: dict[str, Any] = {"controller_manager": "/controller_manager"}
@@ -45,16 +46,12 @@ def moved_rad(bridge: RosBridge, since: list[float]) -> float:
 def test_zeros_of_a_second_publisher_arm_nothing_and_stop_what_moves(ros: Ros, kind: str) -> None:
     with emulated(ros=ros) as bridge, world_of(bridge) as world:
         bridge.inject("zeros")
-        with pytest.raises(
-            InvalidInput, match=r"/joint_states: \w+: measured .* faster than .* two publishers\?"
-        ):
+        with refuses("/joint_states"):
             reset(world)
         assert commands(bridge) == []
     with armed(ros) as (bridge, world):
         bridge.inject(kind, 0.3)
-        with pytest.raises(
-            HardwareFault, match=r"/joint_states: \w+: measured .* two publishers\?"
-        ):
+        with refuses("/joint_states", kind=HardwareFault):
             stream(world)
         assert not world.armed
 
@@ -62,7 +59,7 @@ def test_zeros_of_a_second_publisher_arm_nothing_and_stop_what_moves(ros: Ros, k
 def test_a_second_publisher_that_is_a_little_off_is_found_by_what_the_controller_measures() -> None:
     with armed(1) as (bridge, world):
         bridge.inject("shifted", 0.2)
-        with pytest.raises(HardwareFault, match=r"/joint_states: \w+: .* two publishers\?"):
+        with refuses("/joint_states", kind=HardwareFault):
             stream(world)
 
 
@@ -73,7 +70,7 @@ def test_a_rosbridge_that_freezes_delivers_nothing_late_that_moves_the_robot(
     monkeypatch.setattr(rosbridge, "FROZEN_S", 2.5)
     with armed(ros) as (bridge, world):
         bridge.inject("frozen", 0.5)
-        with pytest.raises(HardwareFault, match="nothing heard for"):
+        with refuses(kind=HardwareFault):
             stream(world)
         world.hold()
         held, void = bridge.state()["position_rad"], "out of date by its stamps" in world.pending
@@ -97,7 +94,7 @@ def test_without_stamps_the_report_says_that_commands_may_still_come(
         reset(world)
         world.torque(True)
         bridge.inject("frozen", 0.5)
-        with pytest.raises(HardwareFault, match="nothing heard for"):
+        with refuses(kind=HardwareFault):
             stream(world)
         world.hold()
         assert "have no stamps, and may still move it" in world.pending
@@ -133,26 +130,18 @@ def test_an_e_stop_that_is_heard_or_published_lets_a_robot_be_armed(
 
 
 @pytest.mark.parametrize(
-    ("estop", "rosapi", "why"),
+    ("estop", "rosapi", "name"),
     [
-        (
-            "none",
-            True,
-            "nobody publishes it; press and release it with --try-estop, or do without: --without-estop",
-        ),
-        (
-            "none",
-            False,
-            "nothing heard, and no rosapi to ask who publishes it; press and release it with --try-estop",
-        ),
-        ("quiet", False, "nothing heard, and no rosapi to ask"),
-        ("other type", True, "expected std_msgs/Bool, it is std_msgs/Int8"),
+        ("none", True, "--try-estop"),
+        ("none", False, "rosapi"),
+        ("quiet", False, "rosapi"),
+        ("other type", True, "std_msgs/Int8"),
     ],
 )
-def test_an_e_stop_that_nobody_hears_arms_nothing(estop: Any, rosapi: bool, why: str) -> None:
+def test_an_e_stop_that_nobody_hears_arms_nothing(estop: Any, rosapi: bool, name: str) -> None:
     with emulated(ros=1, estop=estop, rosapi=rosapi) as bridge, world_of(bridge) as world:
         reset(world)
-        with pytest.raises(InvalidInput, match=f"e-stop /e_stop: {why}"):
+        with refuses("/e_stop", name):
             world.torque(True)
         assert not world.armed
         assert commands(bridge) == []
@@ -161,7 +150,7 @@ def test_an_e_stop_that_nobody_hears_arms_nothing(estop: Any, rosapi: bool, why:
 def test_an_e_stop_that_loses_its_publisher_stops_the_robot() -> None:
     with armed(1) as (bridge, world):
         bridge.inject("e-stop gone", 0.1)
-        with pytest.raises(HardwareFault, match="e-stop /e_stop: nobody publishes it any more"):
+        with refuses("/e_stop", kind=HardwareFault):
             stream(world, 800)
 
 
@@ -204,24 +193,22 @@ def test_after_torque_off_a_run_starts_again(ros: Ros) -> None:
             assert bridge.robot.on
         with world_of(bridge) as other:
             world.relax()
-            with pytest.raises(
-                InvalidInput, match=r"says that it is (stopped|inactive); start it, or name"
-            ):
+            with refuses():
                 reset(other)
 
 
 @pytest.mark.parametrize(
-    ("there", "said", "why"),
+    ("there", "said", "name"),
     [
-        (1, 2, "heard none of ROS 2; there are some of ROS 1: ros: 1 in the setup"),
-        (2, 1, "its stamps are those of ROS 2: ros: 2 in the setup"),
+        (1, 2, "ros: 1"),
+        (2, 1, "ros: 2"),
     ],
 )
 def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(
-    there: Ros, said: Ros, why: str
+    there: Ros, said: Ros, name: str
 ) -> None:
     with emulated(ros=there) as bridge, world_of(bridge, ros=said) as world:
-        with pytest.raises(InvalidInput, match=why):
+        with refuses(name):
             reset(world)
         assert commands(bridge) == []
 
@@ -229,9 +216,7 @@ def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(
 def test_another_client_is_named_before_and_after_arming() -> None:
     with armed(1) as (bridge, world):
         bridge.inject("other client", 0.3)
-        with pytest.raises(
-            HardwareFault, match=r"the controller wants .* which was not sent: another client\?"
-        ):
+        with refuses(kind=HardwareFault):
             stream(world)
 
 

@@ -15,7 +15,7 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
-from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.errors import HardwareFault
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
@@ -30,6 +30,7 @@ from tests.emulators.ros_robots import (
     emulated,
     reset,
 )
+from tests.refusals import refuses
 
 
 @pytest.mark.parametrize("ros", [1, 2])
@@ -57,13 +58,13 @@ def test_trajectories_that_are_too_long_too_fast_or_beyond_limits_are_refused_be
     None
 ):
     with armed() as (bridge, world):
-        for times, angles, why in (
-            ([6.0], START + 0.1, r"expected up to 5 s \(alone_s\), got 6"),
-            ([0.1], START + 0.5, "LF_yaw: expected up to 4 rad/s, got 5"),
-            ([2.0], START + 2.0, r"LF_yaw: expected an angle in \[-1.90, 1.90\] rad, got 2.00"),
-            ([0.0], START, "expected times that increase from above 0"),
+        for times, angles, name in (
+            ([6.0], START + 0.1, "alone_s"),
+            ([0.1], START + 0.5, "LF_yaw"),
+            ([2.0], START + 2.0, "LF_yaw"),
+            ([0.0], START, "times"),
         ):
-            with pytest.raises(InvalidInput, match=why):
+            with refuses(name):
                 world.run_trajectory(np.array(times), angles[None, :])
         time.sleep(0.1)
         assert commands(bridge) == ["stream"]
@@ -74,7 +75,7 @@ def test_a_rosbridge_that_reads_no_cancel_while_a_goal_is_on_its_way_is_refused(
         with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
             reset(world)
             world.torque(True)
-            with pytest.raises(InvalidInput, match="send_action_goals_in_new_thread:=true"):
+            with refuses("send_action_goals_in_new_thread:=true"):
                 world.run_trajectory(np.array([1.0]), START[None, :] + 0.1)
         np.testing.assert_allclose(bridge.state()["position_rad"], START, atol=1e-6)
 
@@ -82,7 +83,7 @@ def test_a_rosbridge_that_reads_no_cancel_while_a_goal_is_on_its_way_is_refused(
 def test_hold_from_another_thread_cancels_the_trajectory() -> None:
     with armed() as (bridge, world):
         threading.Timer(1.0 / PACE, world.hold).start()
-        with pytest.raises(HardwareFault, match="stopped on the way; it is cancelled"):
+        with refuses(kind=HardwareFault):
             world.run_trajectory(np.array([4.0]), START[None, :] + 1.0)
         assert not world.armed
         stopped = bridge.state()["desired_rad"]
@@ -93,23 +94,23 @@ def test_hold_from_another_thread_cancels_the_trajectory() -> None:
 
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize(
-    ("kind", "why"),
+    ("kind", "name"),
     [
-        ("stuck joint", "aborted: path tolerance violated"),
+        ("stuck joint", "aborted"),
         ("rejects goals", "rejected"),
-        ("connection lost", "the connection is lost; a cancel was sent over a new connection"),
-        ("rosbridge gone", "the connection is lost; it could not be cancelled"),
-        ("e-stop", "e-stop pressed on /e_stop; it is cancelled"),
+        ("connection lost", "connection"),
+        ("rosbridge gone", "connection"),
+        ("e-stop", "/e_stop"),
     ],
 )
 def test_a_trajectory_that_goes_wrong_is_a_fault_and_cancelled(
-    ros: Literal[1, 2], kind: str, why: str
+    ros: Literal[1, 2], kind: str, name: str
 ) -> None:
     with armed(ros) as (bridge, world):
         world.run_trajectory(np.array([0.1]), START[None, :])
         bridge.inject(kind, 0.0 if kind == "rejects goals" else 0.3)
         time.sleep(0.05)
-        with pytest.raises(HardwareFault, match=why):
+        with refuses(name, kind=HardwareFault):
             world.run_trajectory(np.array([3.0]), START[None, :] + 1.2)
         assert not world.armed
         if kind != "rosbridge gone":

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.runner.worlds.ros import controller, joint_states
 from stancekit.runner.worlds.ros.controller import FOREIGN, ControllerState
 from stancekit.runner.worlds.ros.joint_states import JointStates
 from stancekit.runner.worlds.ros.setup import Mapping, same_names
+from tests.refusals import refuses
 
 JOINTS = ("hip", "knee")
 FASTEST = np.array([4.0, 4.0])
@@ -68,9 +68,7 @@ def test_a_joint_that_jumps_is_refused_by_name_and_what_was_measured_stays(
         clock.now += 0.02
         states.take(message(0.1, 1.6, clock.now if stamped else 0.0))
     clock.now += 0.01
-    with pytest.raises(
-        InvalidInput, match=r"knee: measured 0.000 rad 10 ms after 1.600, .*two publishers\?"
-    ):
+    with refuses("knee"):
         states.take(message(0.0, 0.0, clock.now if stamped else 0.0))
     np.testing.assert_allclose(states.read()[0], [0.1, 1.6])
 
@@ -94,7 +92,7 @@ def test_joints_that_are_not_the_robots_may_have_no_positions_and_are_left_alone
     states.take({"name": ["left_wheel", "right_wheel"], "velocity": [1.0, 1.0]})
     states.take({"name": ["finger"], "position": [None]})
     assert states.others == {"left_wheel", "right_wheel", "finger"}
-    with pytest.raises(InvalidInput, match="expected 2 positions, one a name, got 0"):
+    with refuses():
         states.take({"name": ["hip", "wheel"], "velocity": [1.0, 1.0]})
 
 

@@ -8,6 +8,7 @@ import yaml
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.runner.worlds.ros.setup import Mapping, RosJoint, RosSetup, same_names
+from tests.refusals import refuses
 
 JOINTS = ("LF_yaw", "LF_hip")
 
@@ -73,7 +74,7 @@ def test_a_file_that_says_something_wrong_is_refused_with_its_place(
 
 def test_a_file_that_is_no_yaml_or_no_object_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
-    for text, message in (("a: [", "expected YAML"), ("- 1", "expected keys and values, got list")):
+    for text in ("a: [", "- 1"):
         path.write_text(text)
-        with pytest.raises(InvalidInput, match=message):
+        with refuses(path):
             RosSetup.from_yaml(path)

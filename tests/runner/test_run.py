@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.motion.plan_motion import Timing
@@ -31,6 +31,7 @@ from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
+from tests.refusals import assert_names, refuses
 
 FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
 Step = Callable[[str], Plan]
@@ -212,7 +213,7 @@ def test_a_joint_that_is_stuck_misses_its_path(accepted: Accepted) -> None:
     limits = replace(PATIENT, path_rad=0.05, path_s=0.02)
     report = ran(world, accepted, replace(FAST, limits=limits))
     assert not report.succeeded
-    assert report.message.startswith(f"joint {world.joints[15]}: ")
+    assert_names(report.message, f"joint {world.joints[15]}")
 
 
 def test_joints_that_end_elsewhere_miss_their_goal(accepted: Accepted) -> None:
@@ -221,7 +222,8 @@ def test_joints_that_end_elsewhere_miss_their_goal(accepted: Accepted) -> None:
         state, angles_rad=state.angles_rad + 0.12 * (np.arange(24) == 2)
     )
     report = ran(world, accepted)
-    assert report.message == "joint LF_roll: ended 0.120 rad from the plan, limit 0.1 rad"
+    assert not report.succeeded
+    assert_names(report.message, "joint LF_roll", "0.120 rad", "0.1 rad")
 
 
 def test_a_plan_that_was_edited_is_refused(plan_path: Path) -> None:
@@ -232,7 +234,7 @@ def test_a_plan_that_was_edited_is_refused(plan_path: Path) -> None:
     changed = re.sub(r'"mass_kg": 10(\.0)?', '"mass_kg": 11', text, count=1)
     assert changed != text
     plan_path.write_text(changed)
-    with pytest.raises(InvalidInput, match="digest mismatch"):
+    with refuses("digest"):
         Accepted.from_file(plan_path)
 
 
@@ -241,7 +243,7 @@ def test_numbers_of_another_plan_are_refused(plan_path: Path) -> None:
     numbers = content["arrays"]["npz"]
     content["arrays"]["npz"] = numbers[:200] + ("A" if numbers[200] != "A" else "B") + numbers[201:]
     plan_path.write_text(json.dumps(content))
-    with pytest.raises(InvalidInput, match="digest mismatch"):
+    with refuses("digest"):
         Accepted.from_file(plan_path)
 
 
@@ -252,29 +254,25 @@ def test_a_plan_that_the_verifier_rejected_is_refused_and_so_is_one_whose_digest
     bad = replace(good, forces_n=1.1 * good.forces_n)
     path = tmp_path / "bad.json"
     write_plan(path, bad, check_plan(bad))
-    with pytest.raises(
-        InvalidInput, match="expected a plan that the verifier accepted, this one it rejected"
-    ):
+    with refuses("bad.json"):
         Accepted.from_file(path)
     says_accepted = replace(
         check_plan(bad), groups=check_plan(good).groups
     )  # with a digest that fits
     write_plan(path, bad, says_accepted)
-    with pytest.raises(
-        InvalidInput, match="expected a plan that the verifier accepts, rejected: worst is "
-    ):
+    with refuses("bad.json"):
         Accepted.from_file(path)
 
 
 def test_a_world_with_other_joints_is_refused_before_it_is_touched(accepted: Accepted) -> None:
     robot = hexapod()
-    for limbs, said in (
-        (robot.limbs[:5], "it lacks RR_hip, RR_knee, RR_roll, RR_yaw"),
-        (robot.limbs[::-1], "it has them in another"),
-        ((*robot.limbs[:5], replace(robot.limbs[5], name="XX")), "it has besides XX_hip"),
+    for limbs, name in (
+        (robot.limbs[:5], "RR_yaw"),
+        (robot.limbs[::-1], "joints"),
+        ((*robot.limbs[:5], replace(robot.limbs[5], name="XX")), "XX_hip"),
     ):
         world = MemoryWorld(replace(robot, limbs=limbs))
-        with pytest.raises(InvalidInput, match=said):
+        with refuses(name):
             ran(world, accepted)
         assert not hasattr(world, "_sent")
 
@@ -282,11 +280,9 @@ def test_a_world_with_other_joints_is_refused_before_it_is_touched(accepted: Acc
 def test_a_robot_of_another_size_is_refused(accepted: Accepted) -> None:
     robot = hexapod()
     longer = replace(robot, limbs=(replace(robot.limbs[0], reach_m=0.4), *robot.limbs[1:]))
-    with pytest.raises(
-        InvalidInput, match=r"the plan is for another: limb LF reaches 0.35 m and 0.4 m"
-    ):
+    with refuses("limb LF", "0.35 m", "0.4 m"):
         ran(MemoryWorld(longer), accepted)
-    with pytest.raises(InvalidInput, match="10 kg and 12 kg"):
+    with refuses("10 kg", "12 kg"):
         ran(MemoryWorld(replace(robot, mass_kg=12.0)), accepted)
 
 
@@ -342,7 +338,8 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
     assert again.joint_rms_rad == report.joint_rms_rad
     slower = replace(FAST, timing=Timing().at_pace(1.5))
     other = Runner(make_world("replay", course.robot, setup=path), settings=slower).run(accepted)
-    assert "the log ends after" in other.message
+    assert not other.succeeded
+    assert_names(other.message, "log")
     figure = draw_tracking(read_log(path))
     lines = figure.axes[0].lines
     assert len(lines) == 6
@@ -359,18 +356,15 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
     from stancekit.runner.worlds import make_world
 
     course = accepted.plan.problem
-    for name, said in (
-        ("replay", "setup: expected a log with world replay, got none"),
-        ("dynamixel", "setup: expected a calibration file with world dynamixel, got none"),
-        ("ros", "setup: expected a set-up file with world ros, got none"),
-        (
-            "gazebo",
-            "world: expected one of bullet, mujoco, replay, dynamixel, ros, or FILE.py:NAME, got 'gazebo'",
-        ),
+    for name, named in (
+        ("replay", "setup"),
+        ("dynamixel", "setup"),
+        ("ros", "setup"),
+        ("gazebo", "world"),
     ):
-        with pytest.raises(InvalidInput, match=said):
+        with refuses(named):
             make_world(name, course.robot)
-    with pytest.raises(InvalidInput, match=r"none\.yaml: expected a file, found nothing there"):
+    with refuses("none.yaml"):
         make_world("mujoco", course.robot, setup=tmp_path / "none.yaml")
 
 
@@ -393,14 +387,10 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
         with make_world("ros", course.robot, setup=setup) as world:
             assert world.joints == joints
     same_names(joints, robot="ant").write(setup)
-    with pytest.raises(
-        InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"
-    ):
+    with refuses("setup.yaml", "robot"):
         make_world("ros", course.robot, setup=setup)
     nominal(joints, port="none", robot="ant").write(setup)
-    with pytest.raises(
-        InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"
-    ):
+    with refuses("setup.yaml", "robot"):
         make_world("dynamixel", course.robot, setup=setup)
 
 
@@ -416,4 +406,4 @@ def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accept
         report = Runner(world, settings=FAST).run(accepted)
         assert report.succeeded is (not deaf), report.message
         name = accepted.plan.problem.robot.limb_names[1]
-        assert report.message.startswith(f"foot of {name}: expected ") is bool(deaf)
+        assert (f"foot of {name}: " in report.message) is bool(deaf)

@@ -12,6 +12,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain import Patch
 from tests.emulators.slipping import FAULTS, SlippingWorld
+from tests.refusals import refuses
 
 ROBOT = hexapod()
 STANDING = np.tile([0.0, 0.3, 0.0, 1.2], len(ROBOT.limbs))
@@ -65,6 +66,6 @@ def test_friction_that_differs_bounds_all_feet() -> None:
 def test_an_unknown_fault_is_refused() -> None:
     with (
         SlippingWorld(ROBOT) as world,
-        pytest.raises(ValueError, match=f"expected one of {', '.join(FAULTS)}"),
+        refuses(*FAULTS, kind=ValueError),
     ):
         world.inject("earthquake")

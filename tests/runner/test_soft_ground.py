@@ -20,6 +20,7 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import SoftContact, WorldSettings, make_world
 from stancekit.runner.worlds.contact import SimulationSetup
 from stancekit.runner.worlds.world import Ground, State, Terrain, World
+from tests.refusals import refuses
 
 from .test_simulated_robots import FLAT, model, robot, stance
 
@@ -111,10 +112,7 @@ def test_feet_do_not_creep_along_soft_ground(made: Callable[..., World]) -> None
 
 
 def test_ground_that_cannot_bear_the_robot_is_refused(made: Callable[..., World]) -> None:
-    with pytest.raises(
-        InvalidInput,
-        match=r"contact_stiffness_n_m: expected 5\.49e\+03 N/m or more, .* 40 mm .*got 5000",
-    ):
+    with refuses("contact_stiffness_n_m"):
         made(contact=SoftContact(stiffness_n_m=5e3))
 
 
@@ -146,9 +144,7 @@ def test_a_set_up_file_says_how_the_ground_yields(
     file.write_text("format: stancekit/simulation/1\ncontact_stiffness_n_m: 2.0e+4\n")
     with made(setup=file) as world:
         assert world.contact == SoftContact(stiffness_n_m=2e4)  # type: ignore[attr-defined]
-    with pytest.raises(
-        InvalidInput, match="expected a value from the set-up file or from the option"
-    ):
+    with refuses():
         made(setup=file, contact=SoftContact(stiffness_n_m=2e4))
 
 

@@ -41,6 +41,7 @@ from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.memory_world import PATIENT, MemoryWorld
 from tests.emulators.servo_bus import EmulatedBus
+from tests.refusals import assert_names, refuses
 
 ROBOT = hexapod()
 START = np.tile([0.2, 0.5, -0.3, 1.0], 6)
@@ -129,7 +130,7 @@ def test_whatever_interrupts_an_arming_leaves_every_torque_off(
     for at in (2, 6, 8):
         with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
             Writes(patch, burst, at)
-            with pytest.raises(told, match="a bug"):
+            with refuses("a bug", kind=told):
                 world.torque(True)
             assert not any(bus.state()["torque"])
             assert not world.armed
@@ -160,7 +161,7 @@ def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(
         Writes(patch, lambda: world.latch.trip("button"), 0)
         world.step(START)
         for _ in range(5):
-            with pytest.raises(Stopped, match="button"):
+            with refuses("button", kind=Stopped):
                 world.step(START)
         assert len(bus.goal_packets_s) == before + 1
         assert world.latch.after == 1
@@ -212,11 +213,8 @@ def test_a_signal_in_the_middle_of_a_run_carries_out_the_ending(
     world = MemoryWorld()
     world.fault = lambda world: os.kill(os.getpid(), number) if len(world.commands) == 30 else None
     report = ran(world, accepted, ending)
-    assert (report.message, report.ended.left, world.torque_on) == (
-        f"signal {number.name}",
-        left,
-        torque,
-    )
+    assert (report.ended.left, world.torque_on) == (left, torque)
+    assert_names(report.message, number.name)
     assert len(world.commands) <= 31  # what the signal found on its way
     assert report.stopped_s is not None
     assert max(when for when, _ in world.commands) <= report.stopped_s + report.after_s
@@ -240,7 +238,7 @@ def test_a_log_that_is_full_at_any_message_carries_out_the_ending(
 ) -> None:
     for room in (0, 1, 2, 4, 5, 20):
         world = MemoryWorld()
-        with pytest.raises(OSError, match="No space left"):
+        with refuses("No space left", kind=OSError):
             ran(world, accepted, ending, log=FullDisk(room))
         assert (world.armed, world.closed) == (False, 1)
         # a measurement, the decision to arm; then the torque is on; the decisions to go, then
@@ -254,7 +252,7 @@ def test_an_output_that_is_gone_carries_out_the_ending(accepted: Accepted) -> No
         raise OSError(errno.EIO, "Input/output error")
 
     world = MemoryWorld()
-    with pytest.raises(OSError, match="Input/output"):
+    with refuses("Input/output", kind=OSError):
         ran(world, accepted, "torque-off", progress=shown)
     assert (len(world.commands), world.torque_on) == (1, False)
 
@@ -266,7 +264,8 @@ def test_a_stop_on_the_way_home_ends_in_hold(accepted: Accepted) -> None:
         world.torque(True)
         world.fault = lambda world: safe.latch.trip("button") if len(world.commands) == 3 else None
         ended = end(safe, "home", [START + 0.3], 0.5)
-    assert (ended.left, ended.message) == ("held", "stopped on the way home: button")
+    assert ended.left == "held"
+    assert_names(ended.message, "home", "button")
     assert len(world.commands) == 3
     assert world.torque_on
 
@@ -282,10 +281,8 @@ def test_a_bug_on_the_way_home_ends_in_hold(accepted: Accepted) -> None:
         safe.step(START)
         world.fault = bug
         ended = end(safe, "home", [START + 0.3], 0.5)
-    assert (ended.left, ended.message) == (
-        "held",
-        "stopped on the way home: ZeroDivisionError: a bug",
-    )
+    assert ended.left == "held"
+    assert_names(ended.message, "home", "ZeroDivisionError", "a bug")
 
 
 @pytest.mark.parametrize("cut", [KeyboardInterrupt, SystemExit, OSError])

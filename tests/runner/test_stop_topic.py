@@ -10,11 +10,11 @@ import pytest
 pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.runner.safety.estop import watched
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.safety.stop_topic import StopTopic
 from tests.emulators.rosbridge import RosBridge
+from tests.refusals import refuses
 
 
 @pytest.fixture
@@ -61,9 +61,7 @@ def test_a_message_that_is_no_truth_value_stops(bridge: RosBridge) -> None:
     "address", ["e_stop", "localhost/e_stop", "localhost:99999/e_stop", "localhost:9090"]
 )
 def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(
-        InvalidInput, match=r"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got "
-    ):
+    with refuses("stop_topic"):
         StopTopic(address)
 
 
@@ -71,7 +69,7 @@ def test_where_no_rosbridge_is_nothing_begins(bridge: RosBridge) -> None:
     port = bridge.port
     bridge.close()
     with (
-        pytest.raises(InvalidInput, match="expected a rosbridge, got no answer"),
+        refuses(),
         StopTopic(f"127.0.0.1:{port}/x"),
     ):
         pass

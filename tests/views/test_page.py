@@ -27,6 +27,7 @@ from stancekit.views.shapes import along
 from stancekit.views.sheet import ACCENT
 from stancekit.views.stage import Stage, quaternion
 from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -191,8 +192,7 @@ def test_headless_chromium_opens_it_from_disk_without_a_network(
 ):
     (tmp_path / "page.html").write_text(request.getfixturevalue(subject))
     tab.ask("Page.navigate", url=(tmp_path / "page.html").as_uri())
-    if not any(map(is_seen, pictures_of(tab))):
-        pytest.fail(f"no terrain or robot was to be seen within {PATIENCE_S:g} s")
+    assert any(map(is_seen, pictures_of(tab))), f"nothing was to be seen within {PATIENCE_S:g} s"
 
 
 def pictures_of(tab):
@@ -222,10 +222,7 @@ def test_without_viser_the_extra_is_named(plan, monkeypatch, tmp_path):
         raise ImportError(name)
 
     monkeypatch.setattr(page_module, "import_module", missing)
-    with pytest.raises(
-        InvalidInput,
-        match=r'page: expected viser for pages, it is not installed: pip install "stancekit\[viz\]"',
-    ):
+    with refuses("viser", "stancekit[viz]"):
         check_page(tmp_path / "a.html")
 
 

@@ -16,6 +16,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.views.plans import PlanView, draw_plan, ghosts
 from stancekit.views.sheet import check_picture, save, to_rgb
 from stancekit.views.terrain import ICE, cells
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def test_the_same_plan_gives_the_same_bytes(plan, tmp_path):
 
 @pytest.mark.parametrize("frame", [-1, 3, 99])
 def test_a_frame_that_there_is_not_is_refused(frame, plan):
-    with pytest.raises(InvalidInput, match=f"frame: expected 0 to 2, got {frame}"):
+    with refuses("frame", str(frame)):
         draw_plan(plan, frame=frame)
 
 

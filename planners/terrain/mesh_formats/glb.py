@@ -238,7 +238,9 @@ def _matrix(node: dict[str, Any]) -> Array:
         try:
             result[name] = np.array(value, dtype=np.float64)
         except OverflowError:
-            raise InvalidInput(f"expected a mesh: {name}: expected finite numbers") from None
+            raise InvalidInput(
+                f"expected a mesh: {name}: expected finite numbers, got others"
+            ) from None
     place = np.eye(4)
     place[:3, :3] = turn_of(result["rotation"]) * result["scale"]
     place[:3, 3] = result["translation"]

@@ -281,7 +281,7 @@ class RosWorld(HardwareWorld):
 
     def _check_trajectory(self, times: Array, angles: Array) -> None:
         if not len(times) or np.any(np.diff(times, prepend=0.0) <= 0.0):
-            raise InvalidInput("times_s: expected times that increase from above 0")
+            raise InvalidInput("times_s: expected times that increase from above 0, got others")
         if times[-1] > self.setup.alone_s:
             raise InvalidInput(
                 f"times_s: expected up to {self.setup.alone_s:g} s (alone_s), got {times[-1]:g}: "

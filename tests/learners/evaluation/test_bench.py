@@ -23,6 +23,7 @@ from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import validated
 from stancekit.planners.formats.answer_file import read_envelopes
+from tests.refusals import refuses
 
 PLAN: dict[str, Any] = {
     "problems": ["wall-3"],
@@ -116,9 +117,7 @@ def test_what_changed_is_done_again_and_nothing_else(made: tuple[Path, ClassResu
 
 def test_a_folder_with_other_data_is_refused(made: tuple[Path, ClassResult]) -> None:
     folder, _ = made
-    with pytest.raises(
-        InvalidInput, match=r"train/header\.json: feasible: expected 13 as planned, got 12$"
-    ):
+    with refuses("train/header.json", "feasible"):
         run(PLAN | {"train": {"feasible": 13, "infeasible": 12, "seed": 0}}, folder)
 
 
@@ -175,10 +174,8 @@ def test_a_file_without_a_quick_section_has_no_quick_run(tmp_path: Path) -> None
     path = tmp_path / "plan.yaml"
     path.write_text(yaml.safe_dump(PLAN))
     assert Experiment.from_yaml(path).methods == ("heuristic", "quantile", "ga")
-    with pytest.raises(
-        InvalidInput, match=r"plan\.yaml: quick: expected keys of an experiment, got \{\}$"
-    ):
+    with refuses("plan.yaml", "quick"):
         Experiment.from_yaml(path, quick=True)
     path.write_text("- 1")
-    with pytest.raises(InvalidInput, match=r"plan\.yaml: expected keys and values, got list$"):
+    with refuses("plan.yaml"):
         Experiment.from_yaml(path)

@@ -22,6 +22,7 @@ from stancekit.learners.evaluation.gait_drawings import draw
 from stancekit.learners.evaluation.gait_figures import quartiles, ratios, table
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.task import GaitSettings
+from tests.refusals import refuses
 
 FAST = GaitBenchSettings(
     terrains=("ripple", "hill"), methods=("ambient", "decoupled"), every=8, seeds=1
@@ -294,17 +295,14 @@ def test_ratios_compare_cells_in_which_both_succeeded():
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "name"),
     [
-        (
-            {"terrains": ("moon",)},
-            "terrains: expected some of ripple, cone, hill, pit, pit-84, pit-87, got moon",
-        ),
-        ({"methods": ()}, "methods: expected some of .*, got none"),
-        ({"every": 0}, "every: expected greater than 0, got 0"),
-        ({"cap_s": 0.0}, "cap_s: expected greater than 0, got 0"),
+        ({"terrains": ("moon",)}, "terrains"),
+        ({"methods": ()}, "methods"),
+        ({"every": 0}, "every"),
+        ({"cap_s": 0.0}, "cap_s"),
     ],
 )
-def test_settings_out_of_range_are_refused(settings, message):
-    with pytest.raises(InvalidInput, match=f"^{message}"):
+def test_settings_out_of_range_are_refused(settings, name):
+    with refuses(name):
         GaitBenchSettings(**settings)

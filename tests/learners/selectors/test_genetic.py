@@ -35,6 +35,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
+from tests.refusals import refuses
 
 SMALL = GeneticSettings(population=10, generations=5, terrains=20, finalists=3, seed=3)
 
@@ -289,9 +290,9 @@ def test_another_checkpoint_is_refused(
     go(short, dataset.points)
     other = f"{path}: expected the checkpoint of a run with these settings and data, got another's"
     assert refused(replace(short, seed=9)) == other
-    with pytest.raises(InvalidInput, match="got another's"):
+    with refuses():
         go(short, dataset.points[:-1])
-    with pytest.raises(InvalidInput, match="got another's"):
+    with refuses():
         evolve(feasible, infeasible[::-1], dataset.points, short, oracle=oracle, checkpoint=path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
@@ -319,9 +320,7 @@ def test_nothing_in_a_checkpoint_is_unpickled(
 
     path = tmp_path / "ga.npz"
     np.savez(path, format=np.array([Trap()], dtype=object), allow_pickle=True)
-    with pytest.raises(
-        InvalidInput, match="expected arrays without pickle: expected numbers or texts, got object"
-    ):
+    with refuses():
         evolve(feasible, infeasible, dataset.points, SMALL, checkpoint=path)
     assert not hasattr(builtins, "sprung")
 
@@ -362,10 +361,7 @@ def test_what_cannot_be_searched_is_refused(
         evolve(feasible, infeasible, np.zeros((0, 3, 6)), SMALL)
     assert str(caught.value) == "points: expected one solution or more, got none"
     five = Scaled.of(distribution("wall-5").sample(np.random.default_rng(0)))
-    with pytest.raises(
-        InvalidInput,
-        match=r"all of one size \(contacts, vertices\), got sizes \[\(3, 3\), \(5, 3\)\]",
-    ):
+    with refuses():
         evolve(feasible, [five], np.zeros((1, 3, 6)), SMALL)
 
 
@@ -379,10 +375,7 @@ def test_fitting_a_data_set_says_how_it_was_done(dataset: Dataset, whole: Geneti
     assert found.provenance["settings"]["terrains"] == 20
     assert found.provenance["notes"]["a"] == whole.a
     found.check_fits(next(dataset.problems()))
-    with pytest.raises(
-        InvalidInput,
-        match="expected two or more rows of each label, got 40 feasible and 0 infeasible",
-    ):
+    with refuses():
         fit_genetic(dataset.select(dataset.feasible), SMALL)
 
 

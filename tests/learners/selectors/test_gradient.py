@@ -21,8 +21,8 @@ from stancekit.learners.selectors.gradient import (
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -151,11 +151,9 @@ def test_a_fit_repeats_to_the_last_bit_and_says_how_it_was_made(dataset: Dataset
 
 
 def test_what_cannot_be_fitted_is_refused_in_one_line(dataset: Dataset) -> None:
-    with pytest.raises(InvalidInput, match=r"^boxes: expected 1 or more, got 0$"):
+    with refuses("boxes"):
         fit_gradient(dataset, boxes=0)
-    with pytest.raises(InvalidInput, match=r"^steps: expected greater than 0, got 0$"):
+    with refuses("steps"):
         fit_gradient(dataset, steps=0)
-    with pytest.raises(
-        InvalidInput, match=r"^data set: expected 2 or more feasible rows and .*, got 60 and 0$"
-    ):
+    with refuses("data set"):
         fit_gradient(dataset.select(dataset.feasible))

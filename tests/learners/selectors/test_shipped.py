@@ -17,7 +17,7 @@ from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.selectors.shipped import card
 from stancekit.learners.zoo import shipped
-from stancekit.planners.errors import InvalidInput
+from tests.refusals import refuses
 
 NAMES = list(shipped("selectors"))
 SCENES = 30
@@ -94,7 +94,5 @@ def test_the_page_of_cards_has_their_figures() -> None:
 
 
 def test_a_name_that_is_neither_a_file_nor_ships_is_refused() -> None:
-    with pytest.raises(
-        InvalidInput, match=r"^neural-moon-3: expected a file, or one of neural-.*, found nothing$"
-    ):
+    with refuses("neural-moon-3"):
         load_selector("neural-moon-3")

@@ -21,6 +21,7 @@ from stancekit.learners.surrogates.features import Seer
 from stancekit.learners.surrogates.rows import LabelledBatch
 from stancekit.learners.surrogates.surrogate import Surrogate
 from stancekit.planners.problem import PostureBatch
+from tests.refusals import refuses
 
 Data = tuple[stancekit.Dataset, Surrogate]
 
@@ -151,18 +152,16 @@ def test_another_class_is_refused(learned: Data, name: str, line: str) -> None:
 def test_another_body_is_refused(learned: Data) -> None:
     problem = stancekit.sample("wall-3")[0]
     heavy = problem.posture_with(mass_kg=11.0)
-    with pytest.raises(stancekit.InvalidInput, match=r"^(force_scale_n|mass_kg): expected"):
+    with refuses():
         stancekit.screen(heavy, learned[1])
     pushed = problem.posture_with(wrench=[1.0, 0, 0, 0, 0, 0])
-    with pytest.raises(stancekit.InvalidInput, match=r"^wrench: expected that of wall-3"):
+    with refuses("wrench"):
         stancekit.screen(pushed, learned[1])
 
 
 @pytest.mark.parametrize("error", [0.0, 1.0, -1.0])
 def test_an_error_of_0_or_1_is_refused(learned: Data, error: float) -> None:
-    with pytest.raises(
-        stancekit.InvalidInput, match=r"^error: expected a number above 0 and below"
-    ):
+    with refuses("error"):
         stancekit.screen(stancekit.sample("wall-3"), learned[1], error=error)
 
 
@@ -183,7 +182,7 @@ def test_a_file_gives_the_surrogate_back(learned: Data, tmp_path: Path) -> None:
     for name, other in ((b"wall-3", b"wall-5"), (b'\\"heads\\": 4', b'\\"heads\\": 2')):
         assert content != content.replace(name, other)
         (tmp_path / "o.safetensors").write_bytes(content.replace(name, other))
-        with pytest.raises(stancekit.InvalidInput, match=r"digest: expected"):
+        with refuses("digest"):
             Surrogate.read(tmp_path / "o.safetensors")
 
 
@@ -208,13 +207,8 @@ def test_settings_that_leave_nothing_are_refused(
 
 def test_rows_of_two_classes_are_refused(learned: Data, tmp_path: Path) -> None:
     other = stancekit.label("ground-3", tmp_path / "g", rows=(2, 1))
-    with pytest.raises(
-        stancekit.InvalidInput,
-        match=r"^data sets: expected rows of one class and robot, got wall-3",
-    ):
+    with refuses("wall-3"):
         stancekit.fit([learned[0], other], "surrogate")
     alone = stancekit.label("ground-3", tmp_path / "f", rows=(3, 0))
-    with pytest.raises(
-        stancekit.InvalidInput, match=r"^data set: expected feasible and infeasible"
-    ):
+    with refuses("data set"):
         stancekit.fit(alone, "surrogate")

@@ -20,6 +20,7 @@ from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import typed
+from tests.refusals import refuses
 
 SETTINGS = FitSettings(
     steps=2,
@@ -131,13 +132,9 @@ def test_a_mapping_becomes_typed_settings() -> None:
 
 
 def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> None:
-    with pytest.raises(
-        InvalidInput, match=r"^method: expected one of heuristic, .*, or FILE.py:NAME, got 'luck'$"
-    ):
+    with refuses("method"):
         learn("luck", dataset)  # type: ignore[arg-type]
-    with pytest.raises(
-        InvalidInput, match=r"^data set: expected two or more rows of each label, got 0 feasible"
-    ):
+    with refuses("data set"):
         learn("gmm", dataset.select(dataset.infeasible))
 
 
@@ -179,5 +176,5 @@ def test_a_truncated_network_is_refused(dataset: Dataset, tmp_path: Path) -> Non
     content = (tmp_path / "whole.safetensors").read_bytes()
     for size in (4, 100, len(content) // 2, len(content) - 1):
         (tmp_path / "cut.safetensors").write_bytes(content[:size])
-        with pytest.raises(InvalidInput, match=r"cut\.safetensors: expected a whole"):
+        with refuses("cut.safetensors"):
             load_selector(tmp_path / "cut.safetensors")

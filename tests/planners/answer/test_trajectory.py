@@ -26,6 +26,7 @@ from stancekit.planners.formats.trajectory_file import (
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
+from tests.refusals import refuses
 
 
 def still(count=41) -> Trajectory:
@@ -77,7 +78,7 @@ def test_arrays_are_read_only_copies():
     trajectory = replace(still(), feet_m=feet)
     feet[0] = 1.0
     assert not trajectory.feet_m.any()
-    with pytest.raises(ValueError, match="read-only"):
+    with refuses("read-only", kind=ValueError):
         trajectory.feet_m[0] = 1.0
 
 
@@ -89,9 +90,7 @@ def test_length_and_spacing_are_those_of_the_samples():
 
 
 def test_what_is_no_array_of_numbers_is_refused_at_once():
-    with pytest.raises(
-        InvalidInput, match=r"^torso_m: expected an array of numbers, got \[\[1\], \[1, 2\]\]$"
-    ):
+    with refuses("torso_m"):
         replace(still(), torso_m=[[1], [1, 2]])
 
 
@@ -129,7 +128,7 @@ def test_a_robot_comes_back_from_json():
         {**record, "mass_kg": -1.0},
         {**record, "wheels": 4},
     ):
-        with pytest.raises(InvalidInput, match=r"^robot: "):
+        with refuses("robot"):
             robot_from_json(spoilt)
 
 
@@ -184,7 +183,7 @@ def test_a_trajectory_that_the_verifier_refuses_is_marked_so(tmp_path):
 
 def test_a_verdict_on_another_trajectory_is_refused(tmp_path):
     falling = replace(still(), forces_n=0.5 * still().forces_n)
-    with pytest.raises(InvalidInput, match=r"^report: expected the verdict on this trajectory"):
+    with refuses("report"):
         write_trajectory(tmp_path / "a.json", falling, check_trajectory(still()))
     assert os.listdir(tmp_path) == []
 
@@ -359,18 +358,11 @@ def test_headers_that_are_none_are_refused_in_one_line(written):
     assert "wheels: unknown key" in said
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("walk.npz", "expected a name that ends in .json"),
-        ("walk", "expected a name that ends in .json"),
-        ("none/walk.json", "expected an existing folder none"),
-    ],
-)
-def test_names_that_cannot_be_written_are_refused(tmp_path, monkeypatch, name, message):
+@pytest.mark.parametrize("name", ["walk.npz", "walk", "none/walk.json"])
+def test_names_that_cannot_be_written_are_refused(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     trajectory = still()
-    with pytest.raises(InvalidInput, match=message):
+    with refuses(name):
         write_trajectory(name, trajectory, check_trajectory(trajectory))
     assert os.listdir(tmp_path) == []
 
@@ -398,5 +390,5 @@ def test_an_older_walk_of_a_urdf_is_judged_as_far_as_it_says(tmp_path, monkeypat
         "40 groups within their limits; cannot be executed: heading, rest, rest_acceleration, bodies are not checked"
     )
     (tmp_path / "other.json").write_text(path.read_text().replace("bone.obj", "bones.obj"))
-    with pytest.raises(InvalidInput, match="digest"):
+    with refuses("digest"):
         check_file(tmp_path / "other.json")

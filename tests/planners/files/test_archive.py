@@ -12,6 +12,7 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.archive import array_of, unpacked
 from tests.damage import bombs
+from tests.refusals import refuses
 
 ARRAYS = {
     "whole": np.arange(12).reshape(3, 4),
@@ -73,9 +74,7 @@ def test_an_archive_that_unfolds_is_refused_before_it_does(honest):
     content = bombs.packed("x", 300, honest=honest)
     assert len(content) < 400_000
     tracemalloc.start()
-    with pytest.raises(
-        InvalidInput, match=r"f\.npz: expected 256000000 bytes of arrays or fewer, got more"
-    ):
+    with refuses("f.npz"):
         unpacked(content, "f.npz")
     assert tracemalloc.get_traced_memory()[1] < 2_000_000
     tracemalloc.stop()

@@ -17,6 +17,7 @@ from stancekit.planners.answer.report import plan_arrays, plan_digest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, is_plan_file, read_plan, write_plan
 from stancekit.planners.verify import check_plan
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture
@@ -114,11 +115,11 @@ def test_a_rejected_plan_is_written_as_such(walk, tmp_path):
     assert read_plan(tmp_path / "a.json")[1]["verified"] is False
     check = check_file(tmp_path / "a.json", joints=False)
     assert (check.accepted, check.same) == (False, True)
-    assert check.message.startswith("rejected: worst is moment_balance (frame ")
+    assert "moment_balance" in [group.name for group in check.report.refused]
 
 
 def test_a_report_on_another_plan_is_refused(walk, tmp_path):
-    with pytest.raises(InvalidInput, match=r"expected the verifier's report on this plan"):
+    with refuses("report"):
         write_plan(tmp_path / "a.json", walk(3), check_plan(walk(3)))
     assert not list(tmp_path.iterdir())
 
@@ -173,18 +174,13 @@ def test_numbers_of_a_pair_that_were_edited_by_hand_are_refused(pair):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
-    with pytest.raises(
-        InvalidInput, match=r"plan\.npz: digest mismatch: these are not the numbers"
-    ):
+    with refuses("plan.npz"):
         read_plan(pair[1])
 
 
 def test_numbers_of_a_pair_that_are_missing_are_named(pair):
     pair[1].with_suffix(".npz").unlink()
-    with pytest.raises(
-        InvalidInput,
-        match=r"plan\.npz: expected the plan's numbers beside its \.json, found nothing",
-    ):
+    with refuses("plan.npz"):
         read_plan(pair[1])
 
 
@@ -219,72 +215,43 @@ def test_numbers_that_are_no_archive_are_refused_even_under_right_sums(text, mes
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "name"),
     [
-        (
-            lambda a: a.update(com_m=a["com_m"][:-1]),
-            r"com_m: expected numbers of shape \(4, 3\), got float64 of",
-        ),
-        (
-            lambda a: a.update(choice=a["choice"] + 0.5),
-            r"choice: expected whole numbers of shape \(15,\)",
-        ),
-        (lambda a: a["toes_m"].__setitem__((0, 0), np.nan), "toes_m: expected finite numbers"),
-        (lambda a: a.pop("forces_n"), "expected the arrays com_m, "),
-        (lambda a: a.update(more=np.zeros(1)), "expected the arrays com_m, "),
-        (
-            lambda a: a.update(com_m=np.array([None], dtype=object)),
-            "expected arrays without pickle: ",
-        ),
-        (
-            lambda a: a["com_m"].__setitem__((0, 0), 0.001),
-            "digest mismatch: course, numbers or verdict are not what",
-        ),
+        (lambda a: a.update(com_m=a["com_m"][:-1]), "com_m"),
+        (lambda a: a.update(choice=a["choice"] + 0.5), "choice"),
+        (lambda a: a["toes_m"].__setitem__((0, 0), np.nan), "toes_m"),
+        (lambda a: a.pop("forces_n"), "forces_n"),
+        (lambda a: a.update(more=np.zeros(1)), "more"),
+        (lambda a: a.update(com_m=np.array([None], dtype=object)), "plan.npz"),
+        (lambda a: a["com_m"].__setitem__((0, 0), 0.001), "digest"),
     ],
 )
-def test_numbers_that_do_not_fit_are_refused_even_under_right_sums(change, message, written):
+def test_numbers_that_do_not_fit_are_refused_even_under_right_sums(change, name, written):
     resealed(written[1], change_arrays=change)
-    with pytest.raises(InvalidInput, match=message) as refused:
+    with refuses(name):
         read_plan(written[1])
-    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "name"),
     [
-        (
-            lambda d: d.update(format="stancekit/plan/4"),
-            "expected format 'stancekit/plan/3', got 'stancekit/plan/4'",
-        ),
-        (
-            lambda d: d.update(format=["stancekit/plan/2"]),
-            "expected format 'stancekit/plan/3', got .'stancekit/pl",
-        ),
-        (
-            lambda d: d.update(format="stancekit/plan/1"),
-            "arrays: expected an object with file, sha256",
-        ),
-        (
-            lambda d: d.update(verdict={}),
-            "verdict: expected an object with accepted, tolerance, digest",
-        ),
-        (lambda d: d.update(arrays=[]), "arrays: expected an object with npz"),
-        (lambda d: d.update(provenance=3), "provenance: expected an object with any keys"),
-        (lambda d: d["course"].pop("goal_m"), "course: goal_m: "),
-        (lambda d: d.update(course=None), "course: "),
-        (lambda d: d.pop("verified"), "missing or unknown: verified"),
-        (lambda d: d.update(more=1), "missing or unknown: more"),
-        (
-            lambda d: d["verdict"].update(accepted=False),
-            "digest mismatch: course, numbers or verdict are not what",
-        ),
+        (lambda d: d.update(format="stancekit/plan/4"), "stancekit/plan/4"),
+        (lambda d: d.update(format=["stancekit/plan/2"]), "format"),
+        (lambda d: d.update(format="stancekit/plan/1"), "arrays"),
+        (lambda d: d.update(verdict={}), "verdict"),
+        (lambda d: d.update(arrays=[]), "arrays"),
+        (lambda d: d.update(provenance=3), "provenance"),
+        (lambda d: d["course"].pop("goal_m"), "goal_m"),
+        (lambda d: d.update(course=None), "course"),
+        (lambda d: d.pop("verified"), "verified"),
+        (lambda d: d.update(more=1), "more"),
+        (lambda d: d["verdict"].update(accepted=False), "digest"),
     ],
 )
-def test_a_header_that_does_not_fit_is_refused_even_under_right_sums(change, message, written):
+def test_a_header_that_does_not_fit_is_refused_even_under_right_sums(change, name, written):
     resealed(written[1], change_header=change)
-    with pytest.raises(InvalidInput, match=message) as refused:
+    with refuses(name):
         read_plan(written[1])
-    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -299,24 +266,17 @@ def test_a_header_that_does_not_fit_is_refused_even_under_right_sums(change, mes
 )
 def test_a_verdict_of_other_content_is_refused_though_the_file_is_sealed_anew(written, change):
     resealed(written[1], change_header=change)
-    with pytest.raises(InvalidInput, match="digest mismatch: course, numbers or verdict are not"):
+    with refuses("digest"):
         read_plan(written[1])
 
 
 def test_a_file_that_is_none_is_told(tmp_path):
-    for text, message in (
-        ("", "the file is empty"),
-        ("{", "expected JSON, broken"),
-        ("[]", "expected format"),
-    ):
+    for text in ("", "{", "[]"):
         (tmp_path / "a.json").write_text(text)
-        with pytest.raises(InvalidInput, match=message):
+        with refuses("a.json"):
             read_plan(tmp_path / "a.json")
-    for name, message in (
-        ("b.json", "found nothing there"),
-        ("b.txt", r"expected a plan's name to end in \.json"),
-    ):
-        with pytest.raises(InvalidInput, match=message):
+    for name in ("b.json", "b.txt"):
+        with refuses(name):
             read_plan(tmp_path / name)
 
 
@@ -334,7 +294,6 @@ def test_a_forged_verdict_is_found_by_looking_again(walk, tmp_path):
     resealed(tmp_path / "a.json", change_header=forge)
     check = check_file(tmp_path / "a.json", joints=False)
     assert (check.accepted, check.same) == (False, False)
-    assert check.message.endswith("the file claims another verdict")
     assert check.to_json()["verdict"] == "refused"
 
 
@@ -359,6 +318,4 @@ def test_a_file_of_the_format_before_is_judged_as_far_as_it_says():
     check = check_file(path)
     assert check.report.contacts
     assert check.report.group("bodies").verdict == "not checked"
-    assert check.message.endswith(
-        "a file of stancekit/plan/2, which has no hulls of its robot's meshes"
-    )
+    assert_names(check.message, "stancekit/plan/2")

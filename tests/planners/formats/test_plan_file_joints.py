@@ -27,6 +27,7 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.joints import LIMIT_RAD, REACHED_M
 from tests.planners.robot.small_urdfs import quadruped
+from tests.refusals import assert_names, refuses
 
 pytest.importorskip("pinocchio")
 
@@ -129,7 +130,7 @@ def test_the_verdict_of_the_file_alone_is_that_of_the_plan(plan: Plan, path: Pat
     report = check_plan(plan, joints=True)
     check = check_file(path)
     assert check.accepted
-    assert check.message.endswith(f"; joints: checked; torque: checked; {SHAPELESS}")
+    assert [check.report.group(name).verdict for name in ("joints", "torque")] == ["holds"] * 2
     header = json.loads(path.read_text())
     assert header["verdict"]["checked"] == ["contacts", "joints", "torque"]
     parts = ("HAA", "HFE", "KFE")
@@ -212,28 +213,26 @@ def _names_swapped(header: dict[str, Any], arrays: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("forge", "message"),
+    ("forge", "group"),
     [
-        (_shifted, "joints: failed (frame 1, limb RF: its foot is "),
-        (_swapped, "joints: failed (frame "),
-        (_mirrored, "rad beyond its limit)"),
-        (_names_swapped, "joints: failed (frame "),
-        (in_urdf('0 0 -.3"', '0 0 -.30002"'), "mm away from its toe"),
-        (in_urdf('radius="0.02"', 'radius="0.0201"'), "mm away from its toe"),
-        (_narrowed, "rad beyond its limit)"),
-        (in_urdf('effort="40.0"', 'effort="1.0"'), "torque: failed (frame "),
-        (in_urdf('0.28 -0.14 0"', '0.28 -0.14 0.001"'), "mm away from its toe"),
+        (_shifted, "joints"),
+        (_swapped, "joints"),
+        (_mirrored, "joints"),
+        (_names_swapped, "joints"),
+        (in_urdf('0 0 -.3"', '0 0 -.30002"'), "joints"),
+        (in_urdf('radius="0.02"', 'radius="0.0201"'), "joints"),
+        (_narrowed, "joints"),
+        (in_urdf('effort="40.0"', 'effort="1.0"'), "torque"),
+        (in_urdf('0.28 -0.14 0"', '0.28 -0.14 0.001"'), "joints"),
     ],
 )
-def test_a_forged_file_is_refused_whatever_it_says(
-    path: Path, forge: Forgery, message: str
-) -> None:
+def test_a_forged_file_is_refused_whatever_it_says(path: Path, forge: Forgery, group: str) -> None:
     forged(path, forge)
     check = check_file(path)
     assert not check.accepted
     assert check.report.contacts
-    assert message in check.message
-    assert "the file claims another verdict" in check.message
+    assert check.report.group(group).verdict == "violated"
+    assert not check.same
 
 
 @pytest.mark.parametrize("effort", ["1e9", "2000", "0"])
@@ -244,11 +243,7 @@ def test_a_torque_limit_that_no_joint_has_is_told_and_counts_for_nothing(
     check = check_file(path)
     assert check.report.group("torque").verdict == "not checked"
     assert check.report.checked == ("contacts", "joints")
-    message = f"a torque limit of {float(effort):g} Nm" if float(effort) else "no torque limit"
-    assert check.message.endswith(
-        f"torque: NOT CHECKED (joints LF_HAA, LF_HFE, LF_KFE: {message}); {SHAPELESS}; "
-        "the file lists as checked what nobody can check: torque"
-    )
+    assert_names(check.message, "torque", "LF_HAA", "LF_HFE", "LF_KFE")
     assert not check.accepted
 
 
@@ -273,29 +268,26 @@ def _list(header: dict[str, Any], arrays: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("forge", "message"),
+    ("forge", "name"),
     [
-        (_nan, ": arrays: joints_rad: expected finite numbers"),
+        (_nan, "joints_rad"),
         (
             _short,
-            ": arrays: joints_rad: expected numbers of shape (3, 12), got float64 of shape (3, 8)",
+            "joints_rad",
         ),
-        (_renamed, ": arrays.joints: expected the names of the robot's joints in its order"),
-        (_unnamed, ": arrays.joints: expected the names of the robot's joints in its order"),
-        (_list, ": verdict.checked: expected contacts, joints, torque, bodies, motion or fewer"),
+        (_renamed, "arrays.joints"),
+        (_unnamed, "arrays.joints"),
+        (_list, "verdict.checked"),
         (
             in_urdf('<mass value="10.0"/>', '<mass value="10.001"/>'),
-            ": course: robot quadruped: expected the mass of its model, 22.401 kg, got 22.4",
+            "robot quadruped",
         ),
     ],
 )
-def test_a_file_that_contradicts_itself_is_no_plan(
-    path: Path, forge: Forgery, message: str
-) -> None:
+def test_a_file_that_contradicts_itself_is_no_plan(path: Path, forge: Forgery, name: str) -> None:
     forged(path, forge)
-    with pytest.raises(InvalidInput) as caught:
+    with refuses(path, name):
         check_file(path)
-    assert str(caught.value) == f"{path}{message}"
 
 
 def test_what_was_checked_is_under_the_digest(path: Path) -> None:
@@ -303,10 +295,7 @@ def test_what_was_checked_is_under_the_digest(path: Path) -> None:
     header["verdict"]["checked"] = ["contacts"]
     del header["sha256"]
     path.write_text(json.dumps(header | {"sha256": digest_of(header)}))
-    with pytest.raises(
-        InvalidInput,
-        match="digest mismatch: course, numbers or verdict are not what the verifier saw",
-    ):
+    with refuses("digest"):
         check_file(path)
 
 
@@ -330,7 +319,5 @@ def test_links_that_only_the_file_lets_touch_are_not_the_robots(path: Path) -> N
 
     forged(path, lets_touch)
     assert check_file(path).accepted
-    with pytest.raises(
-        InvalidInput, match="expected a plan for the robot quadruped as its file is"
-    ):
+    with refuses("quadruped"):
         check_file(path, robot=model_of(quadruped()))

@@ -16,6 +16,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
+from tests.refusals import assert_names
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def test_a_proof_is_the_same_to_the_last_bit_when_read_back(proved, written):
     check = check_proof_file(written)
     assert check.accepted
     assert check.report.groups == check_certificate(proved[1].of(proved[0])).groups
-    assert check.message.startswith("walls: infeasible: with all else as it is, friction ")
+    assert_names(check.message, "walls", "infeasible", "friction")
 
 
 def test_a_proof_of_another_course_is_refused(proved, written):

@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.forbidden import GradientBoxes, forbidden
 from stancekit.planners.gait.method.portfolio import plan_gait
 from stancekit.planners.gait.task import GaitSettings
@@ -15,6 +14,7 @@ from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
+from tests.refusals import assert_names, refuses
 
 TURNS = (0.0, 0.9, 2.3, 4.0, 5.5)
 
@@ -135,9 +135,7 @@ def test_the_boxes_hold_every_gradient() -> None:
 
 def test_a_plan_of_a_forbidden_walk_is_its_reason_and_no_solve() -> None:
     plan = plan_gait(task(ramp(0.6, 0.0), 0.3))
-    assert plan.message.startswith(
-        "no walk: at rest at the start (0, 0) no stance carries the weight"
-    )
+    assert_names(plan.message, "start (0, 0)", "weight")
     assert plan.solves == ()
-    with pytest.raises(InvalidInput, match="friction: expected a number"):
+    with refuses("friction"):
         task(ramp(0.6, 0.0), 0.0)

@@ -25,6 +25,7 @@ from stancekit.planners.leap.scp import FRICTION_SHARE, reserved
 from stancekit.planners.motion.leap_body import LeapBody
 from stancekit.planners.problem.leap import LeapLimits
 from stancekit.planners.verify.leap_whole_body import LeapBodyMeasurements
+from tests.refusals import assert_names
 
 pytest.importorskip("pinocchio")
 FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
@@ -51,7 +52,7 @@ def test_contacts_that_do_not_hold_are_not_laid_to_legs(plan: LeapPlan):
     assert judged.score > 0.0
     answer = said(weak)
     assert answer.status is Status.UNDECIDED
-    assert answer.message.startswith("contacts of the bent leap do not hold: force_bounds")
+    assert_names(answer.message, "force_bounds")
 
 
 def test_a_leap_that_nobody_had_time_to_bend_says_so(plan: LeapPlan, tmp_path):
@@ -64,7 +65,7 @@ def test_a_leap_that_nobody_had_time_to_bend_says_so(plan: LeapPlan, tmp_path):
     robot = replace(plan.problem.robot, model=model)
     answer = said(replace(plan, problem=replace(plan.problem, robot=robot)))
     assert answer.status is Status.UNDECIDED
-    assert answer.message.startswith("the time ended before legs could do it: joint_speed")
+    assert_names(answer.message, "time", "joint_speed")
 
 
 def test_rows_of_joints_have_the_derivatives_of_legs_that_bend(plan: LeapPlan):

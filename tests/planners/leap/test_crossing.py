@@ -10,11 +10,11 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.crossing import Crossing
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.crossing import stretches, surface_of
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.terrain.families import family_terrain
 from stancekit.planners.terrain.polygon import Surface
+from tests.refusals import refuses
 
 TOES = np.array(
     [[0.19, 0.13, -0.27], [0.19, -0.13, -0.27], [-0.19, 0.13, -0.27], [-0.19, -0.13, -0.27]]
@@ -79,7 +79,7 @@ def test_of_two_surfaces_in_one_plane_a_leap_leaves_from_the_one_that_holds_the_
 
 
 def test_a_crossing_begins_with_key_frames() -> None:
-    with pytest.raises(InvalidInput, match=r"^crossing gap: expected parts of which the first is"):
+    with refuses("crossing gap"):
         Crossing(name="gap", parts=())
 
 

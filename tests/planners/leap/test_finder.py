@@ -23,6 +23,7 @@ from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify import check_certificate, explain
 from stancekit.planners.verify.leaps import check_leap
+from tests.refusals import assert_names, refuses
 
 
 @pytest.mark.parametrize("order", ["rule", "noise", "farkas", "finder"])
@@ -137,8 +138,7 @@ def test_an_explanation_names_what_would_have_to_give(refuted: Answer[LeapPlan])
     assert refuted.certificate is not None
     said = explain(refuted.certificate)
     first = said.relaxations[0]
-    assert said.message.startswith("infeasible: ")
-    assert first.leg in said.message
+    assert_names(said.message, "infeasible", first.leg)
     assert first.needed > first.now
 
 
@@ -155,9 +155,7 @@ def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: Answer[LeapPla
     rest = remaining_leap(plan, 0.4, state)
     assert [phase.limbs for phase in rest.phases] == [(), plan.problem.phases[2].limbs]
     assert find_leap(rest).status is Status.FEASIBLE
-    with pytest.raises(
-        InvalidInput, match=r"time_s: expected 0 or more, and less than 0\.96 s, got 2"
-    ):
+    with refuses("time_s"):
         remaining_leap(plan, 2.0, state)
 
 
@@ -187,7 +185,8 @@ def test_a_forged_leap_is_refused(found: Answer[LeapPlan]) -> None:
         array.flat[-1] += 20.0 if name == "forces_n" else 0.01
         assert not check_leap(replace(plan, **{name: array})).accepted, name
         bad = check_leap(replace(plan, **{name: array * np.nan}))
-        assert bad.message == f"rejected: {name}: expected finite numbers"
+        assert not bad.accepted
+        assert_names(bad.message, name)
 
 
 @pytest.mark.parametrize(
@@ -245,10 +244,7 @@ def test_a_verdict_says_that_nobody_looked_at_the_whole_body_and_limits_of_it_ar
     outcome = stancekit.plan(path)
     assert outcome.report.accepted
     assert outcome.report.unchecked == LEAP_BODY
-    assert outcome.report.message.startswith(
-        "accepted as far as checked: joints, joint_speed, torque"
-    )
-    with pytest.raises(InvalidInput, match="body: expected none with a leap"):
+    with refuses("body"):
         stancekit.plan(
             outcome.problem,
             settings=stancekit.PlanSettings(body=stancekit.WholeBodyLimits(torque_nm=3.0)),

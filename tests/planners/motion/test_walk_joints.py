@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.walk_joints import walk_joints
 from stancekit.planners.robot.foot import Foot
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.terrain.heightfield import HeightField
+from tests.refusals import refuses
 
 from ..robot.small_urdfs import quadruped
 
@@ -99,8 +99,5 @@ def test_feet_out_of_reach_are_told() -> None:
 
 def test_a_robot_of_boxes_has_no_joints() -> None:
     walk = leaning()
-    with pytest.raises(
-        InvalidInput,
-        match=r"^robot: expected one whose legs are known, got quadruped, of which only the limbs are known$",
-    ):
+    with refuses("robot"):
         walk_joints(replace(walk, robot=replace(walk.robot, model=None)))

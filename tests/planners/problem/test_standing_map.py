@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.standing_map import (
     FEASIBLE,
     INFEASIBLE,
     UNKNOWN,
     StandingMap,
 )
+from tests.refusals import refuses
 
 
 def made(shape: tuple[int, int, int] = (4, 3, 2)) -> StandingMap:
@@ -59,7 +59,7 @@ def test_a_map_comes_back_from_its_file(tmp_path: Path) -> None:
     assert record["verdict"] == found.verdict.tolist()
     assert record["counts"] == found.counts()
     assert sum(found.counts().values()) == 24
-    with pytest.raises(InvalidInput, match=r"expected a name that ends in \.npz or \.json"):
+    with refuses(".npz", ".json"):
         found.save(tmp_path / "m.tif")
 
 
@@ -102,9 +102,8 @@ def listed(content: bytes, at: int, value: int) -> bytes:
 def test_a_damaged_file_is_refused_in_one_line(damage, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     made().save(tmp_path / "m.npz")
     (tmp_path / "m.npz").write_bytes(damage((tmp_path / "m.npz").read_bytes()))
-    with pytest.raises(InvalidInput, match=r"expected a map of `stancekit map`") as caught:
+    with refuses():
         StandingMap.read(tmp_path / "m.npz")
-    assert "\n" not in str(caught.value)
 
 
 def forged(tmp_path: Path, **changes: object) -> Path:
@@ -140,5 +139,5 @@ def forged(tmp_path: Path, **changes: object) -> Path:
     ],
 )
 def test_a_forged_file_is_refused(changes: dict[str, object], tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"expected a map of `stancekit map`"):
+    with refuses():
         StandingMap.read(forged(tmp_path, **changes))

@@ -13,12 +13,12 @@ import yaml
 
 import stancekit
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.problem.wrench import at_point, wrench_of
 from stancekit.planners.search.plan_window import course_window, one_at_a_time, with_pause
+from tests.refusals import refuses
 
 ROPE = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.3])
 COURSE: dict[str, object] = {
@@ -64,58 +64,45 @@ def test_entries_of_a_file_add_up_on_their_frames(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "name"),
     [
-        (
-            {"force_n": [0, 0, -1], "frames": [4]},
-            r"wrench\[0\].frames: expected key frames from 0 to 3, got 4",
-        ),
-        (
-            {"force_n": [0, 0, -1], "frames": []},
-            r"wrench\[0\]\.frames: List should have at least 1 item",
-        ),
-        ({"force_n": [0, -1]}, r"wrench\[0\]\.force_n\[2\]: expected this key, got nothing"),
-        ({"force_n": [0, ".nan", 1]}, r"wrench\[0\]\.force_n\[1\]: expected a valid number"),
+        ({"force_n": [0, 0, -1], "frames": [4]}, "wrench[0].frames"),
+        ({"force_n": [0, 0, -1], "frames": []}, "wrench[0].frames"),
+        ({"force_n": [0, -1]}, "wrench[0].force_n[2]"),
+        ({"force_n": [0, ".nan", 1]}, "wrench[0].force_n[1]"),
         ({"weight_n": 3}, "weight_n"),
-        (
-            {"force_n": [0, 0, -1e5]},
-            "wrench: expected a force of at most 9810 N, 100 times the weight",
-        ),
+        ({"force_n": [0, 0, -1e5]}, "wrench"),
     ],
 )
 def test_entries_that_make_no_sense_are_one_line(
-    tmp_path: Path, entry: dict[str, object], said: str
+    tmp_path: Path, entry: dict[str, object], name: str
 ) -> None:
-    with pytest.raises(InvalidInput, match=said) as refusal:
+    with refuses(name):
         with_wrench(tmp_path, entry)
-    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
-    ("wrench", "said"),
+    "wrench",
     [
-        (np.zeros((5, 3)), r"wrench: expected shape \(5, 6\), got \(5, 3\)"),
-        (np.full((5, 6), np.nan), "wrench: expected finite numbers"),
-        ([["a"] * 6] * 5, "wrench: expected numbers of shape"),
-        (
-            np.full((5, 6), [0, 0, -9811.0, 0, 0, 0]),
-            "wrench: expected a force of at most 9810 N, 100 times the weight",
-        ),
-        (np.full((5, 6), [0, 0, 0, 5887.0, 0, 0]), "wrench: expected a moment of at most 5886 Nm"),
+        np.zeros((5, 3)),
+        np.full((5, 6), np.nan),
+        [["a"] * 6] * 5,
+        np.full((5, 6), [0, 0, -9811.0, 0, 0, 0]),
+        np.full((5, 6), [0, 0, 0, 5887.0, 0, 0]),
     ],
 )
-def test_a_course_refuses_what_is_no_wrench(course: Problem, wrench: object, said: str) -> None:
-    with pytest.raises(InvalidInput, match=said):
+def test_a_course_refuses_what_is_no_wrench(course: Problem, wrench: object) -> None:
+    with refuses("wrench"):
         replace(course, wrench=wrench)
 
 
 def test_a_posture_problem_refuses_what_is_no_wrench(drawn: Callable[[str, int], Problem]) -> None:
     problem = drawn("wall-3", 0)
-    with pytest.raises(InvalidInput, match="wrench: expected shape"):
+    with refuses("wrench"):
         problem.posture_with(wrench=[1.0, 2.0, 3.0])
-    with pytest.raises(InvalidInput, match="wrench: expected finite numbers"):
+    with refuses("wrench"):
         problem.posture_with(wrench=[np.inf] + [0.0] * 5)
-    with pytest.raises(InvalidInput, match="beyond any posture"):
+    with refuses("wrench"):
         problem.posture_with(wrench=[0, 0, -1e5, 0, 0, 0])
 
 
@@ -123,7 +110,7 @@ def test_a_posture_problem_refuses_what_is_no_wrench(drawn: Callable[[str, int],
     "wrench", [3.0, (1.0, 2.0), (1.0,) * 7, "123", ("a", "b", "c"), (np.nan, 0.0, 0.0), None]
 )
 def test_a_wrench_is_three_or_six_numbers(wrench: object) -> None:
-    with pytest.raises(InvalidInput, match="wrench: expected"):
+    with refuses("wrench"):
         wrench_of(wrench)  # type: ignore[arg-type]
 
 
@@ -154,7 +141,7 @@ def test_files_have_a_wrench_where_there_is_one(
     "wrench", [[[0.0] * 6], [[0.0] * 5] * 5, [["x"] * 6] * 5, 3, [[1e7] * 6] * 5]
 )
 def test_a_broken_wrench_in_a_file_is_refused(course: Problem, wrench: object) -> None:
-    with pytest.raises(InvalidInput, match="wrench"):
+    with refuses("wrench"):
         Problem.from_json({**course.to_json(), "wrench": wrench})
 
 
@@ -199,11 +186,11 @@ def test_between_frames_a_wrench_goes_over(course: Problem) -> None:
 
 
 def test_a_leap_and_what_is_no_wrench_are_refused_before_anything_is_planned() -> None:
-    with pytest.raises(InvalidInput, match="wrench: expected 3 numbers, a force"):
+    with refuses("wrench"):
         stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=(1.0, 2.0)))
-    with pytest.raises(InvalidInput, match="wrench: expected a force of at most 9810 N"):
+    with refuses("wrench"):
         stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=(0.0, 0.0, -1e5)))
-    with pytest.raises(InvalidInput, match="wrench: expected none with a leap"):
+    with refuses("wrench"):
         stancekit.plan(
             leap_class("leap").draw(np.random.default_rng(0)),
             settings=stancekit.PlanSettings(wrench=(1.0, 0.0, 0.0)),

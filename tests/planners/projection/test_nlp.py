@@ -10,13 +10,13 @@ import pytest
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.nlp import NlpProgram, parameters, point_of, vector, written
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.nlp import starting_points
 from stancekit.planners.verify import check_plan
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +167,5 @@ def test_iterations_and_time_end_a_solve(programs, drawn):
 def test_another_projection_is_named(programs, drawn):
     from stancekit.planners.search.micp import MicpPlanner
 
-    with pytest.raises(
-        InvalidInput, match=r"^projection: expected one of fix-p, .*, or FILE.py:NAME, got 'up'$"
-    ):
+    with refuses("projection"):
         MicpPlanner(projection="up")

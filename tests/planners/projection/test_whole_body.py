@@ -28,6 +28,7 @@ from tests.planners.robot.small_urdfs import quadruped
 pytest.importorskip("pinocchio")
 from stancekit.planners.robot.bodies import TOUCH_M
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from tests.refusals import assert_names
 
 
 @pytest.fixture
@@ -68,7 +69,6 @@ def test_other_forces_spare_a_joint_that_has_too_little(
     refused = check_plan(own, joints=True)
     assert refused.contacts
     assert not refused.accepted
-    assert refused.message == "rejected: contacts hold, the joints cannot do it"
     assert refused.group("torque").verdict == "violated"
     spared = with_joints(weak)
     accepted = check_plan(spared, joints=True)
@@ -82,8 +82,8 @@ def test_what_no_forces_can_spare_stays_refused(with_effort: Callable[[float], P
     report = check_plan(with_joints(with_effort(5.0)), joints=True)
     assert report.contacts
     assert not report.accepted
-    assert "Nm in a joint, where " in report.group("torque").message
-    assert report.group("torque").message.endswith(" has 5")
+    assert report.group("torque").verdict == "violated"
+    assert_names(report.group("torque").message, "Nm", "5")
 
 
 def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Plan) -> None:

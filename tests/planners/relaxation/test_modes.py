@@ -14,7 +14,6 @@ import stancekit
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course, read_spec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.domain import domain_of
@@ -27,6 +26,7 @@ from stancekit.planners.search.cuts import alone
 from stancekit.planners.search.enveloped import EnvelopeSearch
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
+from tests.refusals import assert_names, refuses
 
 SHORT = read_spec("ground-to-wall").model_copy(
     update={"start_m": (0.2, 0, 0.2), "goal_m": (0.25, 0, 0.4), "frames": 6}
@@ -183,15 +183,11 @@ def test_modes_come_back_from_json_and_say_what_is_wrong_with_others(modes):
     assert again.names == modes.names
     for mine, theirs in zip(modes.boxes.envelopes, again.boxes.envelopes, strict=True):
         np.testing.assert_array_equal(mine.to_vector(), theirs.to_vector())
-    with pytest.raises(
-        InvalidInput, match="format: expected 'stancekit/modes/1', got 'stancekit/envelope/1'"
-    ):
+    with refuses("format"):
         Modes.from_json(modes.boxes.to_json())
-    with pytest.raises(
-        InvalidInput, match="names: expected 2 different ones, one an envelope, got \\['ground'\\]"
-    ):
+    with refuses("names"):
         Modes.from_json(modes.to_json() | {"names": ["ground"]})
-    with pytest.raises(InvalidInput, match=r"boxes\.force_scale_n"):
+    with refuses("boxes.force_scale_n"):
         Modes.from_json(
             modes.to_json() | {"boxes": modes.boxes.to_json() | {"force_scale_n": -1.0}}
         )
@@ -204,4 +200,4 @@ def test_boxes_that_no_stance_can_use_are_reported_for_the_stance(modes):
         read_course("walls", frames=2)
     )
     assert outcome.status is Status.UNDECIDED
-    assert "frame 0, stance on LF, LR, RM: no envelope has room for it" in outcome.message
+    assert_names(outcome.message, "frame 0", "LF", "LR", "RM", "envelope")

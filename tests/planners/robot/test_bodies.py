@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.robot_file import named_robot
@@ -30,6 +29,7 @@ pytest.importorskip("coal")
 from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies, link_shapes
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.overlaps import Overlap, WholeBody
+from tests.refusals import refuses
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -281,9 +281,7 @@ def test_inside_of_a_closed_body_is_solid_and_behind_a_patch_is_its_thickness() 
 
 def test_without_coal_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "coal", None)
-    with pytest.raises(
-        InvalidInput, match=r'bodies: expected coal .* pip install "stancekit\[kin\]"'
-    ):
+    with refuses("bodies", "coal", "stancekit[kin]"):
         bodies([shape("base", "sphere", [0.1])])
 
 

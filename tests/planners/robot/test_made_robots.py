@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import yaml
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.hulls import hull_corners
@@ -42,6 +41,7 @@ pytest.importorskip("coal")
 from stancekit.planners.robot.bodies import Bodies
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.overlaps import WholeBody
+from tests.refusals import refuses
 
 MADE = {made.name: made for made in made_robots()}
 UP = np.array([0.0, 0.0, 1.0])
@@ -96,8 +96,7 @@ def test_of_any_other_shape_a_person_has_to_say_what_touches(
     model = read(f"{shape}-{place}", tmp_path)
     foot = "shank" if place == "on-shank" else "foot"
     assert f"links LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot}: touches with a {kind}" in said(model)
-    names = rf"LF_{foot}, RF_{foot}, LH_{foot}, RH_{foot} touches with a {kind}: say .* e\.g\. "
-    with pytest.raises(InvalidInput, match=names) as refusal:
+    with refuses(*(f"{leg}_{foot}" for leg in ("LF", "RF", "LH", "RH")), kind) as refusal:
         walker_of(model, [])
     example = yaml.safe_load(
         re.findall(r"e\.g\. (\{.*\}\}), the (?:ball|point)", str(refusal.value))[0]
@@ -143,7 +142,7 @@ def test_a_plan_of_another_robots_meshes_is_refused_and_no_folder_is_in_it(tmp_p
     write_plan(file, plan, report)
     assert str(tmp_path) not in file.read_text()
     assert check_file(file, robot=named_robot(plain)).accepted
-    with pytest.raises(InvalidInput, match="expected a plan for the robot made as its file is"):
+    with refuses("made"):
         check_file(file, robot=named_robot(fin))
     for each in plain.parent.glob("*.obj"):
         each.unlink()  # what is judged travels with the plan
@@ -219,9 +218,9 @@ def test_what_no_robot_has_is_a_doubt_that_names_the_link(
 
 
 def test_what_cannot_be_read_as_a_robot_is_refused_with_its_link(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"link 'LF_shank': a mass of -0\.1"):
+    with refuses("LF_shank", "-0.1"):
         read("shanks-of-negative-mass", tmp_path / "a")
-    with pytest.raises(InvalidInput, match="mimics LF_HFE"):
+    with refuses("LF_HFE"):
         read("knees-that-mimic", tmp_path / "b")
 
 
@@ -234,7 +233,7 @@ def test_arms_and_tails_are_no_legs(name: str, tmp_path: Path) -> None:
 def test_a_root_whose_z_is_not_up_is_settled_by_a_person(tmp_path: Path) -> None:
     model = read("y-up", tmp_path / "a")
     assert "z does not point up" in said(model)
-    with pytest.raises(InvalidInput, match="its z does not point up"):
+    with refuses():
         model.check_known()
     read("y-up-told", tmp_path / "b").check_known()
 
@@ -253,10 +252,7 @@ def test_a_joint_that_flies_between_two_links_is_named(kind: str, tmp_path: Path
     carried = Made(name="carried", urdf=quadruped().replace("</robot>", f"{loose}</robot>"))
     legless = Made(name="legless", urdf=quadruped().replace('type="revolute"', f'type="{kind}"', 1))
     for made, joint in ((carried, "strap"), (legless, "LF_")):
-        with pytest.raises(
-            InvalidInput,
-            match=f"joint '{joint}.*': expected joints that are floating or planar above",
-        ):
+        with refuses(joint):
             named_robot(made.write(tmp_path))
 
 
@@ -270,10 +266,7 @@ def test_what_run_cannot_do_is_known_before(tmp_path: Path) -> None:
 def test_walks_of_other_numbers_of_legs_are_refused_in_words(
     name: str, legs: int, tmp_path: Path
 ) -> None:
-    with pytest.raises(
-        InvalidInput,
-        match=f"expected four or six legs for a walk, got {legs}: walks of bipeds and of",
-    ):
+    with refuses(str(legs)):
         walker_of(read(name, tmp_path))
 
 
@@ -281,7 +274,7 @@ def test_contacts_of_no_leg_are_refused(tmp_path: Path) -> None:
     made = Made(
         name="x", urdf=quadruped(shape="box"), keys="contacts: {XY_foot: {radius_m: 0.04}}\n"
     )
-    with pytest.raises(InvalidInput, match="contacts: expected one of LF_foot"):
+    with refuses("contacts", "LF_foot"):
         named_robot(made.write(tmp_path))
 
 
@@ -325,7 +318,7 @@ def test_a_sensor_whose_slight_inertia_no_body_has_is_no_doubt(times: float, dou
     from stancekit.runner.worlds.simulated_body import simulated_body
 
     if doubted:
-        with pytest.raises(InvalidInput, match="link camera: expected what a body can weigh"):
+        with refuses("link camera"):
             simulated_body(model)
         return
     assert 'name="camera"' in simulated_body(model).urdf

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.model_json import ModelJson, model_from_json, model_to_json
@@ -16,6 +15,7 @@ from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped
+from tests.refusals import refuses
 
 pytest.importorskip("pinocchio")
 
@@ -35,11 +35,9 @@ def test_the_body_has_the_difference_and_the_centre_of_mass_is_the_weighted_mean
     assert again.body.mass_kg == pytest.approx(loaded.body.mass_kg)
 
 
-@pytest.mark.parametrize(
-    ("mass_kg", "message"), [(0.0, "mass_kg: expected"), (1.0, "of all but the body, got 1")]
-)
-def test_what_the_legs_alone_weigh_is_no_mass_of_a_robot(mass_kg: float, message: str) -> None:
-    with pytest.raises(InvalidInput, match=message):
+@pytest.mark.parametrize("mass_kg", [0.0, 1.0])
+def test_what_the_legs_alone_weigh_is_no_mass_of_a_robot(mass_kg: float) -> None:
+    with refuses("mass_kg"):
         with_mass(model_of(quadruped()), mass_kg)
 
 

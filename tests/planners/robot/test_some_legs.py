@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.contact_robot import sets_of
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Limb, Robot, hexapod
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.robot.some_legs import on_limbs
+from tests.refusals import refuses
 
 ANT = Path(__file__).parents[3] / "configs/demo/ant.yaml"
 
@@ -67,5 +67,5 @@ def test_limbs_without_legs_are_refused() -> None:
     bare = Robot(
         name="bare", mass_kg=3.0, limbs=(Limb(name="A", shoulder_m=np.zeros(3), reach_m=0.3),)
     )
-    with pytest.raises(InvalidInput, match=r"^robot bare: no legs are known, only its reach"):
+    with refuses("robot bare"):
         some(bare, ("A",))

@@ -5,10 +5,10 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.robot.drawn_legs import link_lengths
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names
+from tests.refusals import refuses
 
 
 def parsed(**options: bool) -> ElementTree.Element:
@@ -84,5 +84,5 @@ def test_other_robots_have_a_urdf_too() -> None:
 
 
 def test_a_servo_without_torque_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"^torque_nm: expected a number above 0, got 0$"):
+    with refuses("torque_nm"):
         Servo(torque_nm=0.0)

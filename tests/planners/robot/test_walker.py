@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import robot_from_json
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.model import Robot, hexapod
 from stancekit.planners.robot.polytope import Polytope
@@ -18,6 +17,7 @@ from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.robot.walker import named_walker, walker_of
+from tests.refusals import refuses
 
 from .small_urdfs import HIPS, fixed, joint, leg, link, quadruped, robot
 
@@ -59,9 +59,7 @@ def test_the_box_about_a_point_of_a_box_is_that_box_and_outside_there_is_none() 
     )
     box = sides.box_about(np.array([0.9, 0.0, 0.0]), 0.05)
     np.testing.assert_allclose(box, [[-1.0, -1.0, -1.0], [1.0, 2.0, 3.0]], atol=1e-6)
-    with pytest.raises(
-        InvalidInput, match=r"^polytope: expected 0\.05 m about a point to be inside, got -0\.5$"
-    ):
+    with refuses("polytope"):
         sides.box_about(np.array([1.5, 0.0, 0.0]), 0.05)
 
 
@@ -187,48 +185,32 @@ def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "name"),
     [
-        (("steps: 12", "wings: 2"), "wings: unknown key"),
-        (("steps: 12", "steps: many"), "steps: expected a valid integer, .*, got 'many'"),
-        (
-            ("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"),
-            "feet.*: expected a valid dictionary, got 3; feet",
-        ),
-        (
-            ("posture_rad: [0.1,", "posture_rad: [0.0, 0.0,"),
-            "posture_rad: expected 12 joint angles, got 13",
-        ),
-        (
-            ("ranges_rad: [[0.3, 0.2], ", "ranges_rad: ["),
-            "ranges_rad: expected 3, one a joint of a leg, got 2",
-        ),
-        (("robot.urdf", "none.urdf"), r".*none\.urdf: expected a file, found nothing there"),
-        (
-            ("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"),
-            r"trunk_half_m\[2\]: expected greater than 0, got 0\.0",
-        ),
-        (("RH_FOOT", "paw"), r".*feet: expected a link \(.*, …\), found none that is called 'paw'"),
+        (("steps: 12", "wings: 2"), "wings"),
+        (("steps: 12", "steps: many"), "steps"),
+        (("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"), "feet"),
+        (("posture_rad: [0.1,", "posture_rad: [0.0, 0.0,"), "posture_rad"),
+        (("ranges_rad: [[0.3, 0.2], ", "ranges_rad: ["), "ranges_rad"),
+        (("robot.urdf", "none.urdf"), "none.urdf"),
+        (("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"), "trunk_half_m[2]"),
+        (("RH_FOOT", "paw"), "paw"),
     ],
 )
 def test_a_file_that_names_a_urdf_says_what_is_wrong_with_it(
-    tmp_path: Path, change: tuple[str, str], message: str
+    tmp_path: Path, change: tuple[str, str], name: str
 ) -> None:
     (tmp_path / "robot.urdf").write_text(quadruped())
     (tmp_path / "robot.yaml").write_text(FILE.replace(*change))
-    with pytest.raises(InvalidInput, match=rf"robot\.yaml: {message}"):
+    with refuses("robot.yaml", name):
         named_walker(tmp_path / "robot.yaml")
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "message"),
+    ("text", "options", "name"),
     [
-        (quadruped(mass=0.0), {}, r"^urdf: expected links with mass and inertia, got 0 kg in all$"),
-        (
-            robot([leg("LF"), leg("RF")]),
-            {},
-            r"^robot quadruped: expected four or six legs for a walk, got 2: ",
-        ),
+        (quadruped(mass=0.0), {}, "urdf"),
+        (robot([leg("LF"), leg("RF")]), {}, "robot quadruped"),
         (
             robot(
                 [
@@ -242,19 +224,15 @@ def test_a_file_that_names_a_urdf_says_what_is_wrong_with_it(
                 ]
             ),
             {},
-            r"^leg .*: expected three joints or more for a workspace with an inside, got 2$",
+            "leg",
         ),
-        (
-            quadruped().replace("<box", "<none"),
-            {},
-            r"^trunk_half_m: expected shapes of the base, found none: say it in a YAML file$",
-        ),
+        (quadruped().replace("<box", "<none"), {}, "trunk_half_m"),
     ],
 )
 def test_robots_that_cannot_walk_are_refused_in_one_line(
-    text: str, options: dict, message: str
+    text: str, options: dict, name: str
 ) -> None:
-    with pytest.raises(InvalidInput, match=message):
+    with refuses(name):
         walker_of(model_of(text, **options))
 
 
@@ -265,14 +243,11 @@ def test_a_walkers_model_goes_into_files_and_comes_out_again(walker: Robot) -> N
     assert walker.model is not None
     assert again.model.digest == walker.model.digest
     assert again.to_json() == written
-    with pytest.raises(
-        InvalidInput,
-        match=r"^robot: robot quadruped: expected feet as its model has legs, LF, RF, ",
-    ):
+    with refuses("robot quadruped", "feet"):
         robot_from_json(written | {"feet": written["feet"][::-1]})
-    with pytest.raises(InvalidInput, match=r"^robot: model\.wings: unknown key$"):
+    with refuses("model.wings"):
         robot_from_json(written | {"model": written["model"] | {"wings": 2}})
-    with pytest.raises(InvalidInput, match=r"^robot: model: digest mismatch: "):
+    with refuses("robot", "model", "digest"):
         robot_from_json(written | {"model": written["model"] | {"digest": "0"}})
     del written["model"]
     assert robot_from_json(written).model is None
@@ -292,10 +267,7 @@ def test_a_robot_that_stands_with_straight_legs_walks_with_bent_ones(walker: Rob
         assert (
             min(*(foot.reach_max_m - foot.nominal_m), *(foot.nominal_m - foot.reach_min_m)) > 0.01
         )
-    with pytest.raises(
-        InvalidInput,
-        match=r"^leg \w+: expected a height to stand at with \d+ mm of reach about the f",
-    ):
+    with refuses():
         walker_of(model, ceiling_m=-0.58)
 
 
@@ -310,13 +282,10 @@ def test_anymal_is_the_robot_of_the_paper_and_bad_files_say_all_that_is_wrong(
     assert found.feet[0].reach_min_m.tolist() == [0.155, 0.095, -0.465]
     bad = tmp_path / "robot.yaml"
     bad.write_text("name: x\nwings: 2\n")
-    with pytest.raises(
-        InvalidInput,
-        match=r"robot\.yaml: mass_kg: expected this key, got nothing; .*wings: unknown key",
-    ):
+    with refuses("robot.yaml", "mass_kg", "wings"):
         named_walker(bad)
     bad.write_text(
         "name: x\nmass_kg: 1\ninertia_kgm2: 1\nstand_height_m: 1\ntrunk_half_m: 1\nfeet: [{name: a}]\n"
     )
-    with pytest.raises(InvalidInput, match=r"feet\[0\]\.nominal_m: expected this key, got nothing"):
+    with refuses("feet[0].nominal_m"):
         named_walker(bad)

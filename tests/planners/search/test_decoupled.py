@@ -18,6 +18,7 @@ from stancekit.planners.problem.problem import StepLimits
 from stancekit.planners.search.decoupled import DecoupledPlanner, Positions
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
+from tests.refusals import assert_names
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +50,7 @@ def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_
             continue
         if theirs.status is Status.UNDECIDED and theirs.details.get("on_ice", 0.0) > 0.0:
             assert theirs.solution is None
-            assert theirs.message.startswith(
-                "the positions admit no forces that hold the robot: frame "
-            )
+            assert_names(theirs.message, "forces", "frame")
             failed += 1
             on_ice += theirs.details["on_ice"]
     assert failed > 3

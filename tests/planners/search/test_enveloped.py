@@ -12,7 +12,6 @@ import pytest
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.boxes import boxes_of, mirrored
 from stancekit.planners.relaxation.domain import domain_of
@@ -22,6 +21,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
+from tests.refusals import assert_names, refuses
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
 ACROSS = {"RF": "LF", "RM": "LM", "RR": "LR", "LF": "RF", "LM": "RM", "LR": "RR"}
@@ -203,7 +203,8 @@ def test_a_box_too_small_is_reported_with_its_margin_and_proves_nothing(learned,
     outcome = TwoStagePlanner(narrow, programs=programs).solve(read_course("walls", frames=3))
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "infeasible")
     assert outcome.details["margin"] > 1e-3
-    assert "over a learned box that is no proof" in outcome.message
+    assert outcome.certificate is None
+    assert_names(outcome.message, "box")
 
 
 def test_of_several_envelopes_the_one_that_fits_is_taken(learned, programs):
@@ -231,14 +232,9 @@ def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learn
 def test_stances_that_the_set_was_not_learned_for_are_named(learned):
     course = read_course("walls", frames=3)
     six = replace(course, lifts=((),) * 3, next_lift=(), footholds=course.footholds[:6])
-    with pytest.raises(
-        InvalidInput,
-        match=r"frame 0: expected a stance on RF, RR, LM or LF, LR, RM, .*got one on LF, ",
-    ):
+    with refuses("frame 0"):
         boxes_of(six, learned["wall-3"])
-    with pytest.raises(
-        InvalidInput, match=r"frame 0, stance on .*: contacts\[\d\]\.normal: expected one within"
-    ):
+    with refuses("frame 0", "normal"):
         boxes_of(read_course("tube", frames=3), learned["wall-3"])
     turned = tuple(
         replace(
@@ -249,10 +245,7 @@ def test_stances_that_the_set_was_not_learned_for_are_named(learned):
         )
         for one in course.footholds
     )
-    with pytest.raises(
-        InvalidInput,
-        match=r"frame 0, stance on .*, limb \w\w: expected the shear axis z up on walls",
-    ):
+    with refuses("frame 0"):
         boxes_of(replace(course, footholds=turned), learned["wall-3"])
 
 
@@ -266,10 +259,7 @@ def test_candidates_of_different_slopes_need_boxes_in_world_axes(learned):
     )
     changed = replace(course.footholds[0], candidates=(leaning, other))
     several = replace(course, footholds=(changed, *course.footholds[1:]))
-    with pytest.raises(
-        InvalidInput,
-        match=r"frame 0, limb LF: expected candidate patches that share one contact frame",
-    ):
+    with refuses("frame 0", "limb LF"):
         boxes_of(several, learned["wall-3"])
     (box,) = boxes_of(several, learned["wall-3"], "world")
     scaled = Scaled.of(several)
@@ -279,5 +269,5 @@ def test_candidates_of_different_slopes_need_boxes_in_world_axes(learned):
 def test_a_robot_that_is_not_symmetric_has_no_mirrored_envelope(learned):
     robot = hexapod()
     lopsided = replace(robot, limbs=tuple(limb for limb in robot.limbs if limb.name != "LF"))
-    with pytest.raises(InvalidInput, match="robot hexapod: expected a limb opposite to RF"):
+    with refuses("robot hexapod", "RF"):
         mirrored(learned["wall-3"], lopsided)

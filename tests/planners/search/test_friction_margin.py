@@ -14,6 +14,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.search.answer import TimeLimited
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
+from tests.refusals import assert_names
 
 
 class Picky:
@@ -132,7 +133,7 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
     ]  # 0.9 would begin in the last share's time
     late = plan_with_reserve(planner, course, deadline=107.0)
     assert late.status is Status.UNDECIDED
-    assert late.message == "the time limit ended before the search for contacts began"
+    assert_names(late.message, "time limit")
     assert len(planner.asked) == 2
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.limits import StepLimits
 from stancekit.planners.problem.sides import half_space, parts, too_small
@@ -21,6 +20,7 @@ from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from tests.planners.oracle import OraclePrograms
+from tests.refusals import assert_names, refuses
 
 from .test_exact import scip
 
@@ -106,7 +106,7 @@ def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, program
     assert found.status is Status.FEASIBLE
     refuted = TwoStagePlanner(programs=programs).solve(turned(course, 2.0 - share))
     assert refuted.status is Status.INFEASIBLE
-    assert "steps.least_rotation_rad would have to fall" in explain(refuted.certificate).message
+    assert_names(explain(refuted.certificate).message, "steps.least_rotation_rad")
 
 
 def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
@@ -118,7 +118,7 @@ def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
     assert refuted.status is Status.INFEASIBLE
     proof = refuted.certificate
     assert (proof.tree[:, 0] == 4.0).any()
-    assert "steps.least_toe_m would have to fall" in explain(proof).message
+    assert_names(explain(proof).message, "steps.least_toe_m")
 
 
 def test_forged_proofs_are_refused(climb, programs):
@@ -129,15 +129,15 @@ def test_forged_proofs_are_refused(climb, programs):
     assert not check_certificate(proof.of(feasible)).accepted
     assert not check_certificate(proof.of(climb(4, frames=2))).accepted  # it has no such rows
     tree = np.array(proof.tree)
-    for forged, message in (
+    for forged, name in (
         (np.vstack([[4.0, 1.0, 0.0, 0.0, 0.0], tree[1:]]), "least step"),
-        (np.vstack([[4.0, 0.0, 1.0, 0.0, 0.0], tree[1:]]), "expected zeros after a least step"),
-        (tree[:-1], "more nodes"),
-        (np.tile([4.0, 0.0, 0.0, 0.0, 0.0], (20, 1)), "wide enough"),
+        (np.vstack([[4.0, 0.0, 1.0, 0.0, 0.0], tree[1:]]), "least step"),
+        (tree[:-1], "tree"),
+        (np.tile([4.0, 0.0, 0.0, 0.0, 0.0], (20, 1)), "tree"),
     ):
         report = check_certificate(replace(proof, tree=forged))
         assert not report.accepted
-        assert message in report.message
+        assert_names(report.message, name)
     one = replace(proof, tree=np.zeros((1, 5)), multipliers=proof.multipliers[:1])
     assert not check_certificate(one).accepted  # an open side proves nothing
 
@@ -193,19 +193,19 @@ def test_a_course_without_them_has_neither_rows_nor_sides(climb):
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "name"),
     [
-        ({"least_toe_m": 0.4}, "least_toe_m: expected at most steps.toe_m = 0.3"),
-        ({"least_rotation_rad": 0.2}, "least_rotation_rad: expected at most steps.rotation_rad"),
-        ({"least_toe_m": -0.1}, "least_toe_m: expected a number in"),
-        ({"least_rotation_rad": float("nan")}, "least_rotation_rad: expected"),
+        ({"least_toe_m": 0.4}, "least_toe_m"),
+        ({"least_rotation_rad": 0.2}, "least_rotation_rad"),
+        ({"least_toe_m": -0.1}, "least_toe_m"),
+        ({"least_rotation_rad": float("nan")}, "least_rotation_rad"),
     ],
 )
-def test_bad_lengths_are_refused(changes, message):
-    with pytest.raises(InvalidInput, match=message):
+def test_bad_lengths_are_refused(changes, name):
+    with refuses(name):
         StepLimits(**changes)
 
 
 def test_sides_of_another_shape_are_refused(climb):
-    with pytest.raises(InvalidInput, match="sides: expected"):
+    with refuses("sides"):
         replace(climb(4, frames=2), sides=np.zeros((3, 4)))

@@ -27,6 +27,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.verify import check_plan
 from tests.planners.oracle import solve
+from tests.refusals import assert_names, refuses
 
 NEEDS_SCIP = pytest.mark.skipif(
     importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra"
@@ -160,12 +161,11 @@ def test_a_claim_of_infeasibility_stays_a_claim(infeasible):
     assert {outcome.status for outcome in outcomes} == {Status.UNDECIDED}
     refused = [outcome for outcome in outcomes if outcome.claim == "infeasible"]
     assert len(refused) > 2
-    assert {outcome.message for outcome in refused} == {
-        "highs says infeasible; neither a certificate nor toes that hold came with it"
-    }
+    for outcome in refused:
+        assert_names(outcome.message, "highs", "certificate")
     for outcome in outcomes:
         if outcome.claim == "feasible":
-            assert outcome.message.startswith("witness refused")
+            assert_names(outcome.message, "witness")
             assert outcome.details["claimed_residual_nm"] > 0.1
 
 
@@ -289,7 +289,8 @@ def test_an_envelope_out_of_reach_is_a_claim_of_infeasible_that_proves_nothing(w
     away = replace(learned, envelopes=(Envelope(low=box.low + up, high=box.high + up),))
     outcome = MicpPlanner(envelope=away).solve(walls)
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "infeasible")
-    assert "highs says infeasible; neither a certificate" in outcome.message
+    assert outcome.certificate is None
+    assert_names(outcome.message, "highs")
 
 
 @pytest.mark.parametrize("solver", ["highs", pytest.param("scip", marks=NEEDS_SCIP)])
@@ -336,12 +337,9 @@ def test_minimising_the_objective_bounds_it_from_below(walls):
 
 def test_an_envelope_of_other_limbs_or_over_several_frames_is_refused(feasible, ragged):
     envelope = Envelope(low=-np.ones((5, 6)), high=np.ones((5, 6)))
-    with pytest.raises(InvalidInput, match=r"^contacts: expected 5 for this envelope, got 3$"):
+    with refuses("contacts"):
         MicpPlanner(envelope=envelope).solve(feasible[0][0])
-    with pytest.raises(
-        InvalidInput,
-        match=r"^frame 0, limb LR: expected candidate patches that share one contact fr",
-    ):
+    with refuses("frame 0", "limb LR"):
         MicpPlanner(envelope=envelope).solve(ragged(2, frames=1))
 
 
@@ -394,7 +392,7 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
     outcome = MicpPlanner(solver="gurobi").solve(read_course("walls", frames=4))
     assert outcome.status is not Status.INFEASIBLE
     if outcome.status is Status.UNDECIDED:
-        assert "its free licence takes 2000 variables" in outcome.message
+        assert_names(outcome.message, "licence", "2000")
 
 
 @pytest.mark.parametrize(
@@ -435,7 +433,7 @@ def test_options_that_there_are_not_are_refused(make, message):
 
 def test_a_set_of_several_envelopes_is_refused(learned):
     two = replace(learned, envelopes=learned.envelopes * 2)
-    with pytest.raises(InvalidInput, match=r"^envelopes: expected one envelope for micp, got 2$"):
+    with refuses("envelopes"):
         MicpPlanner(envelope=two)
 
 

@@ -13,7 +13,6 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.exact import ExactPlanner
@@ -21,6 +20,7 @@ from stancekit.planners.search.nlp import STARTS, NlpPlanner, starting_points
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_it_finds_a_verified_witness_exactly_where_there_is_one(scenes, programs
             assert outcome.claim == "Solve_Succeeded"
         else:
             assert outcome.status is Status.UNDECIDED
-            assert outcome.message == f"no witness from 5 starts; IPOPT said {outcome.claim}"
+            assert_names(outcome.message, "5 starts", outcome.claim)
 
 
 def test_five_legs_and_the_ground_are_no_different(drawn):
@@ -100,7 +100,7 @@ def test_it_plans_what_the_two_stage_planner_plans_and_nothing_that_is_refuted(
         if theirs.status is Status.INFEASIBLE:
             assert ours.status is Status.UNDECIDED
             assert ours.solution is None
-            assert ours.message == f"no witness from 1 starts; IPOPT said {ours.claim}"
+            assert_names(ours.message, "1 starts", ours.claim)
             refuted += 1
         elif ours.status is Status.FEASIBLE:
             assert check_plan(ours.solution).accepted
@@ -173,9 +173,9 @@ def test_it_prints_nothing(scenes, capfd):
 
 
 def test_options_that_make_no_sense_are_refused():
-    with pytest.raises(InvalidInput, match=r"^starts: expected 1 or more, got 0$"):
+    with refuses("starts"):
         NlpPlanner(starts=0)
-    with pytest.raises(InvalidInput, match=r"^time_limit_s: expected a number above 0, got -1$"):
+    with refuses("time_limit_s"):
         NlpPlanner(time_limit_s=-1.0)
-    with pytest.raises(InvalidInput, match="start: expected one of nominal, p1, got 'random'"):
+    with refuses("start"):
         NlpPlanner(start="random")

@@ -28,6 +28,7 @@ from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import Report, check_certificate, check_plan
 from tests.planners.robot.small_urdfs import quadruped
+from tests.refusals import assert_names, refuses
 
 pytest.importorskip("pinocchio")
 HIGH = """
@@ -99,7 +100,7 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
     assert outcome.certificate.sets == "outer"
     assert outcome.certificate.problem is outcome.problem
     assert check_certificate(outcome.certificate).accepted
-    assert stancekit.explain(outcome).message.startswith("infeasible: ")
+    assert stancekit.explain(outcome).relaxations
     assert stancekit.explain(outcome.certificate) == stancekit.explain(outcome)
 
 
@@ -178,10 +179,7 @@ def test_built_in_courses_are_loaded_by_name_and_explained() -> None:
         stancekit.explain(outcome.certificate.of(slick)).message
         == stancekit.explain(outcome).message
     )
-    with pytest.raises(
-        stancekit.InvalidInput,
-        match="expected an answer that is infeasible, got one that is feasible",
-    ):
+    with refuses():
         stancekit.explain(stancekit.plan("walls", frames=2))
 
 
@@ -213,7 +211,7 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     none = plan_course(climb.problem, Walked(climb), deadline=100.0)
     assert (none.status, none.solution) == (Status.UNDECIDED, None)
-    assert none.message == "the time limit ended before the search for contacts began"
+    assert_names(none.message, "time limit", "contacts")
 
     class Slow(Walked):
         """One whose search takes all of the time."""
@@ -224,16 +222,11 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
 
     late = plan_course(climb.problem, Slow(climb), deadline=110.0)
     assert late.status is Status.UNDECIDED
-    assert (
-        late.message
-        == "the time limit ended before joints, torque, bodies, motion could be judged, contacts hold"
-    )
+    assert_names(late.message, "time limit", "joints", "torque", "bodies", "motion")
     assert late.solution is not None
     assert late.report is not None
     assert late.report.contacts
-    assert late.report.message.startswith(
-        "accepted as far as checked: joints, torque, bodies and motion are not; "
-    )
+    assert late.report.unchecked == ("joints", "torque", "bodies", "motion")
     assert check_plan(late.solution, joints=True).accepted  # with time there is nothing against it
 
 
@@ -286,4 +279,4 @@ def test_a_claim_of_a_planner_from_elsewhere_is_not_believed(climb: Plan) -> Non
 
     outcome = stancekit.plan(climb.problem, Liar(climb))
     assert (outcome.status, outcome.solution) == (Status.UNDECIDED, None)
-    assert outcome.message.startswith("plan refused: rejected: worst is force_balance")
+    assert_names(outcome.message, "force_balance")

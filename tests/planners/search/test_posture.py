@@ -22,6 +22,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner, settings_of
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
+from tests.refusals import assert_names
 
 SEEDS = range(60)
 NO_PROOF = "the relaxation is infeasible; over a learned box that is no proof"
@@ -150,7 +151,7 @@ def test_p1_alone_is_feasible_only_where_its_own_point_is_a_posture(programs, tr
     assert outcome.residual < 1e-6
     loose = wide.solve(problem)
     assert (loose.status, loose.claim) == (Status.UNDECIDED, "feasible")
-    assert loose.message.startswith("witness refused: rejected: worst is moment_balance (")
+    assert_names(loose.message, "moment_balance")
     assert loose.residual > 1e-3
 
 
@@ -162,7 +163,7 @@ def test_a_projection_without_answer_is_told(truth, programs, monkeypatch):
     problem = next(p for p, o in truth if o.status is Status.FEASIBLE)
     outcome = TwoStagePlanner(projection="fix-f", programs=programs).solve(problem)
     assert outcome.status is Status.UNDECIDED
-    assert outcome.message == "fix-f found no answer from P1's point"
+    assert_names(outcome.message, "fix-f")
 
 
 @pytest.mark.parametrize("with_box", [True, False])
@@ -182,7 +183,7 @@ def test_a_relaxation_that_was_not_solved_is_told(truth, learned, programs, monk
         problem
     )
     assert outcome.status is Status.UNDECIDED
-    assert outcome.message == "the relaxation was not solved"
+    assert_names(outcome.message, "relaxation")
     assert outcome.claim == ""
 
 
@@ -207,9 +208,7 @@ def test_no_claim_is_believed(truth):
     )
     assert refused.status is Status.UNDECIDED
     assert refused.certificate is None
-    assert refused.message.startswith(
-        "certificate refused: rejected: leaf 0 of 1 proves a residual of "
-    )
+    assert_names(refused.message, "certificate", "leaf 0")
     witness = next(o.solution for _, o in truth if o.status is Status.FEASIBLE)
     both = accept(
         one, Claim(plan=witness, certificate=right.certificate), method="liar", clock=Clock.start()

@@ -7,7 +7,6 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.search.friction_margin import slippery
@@ -15,6 +14,7 @@ from stancekit.planners.search.plan_window import Standing, course_window, joine
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +23,10 @@ def course():
 
 
 def same(one, other):
-    assert one.status is other.status
-    assert one.effort.solves == other.effort.solves
-    for name in ("com_m", "rotation_rad", "toes_m", "forces_n", "choice"):
-        np.testing.assert_array_equal(getattr(one.solution, name), getattr(other.solution, name))
+    return (one.status, one.effort.solves) == (other.status, other.effort.solves) and all(
+        np.array_equal(getattr(one.solution, name), getattr(other.solution, name))
+        for name in ("com_m", "rotation_rad", "toes_m", "forces_n", "choice")
+    )
 
 
 def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
@@ -52,10 +52,10 @@ def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
 
 def test_it_is_the_planner_on_the_window_and_without_a_horizon_on_all_that_is_left(course):
     first = replan(None, course)
-    same(first, TwoStagePlanner().solve(course_window(course, 0, course.frames - 1)))
+    assert same(first, TwoStagePlanner().solve(course_window(course, 0, course.frames - 1)))
     state = Standing.at_end(replan(None, course, horizon=2).solution)
     window = course_window(course, 2, course.frames - 1, state)
-    same(replan(state, course, frame=2), TwoStagePlanner().solve(window))
+    assert same(replan(state, course, frame=2), TwoStagePlanner().solve(window))
 
 
 def test_the_answer_depends_on_the_arguments_alone(course, climb, rough):
@@ -64,14 +64,14 @@ def test_the_answer_depends_on_the_arguments_alone(course, climb, rough):
     first, kept = (
         replan(state, course, frame=2, horizon=2, planner=some) for some in (None, planner)
     )
-    same(first, kept)
+    assert same(first, kept)
     for other in (climb(5, regions=2), rough(2), read_course("icy-walls", frames=3)):
         planner.solve(other)
         replan(None, other, planner=planner)
     for frame in (3, 2):
         replan(state, course, frame=frame, horizon=1, planner=planner)
     for some in (None, planner):
-        same(first, replan(state, course, frame=2, horizon=2, planner=some))
+        assert same(first, replan(state, course, frame=2, horizon=2, planner=some))
 
 
 def test_a_policy_is_asked_for_the_window_and_its_planner_answers(course):
@@ -103,12 +103,12 @@ def test_a_frame_that_cannot_be_held_has_no_plan_and_a_proof(course):
 
 
 def test_frames_that_there_are_not_are_refused(course):
-    with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 1 to 3"):
+    with refuses("window"):
         replan(None, course, frame=1, horizon=2)
     state = Standing.at_end(replan(None, course, horizon=1).solution)
-    with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 6 to 5"):
+    with refuses("window"):
         replan(state, course, frame=6)
-    with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 2 to 1"):
+    with refuses("window"):
         replan(state, course, frame=2, horizon=-1)
 
 

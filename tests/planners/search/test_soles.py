@@ -39,6 +39,7 @@ from stancekit.planners.verify import (
     check_plan,
     check_postures,
 )
+from tests.refusals import assert_names, refuses
 
 HEIGHT_M, HALF_M, BALL_M = 0.3, (0.1, 0.05), 1e-4
 SOLE = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]) * HALF_M
@@ -178,9 +179,7 @@ def test_soles_that_are_bent_stretched_turned_or_moved_are_refused(stood):
     yawed = problem.posture_with(contacts=(replace(problem.contacts[0], yaw_rad=0.25),))
     assert not check_plan(replace(posture, problem=yawed)).accepted
     small = replace(ground(), vertices_m=ground().vertices_m * [0.09, 1.0, 1.0])
-    with pytest.raises(
-        InvalidInput, match=r"contacts\[0\].sole_m: expected room for a sole on the patch"
-    ):
+    with refuses("contacts[0].sole_m"):
         problem.posture_with(contacts=(replace(problem.contacts[0], patch=small),))
 
 
@@ -188,21 +187,14 @@ def test_forces_that_do_not_add_up_and_arrays_that_lack_are_refused(stood):
     _, posture = stood
     more = posture.point_forces_n.copy()
     more[0, 0, 0] += 1.0
-    for changes, message in (
-        (
-            {"point_forces_n": more},
-            "rejected: point_forces_n: expected forces that add up to forces_n",
-        ),
-        (
-            {"point_forces_n": None},
-            "rejected: point_forces_n: expected shape (1, 4, 3), got nothing",
-        ),
-        (
-            {"points_m": posture.points_m[:, :3]},
-            "rejected: points_m: expected shape (1, 4, 3), got (1, 3, 3)",
-        ),
+    for name, value in (
+        ("point_forces_n", more),
+        ("point_forces_n", None),
+        ("points_m", posture.points_m[:, :3]),
     ):
-        assert check_plan(replace(posture, **changes)).message == message
+        report = check_plan(replace(posture, **{name: value}))
+        assert not report.accepted
+        assert_names(report.message, name)
     shifted = more.copy()
     shifted[0, 0, 1] -= 1.0
     report = check_plan(replace(posture, point_forces_n=shifted))
@@ -232,12 +224,14 @@ def test_points_of_feet_that_have_none_are_refused_alone_and_in_a_batch(stood, w
         name = "points_m" if wrong.points_m is not None else "point_forces_n"
         report, array = check_plan(wrong), getattr(wrong, name)
         shape = array.shape if name == "points_m" else array[0].shape  # as files have it
-        assert report.message == f"rejected: {name}: expected none on point feet, got shape {shape}"
+        assert not report.accepted
+        assert_names(report.message, name, str(shape))
         assert np.isinf(check_postures([wrong, posture])[0])
     plan = walk(2)
     assert check_plan(plan).accepted
     report = check_plan(replace(plan, points_m=plan.toes_m[:, None]))
-    assert report.message.startswith("rejected: points_m: expected none on point feet, got shape (")
+    assert not report.accepted
+    assert_names(report.message, "points_m")
 
 
 @pytest.mark.filterwarnings("error")
@@ -246,7 +240,8 @@ def test_forces_beyond_all_numbers_are_refused_without_a_warning(stood):
     for size in (1e300, 1.7e308):
         huge = np.full_like(posture.point_forces_n, size)
         report = check_plan(replace(posture, point_forces_n=huge))
-        assert report.message == "rejected: point_forces_n: expected forces that add up to forces_n"
+        assert not report.accepted
+        assert_names(report.message, "point_forces_n", "forces_n")
 
 
 def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
@@ -483,9 +478,9 @@ def test_forged_plans_with_soles_are_refused(climbed):
     report = check_plan(replace(plan, points_m=bent))
     worst = max(report.groups, key=lambda group: group.worst)
     assert (worst.name, worst.where) == ("patch", put.limb)
-    assert check_plan(replace(plan, points_m=None)).message == (
-        f"rejected: points_m: expected shape {plan.points_m.shape}, got nothing"
-    )
+    bare = check_plan(replace(plan, points_m=None))
+    assert not bare.accepted
+    assert_names(bare.message, "points_m", str(plan.points_m.shape))
 
 
 def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
@@ -502,7 +497,7 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
         begin.solution.points_m[begin.solution.problem.holds[-1]],
         atol=1e-9,
     )
-    with pytest.raises(InvalidInput, match="expected the yaws of the soles that stand, got none"):
+    with refuses():
         replan(replace(standing, yaws_rad=()), course, frame=4)
     assert len(plan.problem.footholds) == 6
 
@@ -517,9 +512,7 @@ def test_plans_with_soles_are_not_executed(climbed):
         "plan.json: expected a plan that can be executed, this one cannot: its feet are soles, and only point feet are "
         "executed"
     )
-    with pytest.raises(
-        InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"
-    ):
+    with refuses("robot biped"):
         hexapod_urdf(plan.problem.robot)
     assert check_plan(plan, joints=True).group("joints").verdict == "not checked"
 

@@ -12,7 +12,6 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.descent import cost
 from stancekit.planners.projection.project import PROJECTIONS
@@ -23,6 +22,7 @@ from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.two_stage import TwoStagePlanner, decide
 from stancekit.planners.verify import check_certificate, check_plan
+from tests.refusals import assert_names, refuses
 
 TORN = {"regions": 2, "ice": 0.5}
 
@@ -74,8 +74,8 @@ def test_without_cuts_what_p1_admits_and_p2_does_not_find_stays_open_and_with_th
     monkeypatch.setattr(nogoods, "NODES", 1)  # or its stance alone would tell
     course = as_course(drawn("wall-3", 225))
     blunt = TwoStagePlanner(programs=programs, cuts=False).solve(course)
-    message = "P1 admits the course, but P2 found no plan from its points"
-    assert (blunt.status, blunt.message, blunt.certificate) == (Status.UNDECIDED, message, None)
+    assert (blunt.status, blunt.certificate) == (Status.UNDECIDED, None)
+    assert_names(blunt.message, "P1", "P2")
     sharp = TwoStagePlanner(programs=programs).solve(course)
     assert sharp.status is Status.INFEASIBLE
     assert sharp.details["cuts"] > 1.0
@@ -142,11 +142,9 @@ def test_units_do_not_matter(climb, programs):
 
 
 def test_bad_settings_are_refused():
-    with pytest.raises(
-        InvalidInput, match=r"projection: expected one of fix-p, .*, or FILE.py:NAME, got 'magic'"
-    ):
+    with refuses("projection"):
         TwoStagePlanner(projection="magic")
-    with pytest.raises(InvalidInput, match="gap: expected a number above 0"):
+    with refuses("gap"):
         TwoStagePlanner(gap=0.0)
 
 
@@ -163,13 +161,11 @@ def test_no_claim_about_a_course_is_believed(climb, planner):
 
     wrong = accept(1, certificate=refuted.certificate)
     assert (wrong.status, wrong.certificate) == (Status.UNDECIDED, None)
-    assert wrong.message.startswith(
-        "certificate refused: rejected: leaf 0 of 1 proves a residual of "
-    )
+    assert_names(wrong.message, "certificate", "leaf 0")
     moved = replace(feasible.solution, com_m=feasible.solution.com_m + np.array([0.0, 0.02, 0.0]))
     both = accept(1, plan=moved, certificate=refuted.certificate)
     assert (both.status, both.solution) == (Status.UNDECIDED, None)
-    assert both.message.startswith("plan refused: ")
+    assert_names(both.message, "plan")
     assert both.residual > 1e-3
     assert accept(0, certificate=refuted.certificate).status is Status.INFEASIBLE
 
@@ -190,9 +186,7 @@ def test_toes_on_stairs_keep_a_foots_radius_from_risers(planner):
 
 
 def test_settings_that_mean_nothing_are_refused():
-    with pytest.raises(InvalidInput, match="relaxation: expected one of p1"):
+    with refuses("relaxation"):
         TwoStagePlanner(relaxation="nosuch")  # without envelopes, too
-    with pytest.raises(
-        InvalidInput, match="envelopes: expected one EnvelopeSet for postures, got int"
-    ):
+    with refuses("envelopes"):
         TwoStagePlanner(3).check("postures")

@@ -1,6 +1,5 @@
 """What becomes of an outcome when its plan is one of the whole body."""
 
-import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ import pytest
 import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.search.answer import objective_of
@@ -23,6 +21,7 @@ from tests.planners.robot.small_urdfs import quadruped
 pytest.importorskip("pinocchio")
 from stancekit.planners.search import whole_body_outcome
 from stancekit.planners.search.whole_body_outcome import with_whole_body
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +69,12 @@ def test_what_torque_forbids_is_undecided_and_says_where(planned: Answer[Plan]) 
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=1.0, steps=2))
     assert outcome.status is Status.UNDECIDED
     assert outcome.certificate is None
-    assert outcome.message.startswith("torque: frame ")
-    assert outcome.message.endswith(" has 1")
     assert outcome.solution is not None
     assert check_plan(outcome.solution).accepted  # its contacts
     refused = check_plan(outcome.solution, joints=True)
     assert not refused.accepted
-    assert f"torque: {refused.group('torque').message}" == outcome.message
+    worst = refused.group("torque").figures["worst"]
+    assert_names(outcome.message, "torque", f"frame {worst['frame']}", f"limb {worst['limb']}")
 
 
 def test_without_a_plan_there_is_nothing_to_bend(planned: Answer[Plan]) -> None:
@@ -96,10 +94,8 @@ def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_ask
         True,
         "not checked",
     )
-    assert outcome.report.message == (
-        "accepted as far as checked: joints, torque, bodies and motion are not; no constraint is violated"
-    )
-    with pytest.raises(InvalidInput, match="pinocchio"):
+    assert outcome.report.unchecked == ("joints", "torque", "bodies", "motion")
+    with refuses("pinocchio"):
         with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
 
 
@@ -135,7 +131,4 @@ def test_a_plan_for_own_legs_that_is_about_to_tip_is_undecided_and_says_where(
     assert tips.status is Status.UNDECIDED
     assert tips.report is not None
     assert tips.report.accepted  # what the verifier says of a file does not change
-    assert re.match(
-        r"margin: \w+( \w+)* at frame \d bear a push of [\d.]+ N, expected [\d.]+ N or more",
-        tips.message,
-    )
+    assert_names(tips.message, "margin")

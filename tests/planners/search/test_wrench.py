@@ -26,6 +26,7 @@ from stancekit.planners.search.screen import unsupported
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
+from tests.refusals import refuses
 
 
 def random_wrench(problem: Problem, rng: np.random.Generator) -> np.ndarray:
@@ -92,7 +93,7 @@ def test_a_batch_decides_as_its_problems_do_one_by_one(programs: Programs) -> No
 
 def test_problems_with_other_wrenches_are_of_no_batch(drawn: Callable[[str, int], Problem]) -> None:
     problem = drawn("wall-3", 0)
-    with pytest.raises(stancekit.InvalidInput, match="expected body, limbs, limits"):
+    with refuses("body", "limbs", "limits"):
         PostureBatch.stacked([problem, problem.posture_with(wrench=[1.0, 0, 0, 0, 0, 0])])
 
 

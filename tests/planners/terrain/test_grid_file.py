@@ -8,6 +8,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import named_terrain
 from stancekit.planners.terrain.terrain_file import read_heights
+from tests.refusals import refuses
 
 Image = pytest.importorskip("PIL.Image")
 trimesh = pytest.importorskip("trimesh")
@@ -159,16 +160,11 @@ def test_a_picture_with_transparent_pixels_has_holes(tmp_path):
     pixels = np.full((6, 6, 2), 255, dtype=np.uint8)
     pixels[2, 3, 1] = 0
     Image.fromarray(pixels, "LA").save(tmp_path / "holes.png")
-    with pytest.raises(
-        InvalidInput, match="expected a height everywhere, got holes at 1 of 36 grid points"
-    ):
+    with refuses():
         read_heights(tmp_path / "holes.png", ImportOptions(height_m=(0.0, 1.0)))
 
 
 def test_a_pickle_is_not_opened(tmp_path):
     np.save(tmp_path / "object.npy", np.array([[None] * 5] * 5), allow_pickle=True)
-    with pytest.raises(
-        InvalidInput,
-        match=r"object\.npy: expected arrays without pickle: expected numbers or texts, got object",
-    ):
+    with refuses("object.npy"):
         read_heights(tmp_path / "object.npy")

@@ -16,6 +16,7 @@ from stancekit.planners.terrain.reference import (
     reference_tasks,
     reference_terrain,
 )
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -99,9 +100,7 @@ def test_an_uneven_grid_is_interpolated_but_not_smoothed():
     np.testing.assert_allclose(
         field.height(np.array([[1.1, 0.2], [-1.0, 5.0]])), [1.5, 9.0], atol=1e-9
     )
-    with pytest.raises(
-        InvalidInput, match=r"^uneven: expected an even grid to smooth, got uneven spacing$"
-    ):
+    with refuses("uneven"):
         field.smoothed(0.1)
 
 
@@ -225,13 +224,11 @@ def test_a_function_finer_than_its_spline_says_by_how_many_millimetres():
 
 
 def test_rows_of_several_lengths_are_no_heights() -> None:
-    with pytest.raises(
-        InvalidInput, match=r"terrain: expected heights of shape \(n, m\), got rows that differ"
-    ):
+    with refuses("terrain"):
         HeightField.from_array([[1.0], [2.0, 3.0]])  # type: ignore[arg-type]
 
 
 def test_heights_so_far_up_that_a_plan_on_them_has_no_numbers_are_refused() -> None:
     for height_m in (1e6, -1e6, 1e300):
-        with pytest.raises(InvalidInput, match=r"^far: expected heights up to 900000 m, got 1e\+"):
+        with refuses("far"):
             ElevationMap.of_heights(np.full((9, 9), height_m), 0.05, "far")

@@ -18,6 +18,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.mesh_file import read_corners
 from stancekit.planners.terrain.mesh_formats import READERS
 from tests.damage import mutations as m
+from tests.refusals import refuses
 
 trimesh: Any = pytest.importorskip("trimesh")
 
@@ -108,44 +109,43 @@ def test_a_ply_may_have_other_properties_and_faces_of_several_sizes(order: str) 
 
 
 @pytest.mark.parametrize(
-    ("kind", "old", "new", "message"),
+    ("kind", "old", "new", "name"),
     [
-        ("dae", r"<p>[^<]*</p>", "<p>0 1 99999</p>", "numbers per corner|not all of its"),
-        ("dae", r"<COLLADA", "<!DOCTYPE x [<!ENTITY a 'b'>]><COLLADA", "without a document type"),
+        ("dae", r"<p>[^<]*</p>", "<p>0 1 99999</p>", "mesh.dae"),
+        ("dae", r"<COLLADA", "<!DOCTYPE x [<!ENTITY a 'b'>]><COLLADA", "mesh.dae"),
         ("dae", r"<node ", "<node><instance_node url='#node0'/></node><node ", None),
         ("obj", r"f 1 ", "f 99999 ", None),
-        ("obj", r"v ", "v 1e400 ", "expected a mesh with finite corners"),
+        ("obj", r"v ", "v 1e400 ", "mesh.obj"),
         (
             "text.ply",
             r"element vertex \d+",
             "element vertex 999999999",
-            "its header declares 999999999 of vertex",
+            "999999999",
         ),
-        ("text.ply", r"element face \d+", "element face 9999", "its header declares 9999 of face"),
-        ("off", r"OFF", "OFF BINARY", "expected OFF, as text, as its first word"),
-        ("text.stl", r"vertex", "vertex x", "expected numbers, got 'x'"),
+        ("text.ply", r"element face \d+", "element face 9999", "9999"),
+        ("off", r"OFF", "OFF BINARY", "mesh.off"),
+        ("text.stl", r"vertex", "vertex x", "'x'"),
     ],
 )
 def test_what_is_wrong_with_a_mesh_is_said(
-    tmp_path: Path, kind: str, old: str, new: str, message: str | None
+    tmp_path: Path, kind: str, old: str, new: str, name: str | None
 ) -> None:
     text = content(trimesh.creation.icosphere(1, 0.3), kind).decode()
     changed = re.sub(old, new, text, count=1)
     assert changed != text
     (tmp_path / f"mesh.{kind}").write_text(changed)
-    if message is None:
+    if name is None:
         with suppress(InvalidInput):
             read_corners(tmp_path / f"mesh.{kind}")
         return
-    with pytest.raises(InvalidInput, match=message):
+    with refuses(f"mesh.{kind}", name):
         read_corners(tmp_path / f"mesh.{kind}")
 
 
 def test_a_name_that_is_no_text_is_said_as_it_can_be(tmp_path: Path) -> None:
     head = b"ply\nformat binary_little_endian 1.0\nelement ver\x80\x1b 99\nproperty float x\nend_header\n"
     (tmp_path / "mesh.ply").write_bytes(head)
-    message = r"its header declares 99 of ver\ufffd\\x1b, more than it has bytes for"
-    with pytest.raises(InvalidInput, match=message):
+    with refuses("mesh.ply", "99"):
         read_corners(tmp_path / "mesh.ply")
 
 
@@ -155,12 +155,12 @@ def test_a_node_within_itself_ends() -> None:
     name = re.search(r'<node [^>]*id="([^"]+)"', text)
     assert name is not None
     loop = text.replace("</node>", f'<instance_node url="#{name[1]}"/></node>', 1)
-    with pytest.raises(InvalidInput, match=r"expected (20000 nodes|10000 triangles) or fewer"):
+    with refuses():
         read(loop.encode(), "dae")
 
 
 def test_other_endings_are_refused(tmp_path: Path) -> None:
     for name in ("mesh.fbx", "mesh", "mesh.gltf"):
         (tmp_path / name).write_bytes(b"x")
-        with pytest.raises(InvalidInput, match=r"expected a mesh that ends in \.stl, .*, got "):
+        with refuses(".stl"):
             read_corners(tmp_path / name)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import (
     SMALLEST_M,
@@ -27,6 +26,7 @@ from stancekit.planners.terrain.polygon import (
     surface_patches,
     width,
 )
+from tests.refusals import refuses
 
 SEEDS = st.integers(0, 2**32 - 1)
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -231,9 +231,9 @@ def test_surfaces_made_at_once_are_those_made_one_by_one():
 def test_one_surface_that_is_none_among_many_is_refused():
     flat = np.column_stack([SQUARE, np.zeros(4)])
     bent = flat + np.array([0.0, 0.0, 0.1]) * np.array([0.0, 1.0, 0.0, 0.0])[:, None]
-    with pytest.raises(InvalidInput, match="vertices_m: expected a plane with the given normal"):
+    with refuses("vertices_m"):
         surface_patches(np.array([flat, bent]), [0.5, 0.5], np.ones((2, 3)))
-    with pytest.raises(InvalidInput, match="friction"):
+    with refuses("friction"):
         surface_patches(np.array([flat]), [-0.5], np.ones((1, 3)))
 
 
@@ -264,5 +264,5 @@ def test_the_normal_turns_towards_the_robot_when_told_where_it_is():
 
 
 def test_corners_on_a_line_are_no_patch():
-    with pytest.raises(InvalidInput, match="expected a patch with an area"):
+    with refuses():
         surface_patch(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), 0.5)

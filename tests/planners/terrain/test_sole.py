@@ -8,6 +8,7 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.sole import checked_sole, sole_offsets, sole_region
+from tests.refusals import refuses
 
 SOLE = np.array([[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]])
 
@@ -76,14 +77,12 @@ def test_bad_soles_and_patches_without_room_are_refused_in_one_line():
         assert str(refused.value) == message
     beam = ground([[-0.4, -0.06], [0.4, -0.06], [0.4, 0.06], [-0.4, 0.06]])
     assert len(sole_region(beam, sole_offsets(SOLE, beam, 0.0)).vertices_m) == 4
-    with pytest.raises(
-        InvalidInput, match="expected room for a sole on the patch, got less than a millimetre"
-    ):
+    with refuses("sole"):
         sole_region(beam, sole_offsets(SOLE, beam, 0.5 * np.pi))
     bent = beam.vertices_m.copy()
     bent[1, 2] += 1e-4
     bent = Patch(
         vertices_m=bent, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5
     )
-    with pytest.raises(InvalidInput, match="expected a patch flat to 1e-07 m under a sole"):
+    with refuses("sole"):
         sole_region(bent, sole_offsets(SOLE, bent, 0.0))

@@ -14,6 +14,7 @@ from stancekit.planners.terrain.footholds import FootholdLimits
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh
+from tests.refusals import refuses
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -61,9 +62,7 @@ def test_unit_axis_and_offset_bring_a_cloud_back(up, turned, tmp_path):
 
 def test_points_in_three_columns_are_never_taken_for_heights(tmp_path):
     np.save(tmp_path / "c.npy", POINTS)
-    with pytest.raises(
-        InvalidInput, match=r"shape \(20000, 3\) holds, kind cloud \(points x, y, z\) or grid"
-    ):
+    with refuses("kind", "cloud", "grid"):
         read_terrain(tmp_path / "c.npy")
 
 
@@ -241,9 +240,7 @@ def test_the_header_alone_refuses_a_mesh_with_too_many_triangles(tmp_path):
     (tmp_path / "huge.ply").write_bytes(
         b"ply\nformat ascii 1.0\nelement vertex 9\nelement face 10000000\nend_header\n" + head
     )
-    with pytest.raises(
-        InvalidInput, match=r"expected 200000 triangles or fewer \(most_triangles\), got 10000000"
-    ):
+    with refuses("most_triangles"):
         read_terrain(tmp_path / "huge.ply", ImportOptions(kind="mesh"))
 
 

@@ -19,6 +19,7 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
 from stancekit.planners.verify.multipliers import multiplier_count, multiplier_shapes
 from stancekit.planners.verify.stances import Schedule
+from tests.refusals import assert_names
 
 PROGRAMS = Programs()
 LEAF = (0, 0, 0, 0, 0)
@@ -89,9 +90,7 @@ def test_no_multipliers_refute_a_course_that_has_a_plan(walk, seed, size, few):
         row *= rng.random(row.size) < 0.05
     proof = check_certificate(leaf(row).of(course))
     assert not proof.accepted
-    assert proof.message.startswith(
-        "rejected: leaf 0 of 1 proves a residual of 0, expected above 0"
-    )
+    assert_names(proof.message, "leaf 0")
 
 
 @given(scale=st.floats(1e-3, 1e3), noise=st.floats(0.0, 1e-4), seed=st.integers(0, 2**32 - 1))
@@ -160,27 +159,21 @@ def test_a_tree_must_cover_every_choice(slippery):
     both = np.array([row, row])
     good = Certificate(tree=np.array([(1, 0, 1, 0, 0), LEAF, LEAF]), multipliers=both)
     assert check_certificate(good.of(course)).accepted
-    faults = {
-        "tree: expected 1 more nodes": ([(1, 0, 1, 0, 0), LEAF], both[:1]),
-        "expected the end of the tree": ([LEAF, LEAF], both),
-        "expected a row for each of 2 leaves, got 1": ([(1, 0, 1, 0, 0), LEAF, LEAF], both[:1]),
-        "expected a row for each of 1 leaves": ([LEAF], both),
-        "tree[0]: candidate: expected an integer in [0, 2), got 2": (
-            [(1, 0, 2, 0, 0), LEAF, LEAF],
-            both,
-        ),
-        "tree[0]: foothold: expected an integer in [0, 9), got 99": (
-            [(1, 99, 0, 0, 0), LEAF, LEAF],
-            both,
-        ),
-        "expected a tree of shape": ([(0, 1)], both[:1]),
-        "multipliers of shape": ([LEAF], both[:1, :-1]),
-        "expected finite numbers": ([LEAF], np.full_like(both[:1], np.nan)),
-    }
-    for message, (tree, rows) in faults.items():
+    faults = (
+        ("tree", [(1, 0, 1, 0, 0), LEAF], both[:1]),
+        ("tree[1]", [LEAF, LEAF], both),
+        ("2 leaves", [(1, 0, 1, 0, 0), LEAF, LEAF], both[:1]),
+        ("1 leaves", [LEAF], both),
+        ("candidate", [(1, 0, 2, 0, 0), LEAF, LEAF], both),
+        ("foothold", [(1, 99, 0, 0, 0), LEAF, LEAF], both),
+        ("tree", [(0, 1)], both[:1]),
+        ("multipliers", [LEAF], both[:1, :-1]),
+        ("certificate", [LEAF], np.full_like(both[:1], np.nan)),
+    )
+    for name, tree, rows in faults:
         proof = check_certificate(Certificate(tree=np.array(tree), multipliers=rows).of(course))
         assert not proof.accepted
-        assert message in proof.message
+        assert_names(proof.message, name)
 
 
 def test_a_leaf_must_refute_all_candidates_that_are_open_there(slippery):

@@ -13,12 +13,12 @@ import stancekit
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.crossing_file import read_crossing, write_crossing
 from stancekit.planners.motion.crossing_motion import BLEND_S, CrossingMotion
 from stancekit.planners.motion.leap_body import LeapBody
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.verify.crossings import check_crossing
+from tests.refusals import assert_names, refuses
 
 LEAP = Path("tests/data/leap-hop-anymal.json")
 
@@ -34,16 +34,15 @@ def test_a_part_of_another_robot_is_refused(climb: Plan) -> None:
     leap = stancekit.load(LEAP, LeapPlan)
     report = check_crossing(Crossing(name="forged", parts=(climb, leap)))
     assert not report.accepted
-    assert report.message.startswith(
-        "rejected: part 2: expected the robot of part 1, got another: 10"
-    )
+    assert_names(report.message, "part 2", "robot", "part 1")
 
 
 def test_a_part_over_other_ground_is_refused(climb: Plan) -> None:
     other = stancekit.plan("walls", frames=2).solution
     assert isinstance(other, Plan)
     report = check_crossing(Crossing(name="forged", parts=(climb, other)))
-    assert report.message == "rejected: part 2: expected the terrain of part 1, got another"
+    assert not report.accepted
+    assert_names(report.message, "part 2", "terrain", "part 1")
 
 
 def test_parts_that_do_not_meet_are_refused(climb: Plan) -> None:
@@ -66,12 +65,12 @@ def test_a_file_reads_back_and_shows_where_it_was_changed(climb: Plan, tmp_path:
     assert check.accepted
     data = json.loads(path.read_text())
     path.write_text(json.dumps(data | {"refusal": "none"}))
-    with pytest.raises(InvalidInput, match="digest mismatch"):
+    with refuses("digest"):
         read_crossing(path)
 
 
 def test_a_crossing_has_a_name_that_ends_in_json(climb: Plan, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"expected a crossing's name to end in \.json"):
+    with refuses(".json"):
         write_crossing(tmp_path / "crossing.txt", Crossing(name="stairs", parts=(climb,)))
 
 
@@ -128,4 +127,4 @@ def test_a_leap_that_draws_its_legs_up_at_its_middle_alone_is_refused_in_words()
     parts = (honest.parts[0], replace(leap, gather=np.array([0.5, 0.8])), honest.parts[2])
     report = check_crossing(replace(honest, parts=parts))
     assert not report.accepted
-    assert "gather: expected shares of 0.05 to 0.49" in report.group("2: leap").message
+    assert_names(report.group("2: leap").message, "gather")

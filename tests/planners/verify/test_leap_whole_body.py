@@ -10,7 +10,6 @@ import pytest
 
 from stancekit.planners.answer.hindrance import LEAP_BODY
 from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.leap_file import check_file, read_leap, write_leap
 from stancekit.planners.leap.bend import joint_rows, legged_numbers
 from stancekit.planners.leap.bend import point_of as point_of_plan
@@ -20,6 +19,7 @@ from stancekit.planners.motion.leap_body import LeapBody
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leap_whole_body import LeapBodyMeasurements, with_body
 from stancekit.planners.verify.leaps import check_leap
+from tests.refusals import assert_names, refuses
 
 pytest.importorskip("pinocchio")
 FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
@@ -86,7 +86,7 @@ def test_a_leap_of_limbs_alone_is_not_judged_with_legs_and_says_so():
 
     report = check_leap(find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution)
     assert report.unchecked == LEAP_BODY
-    assert report.message.startswith("accepted as far as checked")
+    assert report.accepted
     assert with_body(report).unchecked == LEAP_BODY
 
 
@@ -97,7 +97,8 @@ def test_a_plan_keeps_how_legs_are_drawn_up_in_its_file(plan: LeapPlan, tmp_path
     np.testing.assert_array_equal(again.gather, plan.gather)
     np.testing.assert_array_equal(again.legs_turn_rad, plan.legs_turn_rad)
     bad = check_leap(replace(plan, gather=np.array([0.0, 0.5])))
-    assert bad.message.startswith("rejected: gather: expected shares")
+    assert not bad.accepted
+    assert_names(bad.message, "gather")
 
 
 def test_legs_that_nobody_knows_turn_nothing():
@@ -107,7 +108,8 @@ def test_legs_that_nobody_knows_turn_nothing():
     swung = np.zeros((plan.problem.intervals, 3))
     assert check_leap(replace(plan, legs_turn_rad=None)).accepted
     report = check_leap(replace(plan, legs_turn_rad=swung))
-    assert report.message.startswith("rejected: legs_turn_rad: expected none")
+    assert not report.accepted
+    assert_names(report.message, "legs_turn_rad")
 
 
 @pytest.mark.parametrize(
@@ -124,7 +126,7 @@ def test_joints_without_limits_are_not_checked_by_them(plan: LeapPlan, was: str,
     robot = replace(plan.problem.robot, model=model)
     report = check_leap(replace(plan, problem=replace(plan.problem, robot=robot)), body=True)
     assert report.unchecked == groups
-    assert "limit" in report.group("torque").message
+    assert_names(report.group("torque").message, "limit")
 
 
 def test_a_leap_of_microseconds_is_refused_in_words(plan: LeapPlan):
@@ -139,10 +141,10 @@ def test_a_robot_without_limits_of_its_joints_is_refused(tmp_path):
 
     text = config_path("robots/anymal.urdf").read_text().replace('velocity="12"', 'velocity="0"')
     (tmp_path / "slow.urdf").write_text(text)
-    with pytest.raises(InvalidInput, match="limits of its joints' torque and speed"):
+    with refuses():
         read_leap("leap-hop:0", tmp_path / "slow.urdf")
 
 
 def test_another_robot_is_for_leaps_that_are_drawn():
-    with pytest.raises(InvalidInput, match="robot: expected CLASS:SEED with another robot"):
+    with refuses("robot"):
         read_leap(FILE, "anymal")

@@ -23,6 +23,7 @@ from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify.motions import check_motion, nearest
 from stancekit.runner.export.formats import moved_of
 from stancekit.runner.export.moved import Moved
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def arrays(table: MotionTable) -> tuple[np.ndarray, np.ndarray]:
 
 def test_an_exported_walk_holds_in_every_group(moved: Moved) -> None:
     report = judged(moved.table, moved)
-    assert report.message == "accepted: all 11 groups within their limits"
+    assert (report.accepted, len(report.checked)) == (True, 11)
     assert report.checked == tuple(group.name for group in report.groups)
 
 
@@ -56,7 +57,7 @@ def test_without_contacts_and_forces_the_verdicts_that_are_known_are_the_same(mo
         judged(replace(moved.table, contact=None, forces_n=None), moved),
     )
     assert bare.unchecked == ("contact_gap", "forces", "cone", "swing_force")
-    assert bare.group("cone").message == "no forces in the file"
+    assert_names(bare.group("cone").message, "forces")
     for one, other in zip(whole.groups, bare.groups, strict=True):
         assert other.verdict in (one.verdict, "not checked")
 
@@ -64,7 +65,7 @@ def test_without_contacts_and_forces_the_verdicts_that_are_known_are_the_same(mo
 def test_joints_alone_say_little_and_that_is_said(moved: Moved) -> None:
     report = judged(replace(moved.table, origin_m=None, quaternion=None), moved)
     assert report.checked == ("joints", "joint_speed", "torque")
-    assert report.group("balance").message == "where the body is and how it is turned is not known"
+    assert_names(report.group("balance").message, "body")
 
 
 def test_joints_in_another_order_are_the_same_motion(moved: Moved) -> None:
@@ -259,13 +260,11 @@ def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_th
 
 
 def test_other_joints_are_refused_by_name(moved: Moved) -> None:
-    with pytest.raises(
-        InvalidInput, match=r"^joints: expected those of .*; the robot has no arm$|it lacks"
-    ):
+    with refuses("joints"):
         judged(replace(moved.table, joints=("arm", *moved.table.joints[1:])), moved)
-    with pytest.raises(InvalidInput, match="angles of the joints"):
+    with refuses():
         judged(replace(moved.table, angles_rad=None), moved)
-    with pytest.raises(InvalidInput, match=r"^motion: expected angles of the joints, got none$"):
+    with refuses("motion"):
         judged(
             replace(moved.table, joints=(), angles_rad=None, rates_rad_s=None, torques_nm=None),
             moved,

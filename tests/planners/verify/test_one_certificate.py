@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Foothold
@@ -25,6 +24,7 @@ from stancekit.planners.verify.geometry import cut
 from stancekit.planners.verify.lagrangian import least_lagrangians
 from stancekit.planners.verify.multipliers import multiplier_count
 from stancekit.planners.verify.stances import Schedule
+from tests.refusals import assert_names, refuses
 
 SEEDS = st.integers(0, 2**32 - 1)
 LEAF = (0, 0, 0, 0, 0)
@@ -220,7 +220,7 @@ def test_older_forms_are_read_as_what_they_meant():
         np.array([(4, 1), (-1, -1), (5, 0), (-1, -1), (-1, -1)]), np.ones((3, 7))
     )
     np.testing.assert_array_equal(course.tree, [(1, 4, 1, 0, 0), LEAF, (1, 5, 0, 0, 0), LEAF, LEAF])
-    with pytest.raises(InvalidInput, match=r"expected a tree of shape \(K, 5\)"):
+    with refuses("tree"):
         Certificate.from_arrays(np.zeros((1, 3)), np.ones((1, 9)))
 
 
@@ -241,10 +241,7 @@ def test_the_proof_of_a_posture_is_a_file_like_that_of_a_course(refuted, tmp_pat
     check = check_proof_file(tmp_path / "proof.json")
     assert check.accepted
     assert check.to_json()["kind"] == "no-posture"
-    assert (
-        check.message
-        == f"posture on {', '.join(problem.legs)}: {explain(proof.of(problem)).message}"
-    )
+    assert_names(check.message, ", ".join(problem.legs), explain(proof.of(problem)).message)
     data = json.loads((tmp_path / "proof.json").read_text())
     loose = data["subject"] | {"com_radius_m": 5.0}
     loose["contacts"] = [
@@ -266,6 +263,4 @@ def test_a_piece_of_hundreds_of_cuts_is_refused_since_their_roundings_add_up(ref
         Certificate(tree=np.array(tree, dtype=float), multipliers=rows).of(problem)
     )
     assert not report.accepted
-    assert (
-        report.message == "rejected: tree[200]: expected a piece of 200 cuts or fewer, got one more"
-    )
+    assert_names(report.message, "tree[200]", "200 cuts")

@@ -16,6 +16,7 @@ from stancekit.planners.answer.report import WHOLE_BODY
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.verify import BETWEEN, PLAN_GROUPS, check_plan
 from stancekit.planners.verify.stances import Schedule
+from tests.refusals import assert_names
 
 
 def worst_of(report):
@@ -57,8 +58,8 @@ def test_a_schedule_says_who_carries_on_which_foothold(walk):
 def test_a_walk_in_closed_form_is_accepted(gait, ways, walk):
     plan = walk(5, gait)
     report = check_plan(plan)
-    finding = "balanced in every frame; cannot be executed: nobody carries between frames"
-    assert report.message == f"accepted: {'no constraint is violated' if ways else finding}"
+    assert report.accepted
+    assert bool(report.hindrance) == (not ways)
     assert report.worst < 1e-12
     assert tuple(group.name for group in report.groups) == (*PLAN_GROUPS, *WHOLE_BODY)
     assert report.figures["proved"] == ways
@@ -189,10 +190,8 @@ def test_a_candidate_that_there_is_not_is_refused(chosen, walk):
     choice = np.array(plan.choice)
     choice[foothold_of(plan, 1, "RF")] = chosen
     report = check_plan(replace(plan, choice=choice))
-    assert (
-        report.message
-        == f"rejected: choice: frame 1, limb RF: expected a candidate from 0 to 1, got {chosen}"
-    )
+    assert not report.accepted
+    assert_names(report.message, "choice", "frame 1", "limb RF", str(chosen))
     assert (worst_of(report).frame, worst_of(report).limb) == (1, "RF")
 
 
@@ -208,7 +207,7 @@ def test_the_other_candidate_is_not_where_the_toe_is(walk):
 def test_a_plan_of_another_shape_is_refused_and_not_raised(name, walk):
     plan = walk()
     report = check_plan(replace(plan, **{name: getattr(plan, name)[:-1]}))
-    assert report.message.startswith(f"rejected: {name}: expected shape ")
+    assert_names(report.message, name)
     assert not report.accepted
 
 
@@ -294,7 +293,7 @@ def test_joints_are_a_section_of_their_own(walk):
     heavy = check_plan(replace(plan, forces_n=30.0 * plan.forces_n), joints=True)
     assert heavy.group("joints").verdict == "holds"
     assert heavy.group("torque").verdict == "violated"
-    assert "Nm in a joint" in heavy.group("torque").message
+    assert_names(heavy.group("torque").message, "Nm")
     assert heavy.to_json()["torque"]["worst"]["limb"] in plan.problem.robot.limb_names
 
 

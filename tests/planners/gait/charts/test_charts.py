@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.charts.pushforward import Pushforward
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
@@ -18,6 +17,7 @@ from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.spline_map import SplineMap, terrain_digest
+from tests.refusals import refuses
 
 Build = Callable[..., GaitProgram]
 
@@ -72,11 +72,9 @@ def test_a_terrain_with_a_map_is_not_scaled(small: Build) -> None:
         robot=anymal(), terrain=level, start_xy_m=[0, 0], goal_xy_m=[0.2, 0.1], duration_s=2.0
     )
     program = formulate(task, GaitSettings(chart="warped-exact"), warp=identity(level))
-    with pytest.raises(
-        InvalidInput, match=r"height_factor: expected 1 in the chart warped-exact, .* got 0\.5"
-    ):
+    with refuses("height_factor"):
         program.solve(height_factor=0.5)
-    with pytest.raises(InvalidInput, match=r"height_factor: expected .*-1"):
+    with refuses("height_factor"):
         small().solve(height_factor=-1.0)
 
 
@@ -159,36 +157,24 @@ CLIFF = HeightField.from_function(lambda x, y: np.tanh(20.0 * (x - 1.3)), 4.0, 0
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "name"),
     [
-        (
-            {"goal_xy_m": [3.9, 0.0]},
-            r"goal_xy_m: expected torso and feet over the terrain, .* got \(3\.9, 0\)",
-        ),
-        (
-            {"goal_xy_m": [1.3, 0.0]},
-            r"goal_xy_m: expected ground to stand on, got a wall of 79° at \(1\.3, 0\)",
-        ),
-        (
-            {"terrain": CLIFF, "start_xy_m": [1.15, 0.0]},
-            r"start_xy_m: expected ground that all feet reach, got heights",
-        ),
-        ({"goal_xy_m": [np.nan, 0.0]}, r"goal_xy_m: expected finite numbers"),
-        ({"gait": "moonwalk"}, r"gait: expected one of walk, trot, .* got 'moonwalk'"),
-        ({"adhesive": (True,)}, r"adhesive: expected 4 truth values, got 1"),
+        ({"goal_xy_m": [3.9, 0.0]}, "goal_xy_m"),
+        ({"goal_xy_m": [1.3, 0.0]}, "goal_xy_m"),
+        ({"terrain": CLIFF, "start_xy_m": [1.15, 0.0]}, "start_xy_m"),
+        ({"goal_xy_m": [np.nan, 0.0]}, "goal_xy_m"),
+        ({"gait": "moonwalk"}, "gait"),
+        ({"adhesive": (True,)}, "adhesive"),
     ],
 )
-def test_bad_tasks_are_refused_in_one_line(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(InvalidInput, match=message) as refused:
+def test_bad_tasks_are_refused_in_one_line(changes: dict[str, object], name: str) -> None:
+    with refuses(name):
         walk(**changes)
-    assert "\n" not in str(refused.value)
 
 
 def test_robots_are_refused_for_what_no_body_has() -> None:
     foot = anymal().feet[0]
-    with pytest.raises(
-        InvalidInput, match=r"robot r: inertia_kgm2: expected moments that a body can have"
-    ):
+    with refuses("robot r", "inertia_kgm2"):
         Robot(
             name="r",
             mass_kg=1.0,
@@ -197,10 +183,7 @@ def test_robots_are_refused_for_what_no_body_has() -> None:
             stand_height_m=0.4,
             trunk_half_m=[0.1, 0.1, 0.1],
         )
-    with pytest.raises(
-        InvalidInput,
-        match=r"robot r: trunk_half_m: expected sides above 0 m, got \[0\.1, 0\.0, 0\.1\]",
-    ):
+    with refuses("robot r", "trunk_half_m"):
         Robot(
             name="r",
             mass_kg=1.0,
@@ -209,9 +192,7 @@ def test_robots_are_refused_for_what_no_body_has() -> None:
             stand_height_m=0.4,
             trunk_half_m=[0.1, 0.0, 0.1],
         )
-    with pytest.raises(
-        InvalidInput, match=r"foot a: expected reach_min_m < nominal_m < reach_max_m"
-    ):
+    with refuses("foot a", "reach_min_m", "reach_max_m"):
         Foot(
             name="a",
             nominal_m=foot.reach_max_m,

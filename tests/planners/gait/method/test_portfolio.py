@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.budget import SolveBudget, cpu_s
 from stancekit.planners.gait.method.checkpoint import Checkpoint
@@ -22,6 +21,7 @@ from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
+from tests.refusals import assert_names, refuses
 
 pytestmark = pytest.mark.usefixtures("each_gait_is_written_once")
 
@@ -83,7 +83,7 @@ def test_what_the_verifier_refuses_is_no_walk_but_the_best_attempt():
     assert refused.answer.status is Status.UNDECIDED
     assert refused.answer.solution is refused.best.trajectory
     assert not refused.answer.report.accepted
-    assert refused.message.startswith("no walk that the verifier accepts: rejected: ")
+    assert_names(refused.message, "verifier")
     assert refused.best.trajectory.samples > 2
     assert not refused.best.report.accepted
 
@@ -96,7 +96,7 @@ def test_no_feasible_point_is_no_walk():
         None,
     )
     assert failed.feasible == (None,)
-    assert failed.message.startswith("no feasible walk: largest violation ")
+    assert_names(failed.message, "violation")
 
 
 def test_a_plan_that_is_stopped_goes_on_from_there(tmp_path):
@@ -129,7 +129,8 @@ def test_attempts_that_failed_before_are_not_tried_again(tmp_path):
         TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST)
     )
     assert again.attempts == ()
-    assert again.message == "no walk: every attempt had failed before"
+    assert not again.verified
+    assert_names(again.message, "attempt")
 
 
 def test_progress_sees_every_iteration():
@@ -219,7 +220,7 @@ def test_walls_beyond_81_degrees_are_widened_first():
     ("name", "value"), [("iterations", 0), ("densifications", -1), ("solve_s", 0.0)]
 )
 def test_caps_out_of_range_are_refused(name, value):
-    with pytest.raises(InvalidInput, match=f"^{name}: expected"):
+    with refuses(name):
         Caps(**{name: value})
 
 

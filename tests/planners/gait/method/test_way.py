@@ -7,7 +7,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method import way
 from stancekit.planners.gait.method.checkpoint import CUT, DONE, ROUND, Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, default_attempts
@@ -16,6 +15,7 @@ from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
+from tests.refusals import assert_names, refuses
 
 pytestmark = pytest.mark.usefixtures("each_gait_is_written_once")
 
@@ -137,10 +137,7 @@ def test_a_walk_without_a_way_says_how_far_it_came(monkeypatch):
     monkeypatch.setattr(way, "plan_gait", none)
     found = planned(task)
     assert not found.verified
-    assert (
-        "planned 0 pieces of a walk round; the next one: from (0.00, 0.00): no walk: made to fail"
-        in found.message
-    )
+    assert_names(found.message, "0 pieces", "(0.00, 0.00)", "made to fail")
 
 
 @pytest.mark.parametrize(
@@ -148,10 +145,7 @@ def test_a_walk_without_a_way_says_how_far_it_came(monkeypatch):
 )
 def test_a_walk_from_or_to_a_solid_is_refused_at_once(start, goal, name):
     task = Walk.over(level((1.8, 2.2, -0.8, 0.9)), goal, start_xy_m=start, duration_s=10.0)
-    wanted = (
-        rf"{name}: expected a place outside of solids, got \(2, 0\) in a solid that is 1 m high"
-    )
-    with pytest.raises(InvalidInput, match=wanted):
+    with refuses(name):
         planned(task)
 
 

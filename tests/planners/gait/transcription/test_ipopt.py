@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.formulation import GaitProgram
 from stancekit.planners.gait.gait_program import Costs, GaitSolution
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
 from stancekit.planners.gait.transcription.taylor import TaylorMap
 from stancekit.planners.verify.trajectories import check_trajectory
+from tests.refusals import refuses
 
 Build = Callable[..., GaitProgram]
 Walked = Callable[..., tuple[GaitProgram, GaitSolution]]
@@ -85,7 +86,7 @@ def test_equal_solves_give_equal_trajectories_on_any_grid(small: Build, walked: 
     assert first.trajectory().digest == second.trajectory().digest
     assert first.trajectory(0.5).times_s.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert len(first.trajectory(2.0).times_s) == 4
-    with pytest.raises(InvalidInput, match=r"dt_s: expected .*, got 0"):
+    with refuses("dt_s"):
         first.trajectory(0.0)
 
 
@@ -173,7 +174,7 @@ def test_a_child_process_finds_the_same_and_an_alarm_ends_one_that_hangs(walked:
         time.sleep(30.0)
 
     began = time.monotonic()
-    with pytest.raises(PlanningFailed, match=r"did not answer within 0\.5 s"):
+    with refuses("0.5 s", kind=PlanningFailed):
         solve_in_subprocess(program, time_limit_s=0.5, callback=hang)
     assert time.monotonic() - began < 10.0
 
@@ -197,7 +198,7 @@ def test_whatever_is_raised_inside_a_solve_is_raised_by_it_and_the_next_is_as_ev
 
     for last in (0, 5, 9, 12, 20):
         monkeypatch.setattr(TaylorMap, "at", interrupted(last))
-        with pytest.raises(error, match="now"):
+        with refuses("now", kind=error):
             program.solve()
     monkeypatch.undo()
     np.testing.assert_array_equal(program.solve().x, expected)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, CubicHermiteSpline
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.variables.splines import (
     clamped_basis,
     clamped_knots,
@@ -16,6 +15,7 @@ from stancekit.planners.gait.variables.splines import (
     uniform_basis,
 )
 from stancekit.planners.problem.gaits import GAITS, FootPhases, schedule
+from tests.refusals import refuses
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
@@ -85,19 +85,14 @@ def test_the_shortest_cycle_has_phases_and_a_shorter_one_is_refused_in_one_line(
     gait = replace(GAITS[name], cycle_s=0.2)
     assert schedule(gait, ["foot"] * len(gait.offsets), 4.0, 0.05)[0].swings > 10
     assert GAITS["trot"].at(1e-6, 0.05).cycle_s == pytest.approx(0.2)
-    with pytest.raises(InvalidInput, match=r"^cycle_s: expected 0\.2 s or more, got 0\.15 s$"):
+    with refuses("cycle_s"):
         schedule(replace(gait, cycle_s=0.15), ["foot"] * len(gait.offsets), 4.0, 0.05)
 
 
 def test_a_gait_that_does_not_fit_is_refused_in_one_line() -> None:
-    with pytest.raises(
-        InvalidInput,
-        match=r"duration_s: expected 1\.3 s or more for one cycle of the trot, got 1 s",
-    ):
+    with refuses("duration_s"):
         schedule(GAITS["trot"], ["LF", "RF", "LH", "RH"], 1.0, 0.05)
-    with pytest.raises(
-        InvalidInput, match=r"gait: expected one for 6 feet, got trot, which is for 4"
-    ):
+    with refuses("gait"):
         schedule(GAITS["trot"], ["foot"] * 6, 10.0, 0.05)
 
 
