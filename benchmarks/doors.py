@@ -49,7 +49,7 @@ def main(asked: Doors) -> int:
     if asked.against:
         with checkout(asked.against) as other:
             before = answers(other)
-    counts, wrong, now = Counter[str](), 0, Answers()
+    counts, wrong, now = Counter[str](), 0, dict[str, Row]()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         for question in questions():
@@ -84,7 +84,7 @@ def answers(root: Path) -> Answers:
     return {name: reply for row in rows for name, reply in answered(row).items()}
 
 
-def answered(row: Row) -> Answers:
+def answered(row: Row) -> dict[str, Row]:
     """The replies of a row, by question, kind and door."""
     return {
         f"{row['question']}, {kind}, {door}": reply
