@@ -1,5 +1,5 @@
 """What the tables share: options, rows as text, JSON or Markdown, the pages' tables of rows that are
-kept, intervals, other checkouts, kept cells.
+kept, intervals, kept cells.
 """
 
 from __future__ import annotations
@@ -247,20 +247,6 @@ def bootstrapped(values: ArrayLike) -> str:
 def tally(words: Iterable[str]) -> str:
     """How often each, in order."""
     return ", ".join(f"{count} × {word}" for word, count in sorted(Counter(words).items()))
-
-
-def checkouts(against: Path | None) -> dict[str, Path]:
-    """This tree, and another before it, in which `python setup.py links` was run."""
-    return {"after": ROOT} if against is None else {"before": against.resolve(), "after": ROOT}
-
-
-def of_checkout(folder: Path) -> dict[str, str]:
-    """The environment of a process that runs a checkout's packages, compiled modules kept as a
-    user's are; typings: in older ones.
-    """
-    paths = f"{folder / '.editable'}{os.pathsep}{folder / 'typings'}"
-    own = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    return {**own, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def resting(joints: Iterable[str], start: ArrayLike, port: str, **settings: Any) -> Calibration:

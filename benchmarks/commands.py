@@ -23,7 +23,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from _bench import Options, Row, checkouts, kept, launch, of_checkout, spread
+from _bench import Options, Row, kept, launch, spread
+from _checkouts import checkouts, of_checkout
 from _yardstick import yardstick
 
 MAKE = (

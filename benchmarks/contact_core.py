@@ -33,7 +33,8 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from _bench import Options, checkouts, launch, of_checkout
+from _bench import Options, launch
+from _checkouts import checkouts, of_checkout
 from _yardstick import yardstick
 
 from stancekit.envs.distributions.courses import icy_walls

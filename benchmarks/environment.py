@@ -29,7 +29,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _bench import Options, checkouts, launch, of_checkout
+from _bench import Options, launch
+from _checkouts import checkouts, of_checkout
 from _yardstick import yardstick
 from vector import actions_for
 

@@ -49,7 +49,8 @@ from typing import Any
 
 import numpy as np
 import shapely
-from _bench import Options, Row, kept, launch, of_checkout
+from _bench import Options, Row, kept, launch
+from _checkouts import of_checkout
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from _bench import Options, checkouts, launch, of_checkout, spread
+from _bench import Options, launch, spread
+from _checkouts import checkouts, of_checkout
 
 CHILD = """
 import json, sys, time

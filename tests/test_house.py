@@ -21,6 +21,9 @@ from stancekit.planners.errors import not_installed
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("api", "planners", "runner", "views", "envs", "learners", "cli", "configs")
 """Each is the package of its name, but api, which is the root."""
+BESIDE = {"tests", "benchmarks", "docs", ".ci", ".github"}
+KINDS = {"", ".md", ".toml", ".py", ".txt", ".cff", ".in", ".yaml"}
+"""Endings of the files that lie at the root."""
 
 # Run by an interpreter without site (-I -S), so that no .pth file and hence no editable install
 # takes part. gurobipy wants the builtin `help`, which only site provides.
@@ -230,6 +233,12 @@ def test_every_module_says_what_it_is_for() -> None:
     ]
     assert silent == []
     assert len(looked_at) > 10
+
+
+def test_nothing_that_a_trial_or_a_test_left_lies_at_the_root() -> None:
+    files = project_files()
+    assert {path.parts[0] for path in files if len(path.parts) > 1} == {*FOLDERS, *BESIDE}
+    assert {path.suffix for path in files if len(path.parts) == 1} == KINDS
 
 
 def test_no_file_names_a_machine_or_a_package_host() -> None:
