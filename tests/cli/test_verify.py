@@ -7,6 +7,8 @@ from subprocess import run
 
 import pytest
 
+from tests.refusals import assert_names
+
 
 @pytest.fixture
 def pairs(stancekit, sampled, write):
@@ -187,10 +189,7 @@ def test_what_is_not_there_is_said_before_anything_is_imported_that_verifies():
 
 
 def test_bad_input_is_one_line(refusal, pairs, labelled):
-    assert (
-        refusal("verify", "none")
-        == "none: expected a plan, proof, gait or data set, found nothing there"
-    )
+    assert_names(refusal("verify", "none"), "none")
     said = refusal("verify", "problems.jsonl")
     assert said.endswith(
         ": expected a data set folder, a plan, a proof or a gait; beside posture problems, the file of "
@@ -206,9 +205,7 @@ def test_bad_input_is_one_line(refusal, pairs, labelled):
         assert said.startswith("damaged.json: ")
         assert message in said
         assert "answers after it" not in said
-    assert (
-        refusal("verify", "problems.jsonl", "none") == "none: expected a file, found nothing there"
-    )
+    assert_names(refusal("verify", "problems.jsonl", "none"), "none")
     for value in ("0", "1", "nan", "-1"):
         said = refusal("verify", "problems.jsonl", "answers.jsonl", "--tolerance", value)
         assert said.startswith("--tolerance: expected a number between 0 and 1, got ")

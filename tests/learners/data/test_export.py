@@ -19,7 +19,7 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.export import Exported, expert_action, export, load_exported
 from stancekit.learners.data.labelling import label
 from stancekit.planners.errors import InvalidInput
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 LOAD = """
 import minari, numpy as np
@@ -112,13 +112,13 @@ def test_bad_input_is_refused_and_leaves_nothing(dataset: Dataset, tmp_path: Pat
     (tmp_path / "full" / "mine").touch()
     (tmp_path / "file").touch()
     for out, message in (
-        ("full", "full: expected a new or empty folder, found files in it"),
-        ("file", "file: expected a new or empty folder, found a file"),
-        ("file/where", "file/where: expected a folder or room for one, got File exists"),
+        ("full", "full"),
+        ("file", "file"),
+        ("file/where", "file/where"),
     ):
         with pytest.raises(InvalidInput) as error:
             export(dataset, tmp_path / out)
-        assert str(error.value) == f"{tmp_path}/{message}"
+        assert_names(str(error.value), f"{tmp_path}/", message)
     with refuses("room"):
         export(dataset, tmp_path / "out", room=0.0)
     with refuses("data set"):

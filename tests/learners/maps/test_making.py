@@ -25,7 +25,7 @@ from stancekit.planners.problem.standing_map import (
     UNKNOWN,
     UNLIKELY,
 )
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 PIT = """v -2 -2 0
 v 2 -2 0
@@ -218,20 +218,20 @@ def test_limits_hold_the_share_of_wrong_calls() -> None:
 @pytest.mark.parametrize(
     ("how", "line"),
     [
-        ({"spacing_m": 10.0}, "spacing_m: expected a grid of one cell or more over"),
-        ({"spacing_m": 0.0}, "spacing_m: expected a number above 0, got 0"),
-        ({"headings": 0}, "headings: expected 1 to 3600, got 0"),
-        ({"spacing_m": 1e-4, "headings": 64}, "spacing_m, headings: expected 20000000 poses"),
-        ({"friction": -1.0}, "friction: expected a number"),
-        ({"error": 0.0}, "error: expected a number above 0 and below 1, got 0"),
-        ({"error": 1.0}, "error: expected a number above 0 and below 1, got 1"),
-        ({"time_limit_s": 0.0}, "time_limit_s: expected a number above 0, got 0"),
+        ({"spacing_m": 10.0}, "spacing_m"),
+        ({"spacing_m": 0.0}, "spacing_m"),
+        ({"headings": 0}, "headings"),
+        ({"spacing_m": 1e-4, "headings": 64}, "headings"),
+        ({"friction": -1.0}, "friction"),
+        ({"error": 0.0}, "error"),
+        ({"error": 1.0}, "error"),
+        ({"time_limit_s": 0.0}, "time_limit_s"),
     ],
 )
 def test_bad_numbers_are_refused(level: Path, how: dict[str, float], line: str) -> None:
     with pytest.raises(InvalidInput) as caught:
         stancekit.map(level, **how)  # type: ignore[arg-type]
-    assert str(caught.value).startswith(line)
+    assert_names(str(caught.value), line)
 
 
 def test_a_file_proves_no_footholds_and_no_poses_of_another_height(

@@ -35,7 +35,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 SMALL = GeneticSettings(population=10, generations=5, terrains=20, finalists=3, seed=3)
 
@@ -288,27 +288,21 @@ def test_another_checkpoint_is_refused(
         return str(caught.value)
 
     go(short, dataset.points)
-    other = f"{path}: expected the checkpoint of a run with these settings and data, got another's"
-    assert refused(replace(short, seed=9)) == other
+    assert_names(refused(replace(short, seed=9)), path)
     with refuses():
         go(short, dataset.points[:-1])
     with refuses():
         evolve(feasible, infeasible[::-1], dataset.points, short, oracle=oracle, checkpoint=path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    assert refused().startswith(f"{path}: expected arrays without pickle: File is not a zip file")
+    assert_names(refused(), path)
     path.write_bytes(b"")
-    assert refused().startswith(f"{path}: expected arrays without pickle: File is not a zip file")
+    assert_names(refused(), path)
     np.savez(path, other=np.zeros(3))
-    assert refused().startswith(
-        f"{path}: expected a checkpoint (stancekit/evolution/1), got the arrays ['other']"
-    )
+    assert_names(refused(), path)
     names = dict.fromkeys(("digest", "state", "population", "history", "counts"), np.zeros(1))
     np.savez(path, format=np.array("stancekit/evolution/2"), **names)
-    assert (
-        refused()
-        == f"{path}: format: expected 'stancekit/evolution/1', got 'stancekit/evolution/2'"
-    )
+    assert_names(refused(), path, "format")
 
 
 def test_nothing_in_a_checkpoint_is_unpickled(
@@ -328,30 +322,27 @@ def test_nothing_in_a_checkpoint_is_unpickled(
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"population": 1}, "population: expected greater than or equal to 2, got 1"),
-        ({"terrains": 2.5}, "terrains: expected a valid integer, got 2.5"),
-        ({"elites": 40}, "elites: expected fewer than the population of 40, got 40"),
-        ({"delta": 1.0}, "delta: expected less than 1, got 1.0"),
+        ({"population": 1}, "population"),
+        ({"terrains": 2.5}, "terrains"),
+        ({"elites": 40}, "elites"),
+        ({"delta": 1.0}, "delta"),
         (
             {"mutation_end": 0.5},
-            "mutation_start, mutation_end: expected 1 >= start >= end > 0, got 0.2 and 0.5",
+            "mutation_end",
         ),
-        ({"mutation_scale": float("nan")}, "mutation_scale: expected a finite number, got nan"),
+        ({"mutation_scale": float("nan")}, "mutation_scale"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidInput) as caught:
         GeneticSettings(**wrong)
-    assert str(caught.value) == message
+    assert_names(str(caught.value), message)
 
 
 def test_problems_of_one_label_only_are_refused(feasible: list[Scaled], dataset: Dataset) -> None:
     with pytest.raises(InvalidInput) as caught:
         evolve(feasible, [], dataset.points, SMALL)
-    assert (
-        str(caught.value)
-        == "problems: expected one or more of each label, got 40 feasible and 0 infeasible"
-    )
+    assert_names(str(caught.value), "problems")
 
 
 def test_what_cannot_be_searched_is_refused(
@@ -359,7 +350,7 @@ def test_what_cannot_be_searched_is_refused(
 ) -> None:
     with pytest.raises(InvalidInput) as caught:
         evolve(feasible, infeasible, np.zeros((0, 3, 6)), SMALL)
-    assert str(caught.value) == "points: expected one solution or more, got none"
+    assert_names(str(caught.value), "points")
     five = Scaled.of(distribution("wall-5").sample(np.random.default_rng(0)))
     with refuses():
         evolve(feasible, [five], np.zeros((1, 3, 6)), SMALL)

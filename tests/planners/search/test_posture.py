@@ -230,32 +230,24 @@ def refusal(call, *values, **named):
 
 def test_an_envelope_of_another_class_is_refused(programs, drawn, learned):
     planner = TwoStagePlanner(envelopes=learned, programs=programs)
-    of = "an envelope learned for wall-3"
-    assert refusal(planner.solve, drawn("wall-5", 0)) == (
-        f"contacts: expected legs ['RF', 'RR', 'LM'] for {of}, got ['RF', 'RM', 'RR', 'LF', 'LR']"
+    assert_names(refusal(planner.solve, drawn("wall-5", 0)), "contacts")
+    assert_names(
+        refusal(planner.solve, replace(drawn("wall-3", 0), force_scale_n=50.0)), "force_scale_n"
     )
-    assert refusal(planner.solve, replace(drawn("wall-3", 0), force_scale_n=50.0)) == (
-        f"force_scale_n: expected 98.1 for {of}, got 50"
-    )
-    assert refusal(planner.solve, replace(drawn("wall-3", 0), length_scale_m=0.5)) == (
-        f"length_scale_m: expected 0.6 for {of}, got 0.5"
+    assert_names(
+        refusal(planner.solve, replace(drawn("wall-3", 0), length_scale_m=0.5)), "length_scale_m"
     )
     up = replace(
         learned, normals=np.tile([0.0, 1.0, 0.0], (3, 1)), tilt_rad=np.full(3, np.deg2rad(30.0))
     )
-    contact = drawn("ground-3", 0).contacts[0]
-    lean = np.rad2deg(np.arccos(contact.patch.normal[1]))
-    assert refusal(
-        TwoStagePlanner(envelopes=up, programs=programs).solve, drawn("ground-3", 0)
-    ) == (
-        f"contacts[0].normal: expected one within 40° of [0.0, 1.0, 0.0] for {of}, got one {lean:.0f}° off"
+    assert_names(
+        refusal(TwoStagePlanner(envelopes=up, programs=programs).solve, drawn("ground-3", 0)),
+        "contacts[0].normal",
     )
 
 
 def test_an_unknown_projection_is_refused():
-    assert refusal(TwoStagePlanner, projection="fix-toe") == (
-        "projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, lift-fix-p, or FILE.py:NAME, got 'fix-toe'"
-    )
+    assert_names(refusal(TwoStagePlanner, projection="fix-toe"), "projection")
 
 
 def test_names_say_what_runs(learned):
@@ -276,18 +268,12 @@ def test_planners_are_made_by_name(learned):
     for method in ("exact", "p1", "lift", "two-stage", "nlp"):
         assert names[method] == method
     assert make_planner("two-stage", projection="fix-f", of="postures").posture_name == "lift+fix-f"
-    assert refusal(make_planner, "magic", of="postures") == (
-        "method: expected one of exact, p1, lift, two-stage, nlp, micp, or FILE.py:NAME, got 'magic'"
-    )
-    assert (
-        refusal(make_planner, "p1")
-        == "envelopes: expected an envelope for the relaxation p1, got none"
-    )
+    assert_names(refusal(make_planner, "magic", of="postures"), "method")
+    assert_names(refusal(make_planner, "p1"), "envelopes")
     assert (
         make_planner("exact", PlannerOptions(of="postures", time_limit_s=0.5)).time_limit_s == 0.5
     )
-    said = "envelopes: expected one envelope for micp, got 2"
-    assert refusal(make_planner, "micp", envelopes=learned, of="postures") == said
+    assert_names(refusal(make_planner, "micp", envelopes=learned, of="postures"), "envelopes")
 
 
 def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):

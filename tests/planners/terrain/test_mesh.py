@@ -13,6 +13,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.terrain.facets import facets_of
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.terrain_file import read_terrain
+from tests.refusals import assert_names
 
 trimesh = pytest.importorskip("trimesh")
 KINDS = ("stl", "obj", "ply")
@@ -158,10 +159,7 @@ def test_a_course_on_a_mesh_beside_its_file(saved, tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_mesh_in_millimetres_is_recognised_by_its_size(kind, saved):
     path = saved(trimesh.creation.box((1000.0, 2000.0, 500.0)), kind)
-    assert refusal(path) == (
-        f"{path.name}: expected a terrain of at most 50 m from end to end, got 2000 m; a file in millimetres is read "
-        "with unit_m: 0.001"
-    )
+    assert_names(refusal(path), path.name)
 
 
 def test_a_mesh_smaller_than_a_foot_is_refused(saved):
@@ -238,7 +236,4 @@ def test_a_file_without_a_mesh_is_refused_in_one_line(name, content, message, tm
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    assert (
-        refusal(tmp_path / "no.stl")
-        == f"{tmp_path / 'no.stl'}: expected a file, found nothing there"
-    )
+    assert_names(refusal(tmp_path / "no.stl"), tmp_path / "no.stl")

