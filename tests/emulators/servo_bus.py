@@ -118,7 +118,6 @@ class EmulatedBus(threading.Thread):
         self._everywhere(8, REGISTER_BAUDS.index(baud))
         self.goal_packets_s: list[float] = []
         self.torque_packets_s: list[float] = []
-        self.instructions = 0
         self._wire, self._rng = wire, np.random.default_rng(seed)
         self._answers, self._clock = ServoAnswers(self.servos, self._rng), EmulatedTime()
         self._master, self._slave = os.openpty()
@@ -189,7 +188,6 @@ class EmulatedBus(threading.Thread):
                 "goal_writes": servos.goal_writes,
                 "refused_goals": servos.refused_goals,
                 "still_s": self._still_s,
-                "instructions": self.instructions,
                 "happened": list(self._happened),
                 "goal_packets_s": self.goal_packets_s[-100:],
                 "torque_packets_s": self.torque_packets_s[-100:],
@@ -237,7 +235,6 @@ class EmulatedBus(threading.Thread):
 
     def _served(self, request: p2.Request, began: float) -> tuple[float, bytes]:
         """When the last byte of an answer is due, and the answer."""
-        self.instructions += 1
         heard = self._clock.tick()
         for index in range(len(self.servos.ids)):
             if self.servos.powered[index] and index not in self._answers.silent:

@@ -102,14 +102,10 @@ class Servos:
             self.position.copy(),
             np.zeros(n),
         )
-        self.jammed, self.powered, self.overloaded_s = (
-            np.zeros(n, bool),
-            np.ones(n, bool),
-            np.zeros(n),
-        )
-        self.heard_s, self.tripped_s, self.at_limit_s = np.zeros(n), np.full(n, np.nan), np.zeros(n)
+        self.jammed, self.powered = np.zeros(n, bool), np.ones(n, bool)
+        self.heard_s, self.at_limit_s = np.zeros(n), np.zeros(n)
         self.moved_s = 0.0
-        self.goal_writes, self.last_goal_s, self.refused_goals = 0, 0.0, 0
+        self.goal_writes, self.refused_goals = 0, 0
         self.stops, self.now = stops_rad, 0.0
         self.load_nm = np.zeros(n)
         self.table = [bytearray(256) for _ in self.ids]
@@ -186,7 +182,6 @@ class Servos:
         self._factory(index, range(EEPROM_END, 256))
         self.jammed[index] = False
         self._began_s[index] = self.now
-        self.overloaded_s[index], self.tripped_s[index] = 0.0, np.nan
         self._limits()
 
     def get(self, index: int, address: int, signed: bool = False) -> int:
@@ -214,12 +209,10 @@ class Servos:
             if self.get(index, 11) == 3 and not self.get(index, 52) <= value <= self.get(index, 48):
                 return DATA_LIMIT
             self.goal[index] = (value - 2048) / TICKS_RAD
-            self.goal_writes, self.last_goal_s = self.goal_writes + 1, self.now
+            self.goal_writes += 1
         if address == 64 and value and not torque:
             self.profile[index] = self.position[index]
             self.heard_s[index] = self.now
-        if address == 98:
-            self.tripped_s[index] = np.nan
         self._put(index, address, value)
         self._changed = self._changed or (address < INDIRECT and address != 116)
         return 0
@@ -244,7 +237,6 @@ class Servos:
         late = self._torque & (self.now - self.heard_s > self._watch_s) & self.powered
         for index in np.flatnonzero(late).tolist():
             self.profile[index] = self.goal[index] = self.position[index]
-            self.tripped_s[index] = self.now
             self._put(index, 98, TRIPPED)
             self._put(index, 112, 0)
             self._watch_s[index] = np.inf
@@ -270,11 +262,7 @@ class Servos:
         for index in np.flatnonzero(self.at_limit_s > OVERLOAD_S).tolist():
             if self.get(index, 63) & OVERLOAD:
                 self.fail(index, OVERLOAD)
-                self.overloaded_s[index], self.at_limit_s[index], self._torque[index] = (
-                    self.now,
-                    0.0,
-                    False,
-                )
+                self.at_limit_s[index], self._torque[index] = 0.0, False
 
     def _measure(self, index: int) -> None:
         """Realtime Tick, Present Current, Velocity and Position."""
