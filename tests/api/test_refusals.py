@@ -17,6 +17,8 @@ import stancekit.envs
 from stancekit.envs.curriculum import Curriculum
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.methods import SETTINGS
+from stancekit.postures import planner_of
 
 SELECTION, REFINEMENT = "stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"
 TRAVERSE, GAIT = "stancekit/Traverse-v0", "stancekit/WarpedGait-v0"
@@ -55,24 +57,31 @@ SOLVE: list[tuple[str, dict[str, Any]]] = [
     ("method", {"method": 7}),
     ("engine", {"engine": "fast"}),
     ("engine", {"method": ExactPlanner(), "engine": "cvxpy"}),
-    ("projection", {"method": ExactPlanner(), "projection": "scp"}),
     ("time_limit_s", {"method": ExactPlanner(), "time_limit_s": 1.0}),
 ]
 PLAN: list[tuple[str, dict[str, Any]]] = [
-    ("projection", {"projection": "nonsense"}),
-    ("projection", {"planner": "exact", "projection": "scp"}),
-    ("projection", {"planner": "nlp", "projection": "fix-p"}),
-    ("projection", {"planner": "decoupled", "projection": "fix-p"}),
-    ("relaxation", {"relaxation": "boxes"}),
-    ("relaxation", {"planner": "exact", "relaxation": "lift"}),
-    ("relaxation", {"planner": "micp", "relaxation": "lift"}),
-    ("envelopes", {"envelopes": ["net.safetensors"]}),
-    ("envelopes", {"relaxation": "envelope"}),
-    ("planner", {"planner": "magic"}),
+    ("method", {"method": "magic"}),
+    ("method", {"method": "p1"}),
+    ("method", {"method": 3}),
     ("frames", {"frames": 2.0}),
     ("frames", {"frames": True}),
-    ("reserve", {"reserve": "no"}),
-    ("engine", {"engine": "moreau"}),
+    ("settings", {"settings": 3}),
+    ("time_limit_s", {"time_limit_s": "1"}),
+    ("time_limit_s", {"time_limit_s": -1.0}),
+]
+METHODS: list[tuple[str, Callable[[], Any]]] = [
+    ("projection", lambda: stancekit.TwoStage(projection="nonsense")),
+    ("projection", lambda: stancekit.TwoStage(projection=3)),
+    ("relaxation", lambda: stancekit.TwoStage(relaxation="boxes")),
+    ("relaxation", lambda: stancekit.TwoStage(relaxation="envelope")),
+    ("envelopes", lambda: stancekit.TwoStage(relaxation="p1")),
+    ("envelopes", lambda: stancekit.TwoStage(relaxation="lift", envelopes=box())),
+    ("envelopes", lambda: stancekit.TwoStage(envelopes=["net.safetensors"])),
+    ("reserve", lambda: stancekit.TwoStage(reserve="no")),
+    ("gap", lambda: stancekit.Exact(gap="small")),
+    ("solver", lambda: stancekit.Micp(solver="cplex")),
+    ("solver", lambda: stancekit.Micp(solver=["highs"])),
+    ("intervals", lambda: stancekit.Micp(intervals="4")),
 ]
 OTHERS: list[tuple[str, Callable[[], Any]]] = [
     ("rng", lambda: stancekit.sample("wall-3", rng=1.5)),
@@ -84,7 +93,7 @@ OTHERS: list[tuple[str, Callable[[], Any]]] = [
     ("natural", lambda: stancekit.label("wall-3", "rows", natural="yes")),
     ("workers", lambda: stancekit.label("wall-3", "rows", workers="2")),
     ("workers", lambda: stancekit.label("wall-3", "rows", workers=0)),
-    ("feasible", lambda: stancekit.label("wall-3", "rows", feasible=True)),
+    ("rows", lambda: stancekit.label("wall-3", "rows", rows=(True, 3))),
     ("gait", lambda: stancekit.walk("ripple", (1.0, 0.0), gait="run")),
     ("dataset", lambda: stancekit.fit(3)),
     ("selector", lambda: stancekit.evaluate(3, "rows")),
@@ -210,18 +219,25 @@ def refused(begins: str, call: Callable[[], Any]) -> None:
 
 
 def test_there_are_more_than_a_hundred():
-    lists = (SOLVE, PLAN, OTHERS, ENVIRONMENTS, BATCHES, CURRICULA, RESETS)
+    lists = (SOLVE, PLAN, METHODS, OTHERS, ENVIRONMENTS, BATCHES, CURRICULA, RESETS)
     assert sum(map(len, lists)) > 100
 
 
 def test_solve_refuses_what_its_method_has_no_use_for():
     problem = stancekit.sample("wall-3", rng=8)[0]
     for begins, options in SOLVE:
-        refused(begins, lambda options=options: stancekit.solve(problem, **options))
+        refused(begins, lambda options=options: solved(problem, **options))
     for method in ("exact", "lift", "nlp"):
-        refused(
-            "envelopes", lambda method=method: stancekit.solve(problem, method, envelopes=box())
-        )
+        refused("envelopes", lambda method=method: solved(problem, method, envelopes=box()))
+
+
+def solved(problem: stancekit.Problem, method: Any = "exact", **options: Any) -> Any:
+    """The answer of a method with the settings that are given beside it."""
+    settings = {name: options.pop(name) for name in SETTINGS if name in options}
+    if settings:
+        method = planner_of(method, **settings, **options)
+        options = {}
+    return stancekit.solve(problem, method, **options)
 
 
 def test_plan_refuses_what_its_planner_has_no_use_for():
@@ -229,11 +245,24 @@ def test_plan_refuses_what_its_planner_has_no_use_for():
         refused(
             begins, lambda options=options: stancekit.plan("stairs", **{"frames": 2, **options})
         )
-    for planner in ("exact", "nlp", "decoupled"):
-        refused(
-            "envelopes",
-            lambda planner=planner: stancekit.plan("stairs", planner, frames=2, envelopes=box()),
-        )
+    for begins, make in METHODS:
+        refused(begins, make)
+
+
+@pytest.mark.parametrize(
+    ("function", "name"),
+    [("plan", "reserve"), ("solve", "projection"), ("walk", "heading_rad"), ("label", "feasible")],
+)
+def test_an_argument_that_a_function_does_not_have_is_refused_as_of_any(function, name):
+    asked = {
+        "plan": ("stairs",),
+        "solve": (stancekit.sample("wall-3", rng=8)[0],),
+        "walk": ("ripple", (1.0, 0.0)),
+        "label": ("wall-3", "rows"),
+    }[function]
+    said = rf"^stancekit\.{function}: got an unexpected keyword argument '{name}'; it takes "
+    with pytest.raises(TypeError, match=said):
+        getattr(stancekit, function)(*asked, **{name: 0.1})
 
 
 def test_other_functions_refuse_at_the_call(tmp_path, monkeypatch):

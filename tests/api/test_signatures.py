@@ -1,7 +1,6 @@
 """The public names with their signatures, as text: a change of what users call is seen in a diff.
 
-``python tests/api/test_signatures.py`` writes ``signatures.txt`` anew; CHANGELOG.md says what took
-the place of what.
+``python tests/api/test_signatures.py`` writes ``signatures.txt`` anew.
 """
 
 from __future__ import annotations

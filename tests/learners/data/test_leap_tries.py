@@ -33,7 +33,7 @@ from stancekit.planners.problem.leap_json import leap_to_json
 from stancekit.planners.verify.leaps import check_leap
 
 PLAN = TryPlan(
-    distribution="leap",
+    distribution="leap-hard",
     scenes=5,
     tries={"random": 4, "finder": 3, "noise": 2},
     shard_size=18,
@@ -101,7 +101,7 @@ def test_scenes_are_those_of_the_class_to_the_last_bit(whole: Path) -> None:
     arrays = tries.scenes()
     assert arrays["vertices_m"].shape == (5, 8, 8, 3, 3)
     for number, leap in enumerate(tries.leaps()):
-        drawn = leap_class("leap").draw(
+        drawn = leap_class("leap-hard").draw(
             np.random.default_rng([PLAN.seed, number]), f"leap-3-{number}"
         )
         assert leap_to_json(leap) == leap_to_json(drawn) == leap_to_json(tries.leap(number))
@@ -366,7 +366,10 @@ def test_damaged_shards_are_one_line(copy: Path) -> None:
             {"tries": {"random": 1}},
             "tries: expected {'random': 1} as planned, got {'random': 4, 'finder': 3, 'noise': 2}",
         ),
-        ({"distribution": "leap-few"}, "distribution: expected 'leap-few' as planned, got 'leap'"),
+        (
+            {"distribution": "leap-few"},
+            "distribution: expected 'leap-few' as planned, got 'leap-hard'",
+        ),
     ],
 )
 def test_another_plan_is_refused_and_changes_nothing(
@@ -417,22 +420,26 @@ def test_equal_plans_are_equal_whatever_the_sequence_of_their_tries() -> None:
     ("name", "given", "message"),
     [
         ("leap-far", {"scenes": 1}, "distribution: expected one of leap"),
-        ("leap", {}, "scenes: expected how many leaps of leap, got none"),
-        ("leap", {"scenes": 1, "rows": 5}, "rows: expected none with leaps of leap, got 5"),
+        ("leap-hard", {}, "scenes: expected how many leaps of leap-hard, got none"),
         (
-            "leap",
+            "leap-hard",
+            {"scenes": 1, "rows": 5},
+            "rows: expected none with leaps of leap-hard, got 5",
+        ),
+        (
+            "leap-hard",
             {"scenes": 1, "robot": "anymal"},
-            "robot: expected none with leaps of leap, got 'anymal'",
+            "robot: expected none with leaps of leap-hard, got 'anymal'",
         ),
         (
-            "leap",
+            "leap-hard",
             {"scenes": 1, "natural": True},
-            "natural: expected none with leaps of leap, got True",
+            "natural: expected none with leaps of leap-hard, got True",
         ),
         (
-            "leap",
+            "leap-hard",
             {"scenes": 1, "proposers": "a.safetensors"},
-            "proposers: expected none with leaps of leap, got ",
+            "proposers: expected none with leaps of leap-hard, got ",
         ),
         ("wall-3", {"scenes": 1}, "scenes: expected none with postures, got 1"),
         ("wall-3", {"tries": {"rule": 1}}, "tries: expected none with postures, got "),
