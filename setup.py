@@ -12,6 +12,7 @@ from pathlib import Path
 
 from setuptools import Command, setup
 from setuptools.command.editable_wheel import editable_wheel
+from setuptools.command.sdist import sdist
 
 DATA = [
     "py.typed",
@@ -25,6 +26,14 @@ DATA = [
     "pool-*/*",
 ]
 FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")
+PAGES = [
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "constraints.txt",
+    "docs/CONTRIBUTING.md",
+    "docs/SECURITY.md",
+]
+"""What a source distribution has beside the package."""
 EDITABLE = Path(".editable")
 
 
@@ -65,6 +74,15 @@ class Editable(editable_wheel):
         super().run()
 
 
+class Source(sdist):
+    """A source distribution with its pages."""
+
+    def make_distribution(self) -> None:
+        """Take them beside what is always there."""
+        self.filelist.extend(PAGES)
+        super().make_distribution()
+
+
 package_dir = {
     "": str(EDITABLE),
     "stancekit": "api",
@@ -82,6 +100,6 @@ setup(
     packages=packages,
     package_dir=package_dir,
     package_data=dict.fromkeys(packages, DATA),
-    cmdclass={"links": LinkPackages, "editable_wheel": Editable},
+    cmdclass={"links": LinkPackages, "editable_wheel": Editable, "sdist": Source},
     options={"editable_wheel": {"mode": "compat"}, "egg_info": {"egg_base": "."}},
 )

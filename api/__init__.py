@@ -16,7 +16,6 @@ and loads no solver. The environments are Gymnasium's:
 
 from __future__ import annotations
 
-import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -151,15 +150,6 @@ _HOMES = {
 }
 """Where each name lives: what the imports above say to type checkers, said to the interpreter
 (compared by a test)."""
-_OLD = {
-    "CertificateReport": "Report",
-    "GaitPlan": "Answer",
-    "GaitReport": "Report",
-    "LeapOutcome": "Answer",
-    "Outcome": "Answer",
-    "PlanOutcome": "Answer",
-}
-"""Names of before, for one release."""
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 
@@ -171,19 +161,6 @@ if not TYPE_CHECKING:  # or a checker would take any name for one that there is
             from importlib.metadata import version
 
             value: Any = version("stancekit")
-        elif name in _OLD:
-            warnings.warn(
-                f"stancekit.{name} is old: stancekit.{_OLD[name]}", DeprecationWarning, stacklevel=2
-            )
-            return __getattr__(_OLD[name])
-        elif name in ("Course", "PostureProblem"):
-            from .planners.problem.old import renamed
-
-            return renamed(name, "stancekit")
-        elif name == "Posture":
-            from .planners.answer.old import renamed as made_plan
-
-            return made_plan("stancekit")
         elif name in _HOME:
             value = getattr(import_module(f".{_HOME[name]}", __name__), name)
         else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
@@ -29,16 +28,10 @@ from stancekit.planners.verify.leaps import check_leap
 from stancekit.planners.verify.trajectories import check_trajectory
 
 from .checks import TOLERANCE, check_file, check_rows
-from .upgrading import old_form
 
 
 @checked
-def explain(
-    subject: Answer[Any] | Certificate | Problem | Leap,
-    certificate: Certificate | None = None,
-    *,
-    tolerance: float | None = None,
-) -> Explanation:
+def explain(subject: Answer[Any] | Certificate, *, tolerance: float | None = None) -> Explanation:
     """Why is there no posture, or no plan: how far each single parameter must change before the
     certificate fails.
 
@@ -50,7 +43,6 @@ def explain(
     Arguments:
         subject: an infeasible answer of ``solve`` or ``plan``, or its certificate, which knows its
             problem.
-        certificate: beside a problem as the subject, which is the old form.
         tolerance: largest moment residual that a proof leaves open, non-dimensional; the verifier's
             own where None.
 
@@ -60,8 +52,8 @@ def explain(
         relaxations, and the message says why.
 
     Raises:
-        InvalidInput: for an answer that is not infeasible, a certificate that does not know its
-            problem, and a second one beside it. A bad certificate is refused in the message.
+        InvalidInput: for an answer that is not infeasible, and a certificate that does not know
+            its problem. A bad certificate is refused in the message.
     Source:
         Lagrangian bounds of E1-E11.
 
@@ -71,24 +63,14 @@ def explain(
         >>> stancekit.explain(outcome).relaxations[0].parameter
         'friction'
     """
-    if isinstance(subject, Answer | Certificate) and certificate is not None:
-        kind = "an answer" if isinstance(subject, Answer) else "a certificate"
-        raise InvalidInput(
-            f"certificate: expected none with {kind}, which has its own, got a Certificate"
-        )
     if isinstance(subject, Answer):
         certificate = _proof(subject)
         if certificate is None or subject.status is not Status.INFEASIBLE:
             raise InvalidInput(
                 f"explain: expected an answer that is infeasible, got one that is {subject.status}"
             )
-    elif isinstance(subject, Certificate):
-        certificate = subject
-    elif certificate is None:
-        raise InvalidInput(f"certificate: expected one with a {type(subject).__name__}, got none")
     else:
-        old_form("explain(problem, certificate)", "explain(certificate), which knows its problem")
-        certificate = certificate.of(subject)
+        certificate = subject
     if isinstance(certificate.problem, Leap) and tolerance is not None:
         raise InvalidInput(
             "tolerance: expected none with a leap, whose proofs leave no residual open"
@@ -97,29 +79,22 @@ def explain(
 
 
 @overload
-def verify(subject: Problem, answer: Plan, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
+def verify(subject: Certificate) -> Report[Certificate]: ...
 @overload
-def verify(subject: Certificate, answer: None = None) -> Report[Certificate]: ...
+def verify(subject: Answer[Any], *, tolerance: float = TOLERANCE) -> Report[Any]: ...
 @overload
-def verify(subject: Problem | Leap, answer: Certificate) -> Report[Certificate]: ...
+def verify(subject: Plan, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
 @overload
-def verify(
-    subject: Answer[Any], answer: None = None, *, tolerance: float = TOLERANCE
-) -> Report[Any]: ...
+def verify(subject: Crossing) -> Report[Crossing]: ...
 @overload
-def verify(subject: Plan, answer: None = None, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
+def verify(subject: LeapPlan) -> Report[LeapPlan]: ...
 @overload
-def verify(subject: Crossing, answer: None = None) -> Report[Crossing]: ...
+def verify(subject: Trajectory) -> Report[Trajectory]: ...
 @overload
-def verify(subject: LeapPlan, answer: None = None) -> Report[LeapPlan]: ...
-@overload
-def verify(subject: Trajectory, answer: None = None) -> Report[Trajectory]: ...
-@overload
-def verify(subject: Dataset | LeapTries, answer: None = None) -> RecheckReport: ...
+def verify(subject: Dataset | LeapTries) -> RecheckReport: ...
 @overload
 def verify(
     subject: str | Path,
-    answer: None = None,
     *,
     tolerance: float = TOLERANCE,
     robot: str | Path | None = None,
@@ -130,8 +105,6 @@ def verify(
 def verify(
     subject: Answer[Any]
     | Certificate
-    | Problem
-    | Leap
     | Plan
     | LeapPlan
     | Crossing
@@ -140,7 +113,6 @@ def verify(
     | LeapTries
     | str
     | Path,
-    answer: Plan | Certificate | None = None,
     *,
     tolerance: float = TOLERANCE,
     robot: str | Path | None = None,
@@ -155,8 +127,6 @@ def verify(
             certificate, a plan of key frames, of one or of a leap, a gait trajectory, a data set,
             the file of a plan, a proof, a leap or a gait, the folder of a data set or the name of
             one that ships.
-        answer: beside a problem as the subject, which is the old form: a certificate, or the plan
-            of a posture problem.
         tolerance: largest violation of a constraint by an accepted posture or plan,
             non-dimensional. Certificates and walks have limits of their own.
         robot: name or file of the robot that the plan or walk in a file must be for.
@@ -171,8 +141,8 @@ def verify(
         ``FileCheck`` with one.
 
     Raises:
-        InvalidInput: for a pair that does not belong together. A bad answer is refused in the
-            report, and not raised.
+        InvalidInput: for an option that has no use for what is judged. A bad answer is refused in
+            the report, and not raised.
     Source:
         E1-E11; W2-W7, between the knots, too.
 
@@ -182,40 +152,27 @@ def verify(
         >>> stancekit.verify(stancekit.solve(problem).solution).accepted
         True
     """
-    if isinstance(subject, str | Path) and answer is None and os.path.isfile(subject):
+    if isinstance(subject, str | Path) and os.path.isfile(subject):
         return check_file(subject, tolerance=tolerance, robot=robot, course=course, terrain=terrain)
     for name, value in (("robot", robot), ("course", course), ("terrain", terrain)):
         if value is not None:
             raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {value}")
-    if isinstance(subject, Answer) and answer is None:
-        subject = _evidence(subject)
-    for one in (subject, getattr(subject, "problem", None)):
-        if isinstance(one, Problem):
-            one.check_whole()
-    match subject, answer:
-        case Problem(is_posture=True), Plan():
-            old_form("verify(problem, posture)", "verify(plan), which knows its problem")
-            return check_plan(replace(answer, problem=subject), tolerance=tolerance)
-        case Certificate(), None:
-            return check_certificate(subject)
-        case ((Problem() | Leap()), Certificate()):
-            old_form("verify(problem, certificate)", "verify(certificate), which knows its problem")
-            return check_certificate(answer.of(subject))
-        case Crossing(), None:
-            return check_crossing(subject)
-        case LeapPlan(), None:
-            return check_leap(subject, body=True)
-        case Plan(), None:
-            return check_plan(subject, tolerance=tolerance, joints=True, margins=True)
-        case Trajectory(), None:
-            return check_trajectory(subject)
-        case ((Dataset() | LeapTries() | str() | Path()), None):
-            return check_rows(subject, tolerance=tolerance)
-    came = " with ".join(type(one).__name__ for one in (subject, answer) if one is not None)
-    raise InvalidInput(
-        "verify: expected alone a certificate, a plan, a trajectory, a data set or a file; got "
-        f"{came}"
-    )
+    evidence = _evidence(subject) if isinstance(subject, Answer) else subject
+    if isinstance(problem := getattr(evidence, "problem", None), Problem):
+        problem.check_whole()
+    match evidence:
+        case Certificate():
+            return check_certificate(evidence)
+        case Crossing():
+            return check_crossing(evidence)
+        case LeapPlan():
+            return check_leap(evidence, body=True)
+        case Plan():
+            return check_plan(evidence, tolerance=tolerance, joints=True, margins=True)
+        case Trajectory():
+            return check_trajectory(evidence)
+        case _:
+            return check_rows(evidence, tolerance=tolerance)
 
 
 def _proof(answer: Answer[Any]) -> Certificate | None:

@@ -9,13 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, overload
 
-import numpy as np
-
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.arguments import check_argument, checked, settings_from
+from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
@@ -35,41 +33,10 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
-from stancekit.planners.search.plan_course import ALL_FRICTION, LayOut, plan_course
+from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.plan_settings import PlanSettings
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
-
-from .upgrading import old_arguments
-
-OLD = {
-    "planner": "plan(course, method)",
-    "reserve": "plan(course, TwoStage(reserve=...))",
-    "relaxation": "plan(course, TwoStage(relaxation=...))",
-    "envelopes": "plan(course, TwoStage(envelopes=...))",
-    "projection": "plan(course, TwoStage(projection=...))",
-    "torque_nm": "plan(course, settings=PlanSettings(body=WholeBodyLimits(torque_nm=...)))",
-    "torque_share": "plan(course, settings=PlanSettings(body=WholeBodyLimits(share=...)))",
-    "clearance_m": "plan(course, settings=PlanSettings(body=WholeBodyLimits(clearance_m=...)))",
-    "body": "plan(course, settings=PlanSettings(body=...))",
-    "push_n": "plan(course, settings=PlanSettings(push_n=...))",
-    "wrench": "plan(course, settings=PlanSettings(wrench=...))",
-    "standing": "plan(course, settings=PlanSettings(standing=...))",
-    "checkpoint": "plan(course, settings=PlanSettings(checkpoint=...))",
-}
-LIMITS = {"torque_nm": "torque_nm", "torque_share": "share", "clearance_m": "clearance_m"}
-BESIDE = (
-    "course",
-    "method",
-    "start_xy_m",
-    "goal_xy_m",
-    "frames",
-    "robot",
-    "settings",
-    "time_limit_s",
-    "progress",
-)
-"""Arguments of ``plan``, for messages."""
 
 
 @overload
@@ -84,7 +51,6 @@ def plan(
     settings: PlanSettings = PlanSettings(),
     time_limit_s: float = 60.0,
     progress: Callable[[int, int], object] | None = None,
-    **old: Any,
 ) -> Answer[Plan]: ...
 @overload
 def plan(
@@ -110,7 +76,6 @@ def plan(
     settings: PlanSettings = PlanSettings(),
     time_limit_s: float = 60.0,
     progress: Callable[[int, int], object] | None = None,
-    **old: Any,
 ) -> Answer[Plan] | Answer[LeapPlan] | Answer[Crossing]:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb
     carries; or a leap.
@@ -139,7 +104,6 @@ def plan(
             own limit, too.
         progress: function called after every piece of such a course with the number of key frames
             planned and the number in all.
-        old: settings as arguments of their own, the old form.
 
     Returns:
         An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every
@@ -169,26 +133,18 @@ def plan(
         course, robot = _read_leap(course, robot), None
     if isinstance(course, Leap):
         places = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m}
-        usual = vars(PlanSettings())
-        changed = {
-            k: v for k, v in old.items() if k not in usual or not np.array_equal(v, usual[k])
-        }
-        others = {**places, "frames": frames, "robot": robot, **changed}
+        others = {**places, "frames": frames, "robot": robot}
         return _leap(course, method, settings, others, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(
             f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}"
         )
-    renamed = old_arguments("plan", old, OLD, BESIDE) if old else {}
-    method, settings, its_own = _in_new_form(method, settings, renamed)
-    shares = None if _reserved(method, its_own) else ALL_FRICTION
     question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
-    planner = _planner("planner" if "planner" in old else "method", method, its_own, time_limit_s)
+    planner = _planner(method, time_limit_s)
     by_frames = partial(
         plan_course,
         question,
         planner,
-        shares=shares,
         limits=settings.body,
         push_n=settings.push_n,
         wrench=None if settings.wrench is None else wrench_of(settings.wrench),
@@ -299,65 +255,20 @@ def _leap(
     return judged_answer(answer, programs_of_this_thread(), share=method.share, deadline=deadline)
 
 
-def _in_new_form(
-    method: str | Method | Planner, settings: PlanSettings, old: dict[str, Any]
-) -> tuple[str | Method | Planner, PlanSettings, dict[str, Any]]:
-    """Method, settings, and the settings of the method that a call of ``plan`` asks for, some of
-    it by old arguments.
+def _planner(method: str | Method | Planner, time_limit_s: float) -> Planner:
+    """The planner of a method, or one that was made before.
 
     Raises InvalidInput.
     """
-    renamed = dict(old)
-    if "planner" in renamed and method != "two-stage":
-        raise InvalidInput("planner: expected it once, got a method, too")
-    method = renamed.pop("planner", method)
-    check_argument("planner", method, str | Method | Planner)
-    moved = {
-        name: renamed.pop(name) for name in PlanSettings.__dataclass_fields__ if name in renamed
-    }
-    usual = PlanSettings()
-    for name in moved:
-        if not np.array_equal(getattr(settings, name), getattr(usual, name)):
-            raise InvalidInput(f"{name}: expected it once, got it in settings, too")
-    if moved:
-        made = settings_from(PlanSettings, moved)  # which holds them against their annotations
-        settings = replace(settings, **{name: getattr(made, name) for name in moved})
-    limits = {LIMITS[name]: renamed.pop(name) for name in LIMITS if name in renamed}
-    for name in limits:
-        if getattr(settings.body, name) != getattr(usual.body, name):
-            raise InvalidInput(f"{name}: expected it once, got it in settings.body, too")
-    if limits:
-        settings = replace(settings, body=replace(settings.body, **limits))
-    return method, settings, renamed
-
-
-def _reserved(method: str | Method | Planner, settings: dict[str, Any]) -> bool:
-    """Tell whether a planner is asked for friction in reserve; a method with a setting of that name
-    says so itself.
-    """
-    if isinstance(method, Method) or method == "two-stage":
-        return True
-    return bool(settings.pop("reserve", True))
-
-
-def _planner(
-    called: str, method: str | Method | Planner, settings: dict[str, Any], time_limit_s: float
-) -> Planner:
-    """The planner of a method, or one that was made before.
-
-    Raises InvalidInput, which begins with what the argument is called.
-    """
     if not isinstance(method, str | Method):
-        for name in settings:
-            raise InvalidInput(f"{name}: expected none for a planner that was made before")
         return through_verifier(method, "courses")
     options = PlannerOptions(time_limit_s=time_limit_s, programs=programs_of_this_thread())
     try:
-        return make_planner(method, options, of="courses", **settings)
+        return make_planner(method, options, of="courses")
     except InvalidInput as error:
         message = str(error)
         if message.startswith("planner:"):
-            message = f"{called}{message.removeprefix('planner')}"
+            message = f"method{message.removeprefix('planner')}"
         raise InvalidInput(message) from None
 
 

@@ -16,14 +16,12 @@ from stancekit.learners.data import labelling, leap_tries
 from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.labelling import Progress
-from stancekit.planners.arguments import check_argument, checked
+from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.validation import shown
 from stancekit.planners.problem.leap_names import is_leap_class as is_leap_class
 from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot.model import Robot
-
-from .upgrading import old_arguments
 
 if TYPE_CHECKING:
     from stancekit.learners.surrogates.surrogate import Surrogate
@@ -37,15 +35,12 @@ FURTHER: Mapping[str, Any] = {
     "tries": Mapping[str, int] | None,
 }
 """Arguments that ``label`` takes by name beside its parameters."""
-OLD = {
-    "feasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
-    "infeasible": "label(..., rows=(FEASIBLE, INFEASIBLE))",
-}
 USUAL_ROWS = (500, 500)
 """How many feasible and infeasible ones there are where nothing is said."""
 SCREEN_ERROR = 0.04
 """Share of the rows that may be lost by a screen where nothing is said."""
 BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "progress", *FURTHER)
+"""All of them, for messages."""
 
 
 @overload
@@ -132,22 +127,20 @@ def label(
         >>> len(train), train.labels[0] in ("feasible", "infeasible")
         (12, True)
     """
-    options = {name: value for name, value in further.items() if name in FURTHER}
-    old = {name: value for name, value in further.items() if name not in FURTHER}
+    check_names("label", further, BESIDE)
+    options = dict(further)
     for key, value in options.items():
         check_argument(key, value, FURTHER[key])
     run = processes(int(workers)) if isinstance(workers, int | Integral) else workers
     if isinstance(problems, str) and is_leap_class(problems):
-        asked_of = {"robot": robot, "terrain": terrain} | options | old
+        asked_of = {"robot": robot, "terrain": terrain} | options
         _check_no_use(asked_of, but=("scenes", "shard_size", "tries"), of=f"leaps of {problems}")
         if rows is not USUAL_ROWS:
             raise InvalidInput(f"rows: expected none with leaps of {problems}, got {shown(rows)}")
         return _leaps(problems, folder, options, seed=int(seed), run=run, progress=progress)
     of_leaps = {name: options.pop(name, None) for name in ("scenes", "tries")}
     _check_no_use(of_leaps, of="postures")
-    wanted = _rows(
-        rows, options.pop("natural", False), old_arguments("label", old, OLD, BESIDE) if old else {}
-    )
+    wanted = _rows(rows, options.pop("natural", False))
     name, source = problems, None
     if not isinstance(problems, str) or isinstance(robot, Robot):
         source = distribution_of(problems, robot=robot, terrain=terrain)
@@ -279,17 +272,11 @@ def _check_no_use(given: Mapping[str, Any], of: str, but: tuple[str, ...] = ()) 
             raise InvalidInput(f"{name}: expected none with {of}, got {shown(value)}")
 
 
-def _rows(rows: tuple[int, int] | int, natural: bool, old: dict[str, Any]) -> dict[str, Any]:
+def _rows(rows: tuple[int, int] | int, natural: bool) -> dict[str, Any]:
     """The rows as a ``LabelPlan`` has them.
 
     Raises InvalidInput.
     """
-    for name, value in old.items():
-        check_argument(name, value, int)
-    if old:
-        if rows != USUAL_ROWS:
-            raise InvalidInput(f"{next(iter(old))}: expected none beside rows, got both")
-        return {"feasible": 500, "infeasible": 500, "natural": natural, **old}
     if not isinstance(rows, tuple):
         return {"feasible": int(rows), "infeasible": 0, "natural": True}
     if len(rows) != 2 or any(

@@ -66,12 +66,11 @@ _READERS: Mapping[str, Callable[[Path], Any]] = {
     "modes": read_modes,
     "plan": lambda path: plan_file.read_plan(path)[0],
     "proof": proof_file.read_proof,
-    "no-plan": proof_file.read_proof,
     "leap": lambda path: _leap(path),
     "crossing": crossing_file.read_crossing,
     "gait": lambda path: _trajectory(path),
 }
-"""By what stands between the slashes of a file's format, e.g. ``stancekit/plan/2``."""
+"""By what stands between the slashes of a file's format, e.g. ``stancekit/plan/3``."""
 
 
 @overload
@@ -237,8 +236,6 @@ def _read(path: Path) -> Any:
         return read_course(path) if "terrain" in data else named_walker(path)
     if path.suffix == ".urdf":
         return named_walker(path)
-    if path.suffix == ".npz":
-        return plan_file.read_plan(path)[0]
     if path.suffix != ".json":
         return _problems(path)
     data = read_json(path)

@@ -15,15 +15,6 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.search.answer import Kind, Planner, kind_of
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 
-from .upgrading import old_arguments
-
-OLD = {
-    "envelopes": "solve(problem, TwoStage(envelopes=...))",
-    "projection": "solve(problem, TwoStage(projection=...))",
-    "solver": "solve(problem, Micp(solver=...))",
-    "intervals": "solve(problem, Micp(intervals=...))",
-}
-
 
 @checked
 def solve(
@@ -31,7 +22,6 @@ def solve(
     method: str | Method | Planner = "exact",
     *,
     time_limit_s: float | None = None,
-    **old: Any,
 ) -> Answer[Any]:
     """Can the robot hold this posture, and how?
 
@@ -43,14 +33,13 @@ def solve(
         method: a value with its settings: ``Exact()`` branches and bounds to a verdict with
             evidence; ``TwoStage(...)`` relaxes, over learned envelopes or by the lift, and
             projects; ``Nlp()`` is IPOPT; ``Micp(...)`` a piecewise McCormick grid. Or text:
-            "exact", "two-stage", "nlp", "micp" with the settings as they come, "p1" and "lift"
+            "exact", "two-stage", "nlp", "micp" with the settings as they come, "lift"
             without the projection, a name that a package registered under ``stancekit.planners``,
             or "FILE.py:NAME". Or a planner that was made before, which keeps its compiled models
             from problem to problem (what one from elsewhere says counts as far as the verifier
             accepts it).
         time_limit_s: time limit for exact, nlp and micp, and for all of a course; the answer is
             undecided if it ends first. 30 by default, 60 for a course [s].
-        old: settings of methods as arguments, the old form.
 
     Returns:
         An ``Answer``: feasible with a posture, of a course with a plan, its ``solution``, or
@@ -70,17 +59,14 @@ def solve(
         >>> outcome.status.value, outcome.solution.toes_m.shape
         ('feasible', (3, 3))
     """
-    beside = ("problem", "method", "time_limit_s")
-    settings = old_arguments("solve", old, OLD, beside) if old else {}
     of = kind_of(problem)
     if isinstance(method, str | Method):
-        return planner_of(method, of=of, time_limit_s=time_limit_s, **settings).solve(problem)
-    for name, value in (*settings.items(), ("time_limit_s", time_limit_s)):
-        if value is not None:
-            raise InvalidInput(
-                f"{name}: expected none for a planner that was made before, which has no use for "
-                f"it, got {value!r}"
-            )
+        return planner_of(method, of=of, time_limit_s=time_limit_s).solve(problem)
+    if time_limit_s is not None:
+        raise InvalidInput(
+            "time_limit_s: expected none for a planner that was made before, which has no use for "
+            f"it, got {time_limit_s!r}"
+        )
     return through_verifier(method, of).solve(problem)
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.arguments import check_argument, checked
+from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.arrays import checked as checked_number
@@ -25,8 +25,6 @@ from stancekit.planners.problem.walk import Walk as Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.terrain import Terrain
-
-from .upgrading import old_arguments
 
 OF_WALK = (
     "start_yaw_rad",
@@ -51,12 +49,6 @@ OF_SEARCH = (
 LIMITS = {True: 80, False: 200}
 """Iterations of one solve in a portfolio, and in one chart."""
 MOST_SEEDS = 1000
-OLD = {
-    "heading_rad": "walk(..., start_yaw_rad=...)",
-    "heading_end_rad": "walk(..., end_yaw_rad=...)",
-    "total_s": "walk(..., time_limit_s=...)",
-}
-NOW = {"heading_rad": "start_yaw_rad", "heading_end_rad": "end_yaw_rad", "total_s": "time_limit_s"}
 
 
 @checked
@@ -123,7 +115,6 @@ def walk(
         >>> answer.status.value, answer.solution.feet_m.shape[1:]
         ('feasible', (4, 3))
     """
-    further = (*OF_WALK, *OF_SEARCH)
     beside = (
         "terrain",
         "goal_xy_m",
@@ -133,16 +124,12 @@ def walk(
         "duration_s",
         "chart",
         "time_limit_s",
-        *further,
+        *OF_WALK,
+        *OF_SEARCH,
     )
-    old = {name: value for name, value in task.items() if name not in further}
-    options = {name: value for name, value in task.items() if name in further}
-    moved = {NOW[name]: value for name, value in old_arguments("walk", old, OLD, beside).items()}
-    if both := options.keys() & moved.keys():
-        raise InvalidInput(f"{both.pop()}: expected it once, got it in its old form, too")
-    options |= moved
-    limit_s = options.pop("time_limit_s", time_limit_s)
-    fields = {name: options.pop(name) for name in OF_WALK if name in options}
+    check_names("walk", task, beside)
+    fields = {name: value for name, value in task.items() if name in OF_WALK}
+    options = {name: value for name, value in task.items() if name in OF_SEARCH}
     if isinstance(terrain, Walk):
         usual = {"goal_xy_m": goal_xy_m is None, "start_xy_m": tuple(start_xy_m) == (0.0, 0.0)}
         usual |= {
@@ -169,7 +156,7 @@ def walk(
             **fields,
         )
     return walked(
-        task_asked, *search_of(task_asked, chart=chart, time_limit_s=limit_s, **options)
+        task_asked, *search_of(task_asked, chart=chart, time_limit_s=time_limit_s, **options)
     ).answer
 
 

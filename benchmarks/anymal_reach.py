@@ -22,23 +22,26 @@ import tyro
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.robot_file import RobotKeys, model_of_keys
 from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.urdf_reader import JointCorrection
 from stancekit.planners.robot.walker import walker_of
 
-POSTURE = [
-    -0.1,
-    0.7,
-    -1.0,
-    -0.1,
-    -0.7,
-    1.0,
-    0.1,
-    0.7,
-    -1.0,
-    0.1,
-    -0.7,
-    1.0,
-]  # "standing" of the SRDF beside it
-FEET = ["LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"]
+POSTURE = {
+    "L?_HAA": -0.1,
+    "R?_HAA": 0.1,
+    "?F_HFE": 0.7,
+    "?H_HFE": -0.7,
+    "?F_KFE": -1.0,
+    "?H_KFE": 1.0,
+}  # "standing" of the SRDF beside it
+LIMITS = {
+    "L?_HAA": (-0.7, 0.5),
+    "R?_HAA": (-0.5, 0.7),
+    "?F_HFE": (-0.3, 1.7),
+    "?H_HFE": (-1.7, 0.3),
+    "?F_KFE": (-2.4, -0.4),
+    "?H_KFE": (0.4, 2.4),
+}
+FEET = {name: f"{name}_FOOT" for name in ("LF", "RF", "LH", "RH")}
 URDF = "share/example-robot-data/robots/anymal_b_simple_description/robots/anymal.urdf"
 POINTS = 4000
 
@@ -58,7 +61,7 @@ def main(urdf: tyro.conf.Positional[Path | None] = None, /) -> None:
         urdf=str(path.resolve()),
         feet=FEET,
         posture_rad=POSTURE,
-        ranges_rad=[(0.6, 0.6), (1.0, 1.0), (1.4, 0.6)],
+        joints={name: JointCorrection(limits_rad=limits) for name, limits in LIMITS.items()},
     )
     model, printed, rng = model_of_keys(keys, path), anymal(), np.random.default_rng(0)
     walker = walker_of(model, ceiling_m=-0.2, inner_m=0.08)

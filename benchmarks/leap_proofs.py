@@ -175,7 +175,7 @@ def solved_and_cut(options: Asked, programs: Programs) -> list[LeapPlan]:
     plans: list[LeapPlan] = []
     evaluated, refuted, index, begin = 0, 0, 0, time.process_time()
     while evaluated < options.cuts and time.process_time() - begin < options.seconds:
-        leap = leap_class("leap").draw(np.random.default_rng([options.seed, 1, index]))
+        leap = leap_class("leap-hard").draw(np.random.default_rng([options.seed, 1, index]))
         index += 1
         search = LeapSearch(leap, LeapFinder(order="noise", solves=120, seed=index), programs)
         rows, solved = [], []
@@ -277,7 +277,7 @@ def refuted_choices(options: Asked, programs: Programs) -> None:
     count = {"refuted": 0, "solved": 0}
     agrees = {"refuted": 0, "solved": 0}
     while count["refuted"] < options.choices and time.process_time() - begin < options.seconds:
-        leap = leap_class("leap").draw(np.random.default_rng([options.seed, 6, index]))
+        leap = leap_class("leap-hard").draw(np.random.default_rng([options.seed, 6, index]))
         index += 1
         rng = np.random.default_rng([options.seed, 7, index])
         search = LeapSearch(leap, LeapFinder(order="noise", solves=30, seed=index), programs)

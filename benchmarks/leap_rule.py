@@ -42,7 +42,7 @@ BUDGETS = (12, 25)
 class Asked(Options):
     """Training scenes, and what of them is searched."""
 
-    distribution: str = "leap"
+    distribution: str = "leap-hard"
     scenes: int = 150
     seed: int = 41
     best: int = 0

@@ -329,10 +329,8 @@ def run(command: Command) -> int:
         return _ended_by(error)
 
 
-OLD = r"\S+ is old: |.*, for one more release: |entry point \S+ of stancekit\."
-"""How this package's own warnings of old names begin."""
 TURNED = ".* closed parts narrower than .* are inside out"
-"""How its warning of a mesh begins that was mended."""
+"""How this package's warning of a mesh begins that was mended."""
 
 
 @contextmanager
@@ -340,7 +338,7 @@ def _without_warnings() -> Iterator[None]:
     """Keep what libraries warn of away from standard error, which is for one line, unless the trace
     is wanted.
 
-    A name of an earlier version, or a mesh that was mended, is worth a line of its own.
+    A mesh that was mended is worth a line of its own.
     """
     from .console import complain
 
@@ -354,7 +352,6 @@ def _without_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         if not os.environ.get(TRACE):
             warnings.simplefilter("ignore")
-            warnings.filterwarnings("always", OLD, DeprecationWarning)
             warnings.filterwarnings("always", TURNED, UserWarning)
             warnings.showwarning = show
         yield

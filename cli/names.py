@@ -46,8 +46,6 @@ NAMES = {
 """By registry, or by tuple of our own names: the group of other packages' names, and our own,
 for which `--help` would else load solvers and networks (a test holds them to be those that there
 are)."""
-OLD_GROUPS = {"stancekit.planners.search.methods:COURSE_METHODS": ("stancekit.course_planners",)}
-"""Groups of before, which are read for one more release."""
 
 
 def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
@@ -57,8 +55,7 @@ def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
         from stancekit.planners.plugins import entry_points_of
 
         group, ours = NAMES[registry]
-        groups = (group, *OLD_GROUPS.get(registry, ()))
-        others = [point.name for each in groups for point in entry_points_of(each)]
+        others = [point.name for point in entry_points_of(group)]
         names = list(dict.fromkeys([*ours, *others]))
         known = [f"default: {default}"] if default not in ("", "None") else []
         known += [f"one of {', '.join([*names, 'FILE.py:NAME'])}"] if names else []

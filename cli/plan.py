@@ -302,7 +302,7 @@ class PlanCourse:
         if self.policy is not None:
             raise InvalidInput(f"--policy: expected a leap with it, got {self.course}")
         self._settings()
-        if self.relaxation not in (None, "envelope"):  # as plans had p1
+        if self.relaxation is not None:
             from stancekit.planners.relaxation.table import RELAXATIONS
 
             with as_options(*SETTINGS):
@@ -312,7 +312,7 @@ class PlanCourse:
                 f"--relaxation: expected --envelope FILE with {self.relaxation}, got none"
             )
         if self.relaxation == "lift" and self.envelope is not None:
-            raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
+            raise InvalidInput("--envelope: expected a --relaxation over one with it, got lift")
         self._check_files()
 
     def _check_files(self) -> None:

@@ -76,6 +76,23 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return held
 
 
+def check_names(function: str, given: Mapping[str, Any], takes: Sequence[str]) -> None:
+    """Raise TypeError, as a call of any function does, for the first name that a function with
+    further arguments does not take.
+
+    Arguments:
+        function: the function's name.
+        given: its further arguments.
+        takes: all that it takes, for the message.
+    """
+    for name in given:
+        if name not in takes:
+            raise TypeError(
+                f"stancekit.{function}: got an unexpected keyword argument {name!r}; it takes "
+                f"{', '.join(takes)}"
+            )
+
+
 def check_argument(name: str, value: Any, hint: Any) -> None:
     """Raise InvalidInput, which begins with the name, for a value that an annotation does not
     allow; of a sequence it names the first entry that is wrong, e.g. ``envelopes[0][1]``.

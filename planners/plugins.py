@@ -21,7 +21,6 @@ import io
 import os
 import pickle
 import sys
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -72,7 +71,6 @@ class Registry(Generic[T]):
         expected, accepts: what a thing must be, in words and as a test of what was found; what
             fails it is refused.
         further: what else names one, in words.
-        old_groups: of entry points that count as those of the group for one more release.
     """
 
     def __init__(
@@ -84,11 +82,10 @@ class Registry(Generic[T]):
         expected: str = "something to call",
         accepts: Callable[[Any], bool] = callable,
         further: tuple[str, ...] = (),
-        old_groups: tuple[str, ...] = (),
     ) -> None:
         self.kind, self.group, self.expected = kind, group, expected
         self._accepts = accepts
-        self._further, self._old_groups = further, old_groups
+        self._further = further
         self._things: dict[str, str | T] = dict(table)
         self._right: dict[str, T] = {}
 
@@ -142,9 +139,6 @@ class Registry(Generic[T]):
             raise InvalidInput(f"{called}: expected FILE.py:NAME, got no name after {name}")
         for point in self._points():
             if point.name == name:
-                if point.group in self._old_groups:
-                    message = f"entry point {name} of {point.group}: {self.group} is the group of these now"
-                    warnings.warn(message, DeprecationWarning, stacklevel=3)
                 where = f"{called} {name} of {point.value}"
                 return _attribute(_imported(point.module, where), point.attr, where)
         raise self.unknown(name, called, known)
@@ -161,13 +155,13 @@ class Registry(Generic[T]):
         )
 
     def _points(self) -> Iterable[EntryPoint]:
-        return _installed(tuple(map(str, sys.path)), (self.group, *self._old_groups))
+        return _installed(tuple(map(str, sys.path)), self.group)
 
 
 @lru_cache(maxsize=8)
-def _installed(path: tuple[str, ...], groups: tuple[str, ...]) -> tuple[EntryPoint, ...]:
-    """Entry points of these groups in packages on a path, which are read once."""
-    return tuple(point for group in groups for point in entry_points_of(group))
+def _installed(path: tuple[str, ...], group: str) -> tuple[EntryPoint, ...]:
+    """Entry points of a group in packages on a path, which are read once."""
+    return tuple(entry_points_of(group))
 
 
 def entry_points_of(group: str) -> Sequence[EntryPoint]:

@@ -2,7 +2,7 @@
 robot that the world has.
 
 They are judged once, when they come in: ``Accepted.from_file`` and ``Accepted.verified`` are the
-border. Behind it frozen values pass by reference (SECURITY.md says what that
+border. Behind it frozen values pass by reference (docs/SECURITY.md says what that
 trusts).
 """
 

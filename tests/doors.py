@@ -56,6 +56,11 @@ class Question:
     posture: Problem | None = None
     torque_nm: float | None = None
 
+    @property
+    def settings(self) -> stancekit.PlanSettings:
+        """Settings of the plan: its limit of the joints."""
+        return stancekit.PlanSettings(body=stancekit.WholeBodyLimits(torque_nm=self.torque_nm))
+
     def file(self, folder: Path) -> Path:
         """Write it, and the robot that it names, as a user would."""
         if self.posture is not None:
@@ -166,14 +171,12 @@ Door = Callable[[Question, Path], Reply]
 
 def by_name(question: Question, folder: Path) -> Reply:
     """``stancekit.plan`` of a file."""
-    return _reply(stancekit.plan(question.file(folder), torque_nm=question.torque_nm))
+    return _reply(stancekit.plan(question.file(folder), settings=question.settings))
 
 
 def by_value(question: Question, folder: Path) -> Reply:
     """``stancekit.plan`` of what ``stancekit.load`` gives."""
-    return _reply(
-        stancekit.plan(stancekit.load(question.file(folder)), torque_nm=question.torque_nm)
-    )
+    return _reply(stancekit.plan(stancekit.load(question.file(folder)), settings=question.settings))
 
 
 def by_command(question: Question, folder: Path) -> Reply:

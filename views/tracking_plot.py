@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import shown
-from stancekit.planners.robot.urdf import JOINTS
 from stancekit.runner.log import TOPICS, Recorded, table
 
 from .sheet import DEFAULT_STYLE, MEASURE_COLOURS, headline, leg_colour, quiet_axes
@@ -149,16 +148,9 @@ def draw_tracking(recorded: Recorded) -> Figure:
 def _limbs(plan: dict[str, Any]) -> dict[str, list[str]]:
     """Names of every limb's joints.
 
-    Older logs, which do not say them, are of robots with four a limb.
-
     Raises InvalidInput for limbs that are not those of the joints, in their order.
     """
     joints, limbs = plan["joints"], plan.get("limbs")
-    if limbs is None and len(joints) % len(JOINTS) == 0:
-        limbs = {
-            joints[k].rsplit("_", 1)[0]: joints[k : k + len(JOINTS)]
-            for k in range(0, len(joints), len(JOINTS))
-        }
     parts: dict[str, list[str]] = limbs if isinstance(limbs, dict) else {}
     lists = parts and all(isinstance(part, list) and part for part in parts.values())
     if not lists or list(chain.from_iterable(parts.values())) != joints:

@@ -1,5 +1,5 @@
-"""Plan files (``stancekit/plan/2``, ``/3``), walk files (``stancekit/gait/2``, ``/3``) and leap
-files (``stancekit/leap/1``), read by their keys alone.
+"""Plan files (``stancekit/plan/3``), walk files (``stancekit/gait/3``) and leap files
+(``stancekit/leap/1``), read by their keys alone.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from .robots import Robot, robot_of
 
 Array = NDArray[np.float64]
-PLANS = ("stancekit/plan/2", "stancekit/plan/3")
-WALKS = ("stancekit/gait/2", "stancekit/gait/3")
+PLANS = ("stancekit/plan/3",)
+WALKS = ("stancekit/gait/3",)
 LEAPS = ("stancekit/leap/1",)
 GRAVITY_M_S2 = 9.81
 

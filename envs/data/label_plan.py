@@ -106,7 +106,7 @@ class LabelPlan(RowPlan):
 
     def __post_init__(self) -> None:
         if self.robot in BUILT_IN:
-            object.__setattr__(self, "robot", None)  # as it was before there were others
+            object.__setattr__(self, "robot", None)  # what nothing named is
         self._check_counts(
             {"feasible": 0, "infeasible": 0, "shard_size": 1, "seed": 0, "max_nodes": 1}
         )

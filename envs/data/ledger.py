@@ -81,16 +81,15 @@ class Header(Head):
         legs: names of the legs in contact, in the order of the contacts.
         first_sample: SHA-256 of the first problem drawn, which identifies the distribution.
         software: versions of packages at the beginning.
-        witness: how postures and points were chosen: "canonical/1" as ``search.canonical`` says;
-            None in older sets, as the search happened to find them.
+        witness: how postures and points were chosen: as ``search.canonical`` says.
         robot: identity of the model that the legs belong to, see ``Robot``; None for the default
-            hexapod, and in older sets.
+            hexapod.
         speaks_of: subject of the labels, in words, unless it is the robot itself.
     """
 
     format: Literal["stancekit/dataset/1"] = "stancekit/dataset/1"
     plan: LabelPlan
-    witness: Literal["canonical/1"] | None = None
+    witness: Literal["canonical/1"]
     robot: str | None = None
     speaks_of: str | None = None
 

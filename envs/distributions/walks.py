@@ -11,13 +11,10 @@ import numpy as np
 
 from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.plugins import entry_points_of
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.families import (
-    MIXED,
-    OLD,
     SMOOTH,
     TERRAIN_FAMILIES,
     random_heights,
@@ -41,8 +38,8 @@ class SampledTasks:
 
     Arguments:
         terrain: a family of ground, ``any`` for all of them at random, ``mixed`` for the smooth
-            ones of the first version (``MIXED``), or a terrain of ``TERRAINS`` or ``FILE.py:NAME``,
-            with the walks that it is known for, else drawn ones.
+            ones (``SMOOTH``), or a terrain of ``TERRAINS`` or ``FILE.py:NAME``, with the walks that
+            it is known for, else drawn ones.
         difficulty: lowest and highest level of the families, drawn uniformly.
         distance_m: shortest and longest distance from start to goal, drawn uniformly [m].
         robot: the walker, ANYmal by default.
@@ -58,7 +55,7 @@ class SampledTasks:
         known = tuple(
             dict.fromkeys(("mixed", *SMOOTH, "any", *TERRAIN_FAMILIES.names(), *TERRAINS.names()))
         )
-        if self.terrain not in (*known, *OLD) and ".py:" not in self.terrain:
+        if self.terrain not in known and ".py:" not in self.terrain:
             raise InvalidInput(
                 f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got "
                 f"{self.terrain!r}"
@@ -80,13 +77,10 @@ class SampledTasks:
     def _families(self) -> tuple[str, ...]:
         """The families of which every walk has a ground of its own; none for one terrain."""
         if self.terrain == "mixed":
-            return (
-                *MIXED,
-                *(point.name for point in entry_points_of("stancekit.height_families")),
-            )
+            return SMOOTH
         if self.terrain == "any":
             return tuple(name for name in TERRAIN_FAMILIES.names() if terrain_family(name).walked)
-        return (self.terrain,) if self.terrain in (*TERRAIN_FAMILIES.names(), *OLD) else ()
+        return (self.terrain,) if self.terrain in TERRAIN_FAMILIES.names() else ()
 
     def __call__(self, rng: np.random.Generator) -> Walk:
         """Draw a walk; a goal where the robot cannot stand is drawn again.

@@ -127,15 +127,7 @@ def begin(folder: Path, header: H) -> H:
             raise InvalidInput(
                 f"{where}: {key}: expected {wanted!r} as planned, got {begun[key]!r}"
             )
-    same = header
-    if isinstance(there, Header) and isinstance(header, Header):
-        if there.witness != header.witness and ledger.Ledger.open(folder).missing:
-            raise InvalidInput(
-                f"{where}: witness: expected {header.witness!r} to go on with, got "
-                f"{there.witness!r}"
-            )
-        same = header.model_copy(update={"witness": there.witness})
-    if there.digest != same.digest:
+    if there.digest != header.digest:
         distribution = header.plan.distribution
         raise InvalidInput(
             f"{where}: first_sample: expected what {distribution!r} draws here and now, got another"

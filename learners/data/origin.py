@@ -58,8 +58,8 @@ def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) ->
     same seed.
 
     Arguments:
-        provenance: the selector's, with what ``Dataset.origin`` says of its rows; older ones name
-            the set alone. Two different parts of the split by hash have no row in common.
+        provenance: the selector's, with what ``Dataset.origin`` says of its rows, or the set
+            alone. Two different parts of the split by hash have no row in common.
     """
     mine, theirs = (
         dataset.origin,

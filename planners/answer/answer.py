@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import enum
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -28,18 +27,6 @@ S = TypeVar("S", bound=Plan | LeapPlan | Crossing | Trajectory, covariant=True)
 UNBOUNDED = 1e6
 """Stands in files for a lower bound of infinity: the problem has no answer even without its moment
 balance."""
-_OLD = {
-    "posture": "solution",
-    "plan": "solution",
-    "trajectory": "solution",
-    "lower_bound": "bound",
-    "solves": "effort.solves",
-    "tries": "effort.tries",
-    "seconds": "effort.seconds",
-    "compile_s": "effort.compile_s",
-    "solver_seconds": "effort.solver_s",
-    "verifier_seconds": "effort.verifier_s",
-}
 
 
 class Status(enum.StrEnum):
@@ -185,21 +172,6 @@ class Answer(Generic[S]):
         if proof and self.certificate is not None:
             record["certificate"] = self.certificate.to_json()
         return record
-
-    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-        def __getattr__(self, name: str) -> Any:
-            """Look up an attribute under its old name, which is still accepted for one release."""
-            if name == "verified":
-                warnings.warn("verified is old: Answer.status", DeprecationWarning, stacklevel=2)
-                return self.status is Status.FEASIBLE
-            if name not in _OLD:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            warnings.warn(f"{name} is old: Answer.{_OLD[name]}", DeprecationWarning, stacklevel=2)
-            value = self
-            for part in _OLD[name].split("."):
-                value = getattr(value, part)
-            return value
 
 
 def _finite(numbers: Mapping[str, float]) -> dict[str, float | None]:

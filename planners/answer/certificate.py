@@ -117,37 +117,21 @@ class Certificate:
 
     @classmethod
     def from_arrays(cls, tree: Array, multipliers: Array) -> Certificate:
-        """A certificate of this or an older form.
+        """A certificate of a tree and its multipliers.
 
         Raises InvalidInput for tables of other shapes.
-
-        Older trees have four columns (of postures: (1, contact, component, value) splits a force
-        box, (2, contact, first, second) cuts a patch) or two (of courses: (−1, −1) is a leaf,
-        (foothold, candidate) a choice).
         """
-        if tree.ndim != 2 or tree.shape[1] not in (2, 4, 5) or multipliers.ndim != 2:
+        if tree.ndim != 2 or tree.shape[1] != 5 or multipliers.ndim != 2:
             raise InvalidInput(
                 "certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, "
                 "count), "
                 f"got {tree.shape} and {multipliers.shape}"
             )
-        rows, nothing = np.asarray(tree, dtype=np.float64), np.zeros(len(tree))
-        if tree.shape[1] == 2:
-            leaf = (rows == -1.0).all(axis=1)
-            padded = np.where(leaf[:, None], 0.0, rows)
-            rows = np.column_stack([np.where(leaf, 0.0, 1.0), padded, nothing, nothing])
-        elif tree.shape[1] == 4:
-            kind, contact, first, second = rows.T
-            force = np.column_stack([np.full(len(rows), 3.0), contact, first, second, nothing])
-            other = np.column_stack(
-                [np.where(kind == 3.0, np.nan, kind), contact, nothing, first, second]
-            )
-            rows = np.where((kind == 1.0)[:, None], force, other)
-        return cls(tree=rows, multipliers=multipliers)
+        return cls(tree=np.asarray(tree, dtype=np.float64), multipliers=multipliers)
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Certificate:
-        """Read what ``to_json`` wrote, now or in an older form.
+        """Read what ``to_json`` wrote.
 
         Raises InvalidInput.
         """

@@ -4,10 +4,9 @@ interval.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,12 +104,3 @@ class LeapPlan:
     def times_s(self) -> Array:
         """Times at which the M intervals begin and end, shape (M + 1,) [s]."""
         return self.problem.times_s(self.timing)
-
-    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-        def __getattr__(self, name: str) -> Any:
-            """The name of before, for one release."""
-            if name != "leap":
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            warnings.warn("leap is old: LeapPlan.problem", DeprecationWarning, stacklevel=2)
-            return self.problem

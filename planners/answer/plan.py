@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import Problem
 
@@ -173,14 +171,3 @@ class Plan:
         return {
             name: (array[0] if name in alone else array).tolist() for name, array in arrays.items()
         }
-
-    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-        def __getattr__(self, name: str) -> Any:
-            """The name of before, for one release."""
-            if name == "problem":  # of an object that was made under the name of before
-                raise InvalidInput("plan: expected one that knows its problem, got one without")
-            if name != "course":
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            warnings.warn("course is old: Plan.problem", DeprecationWarning, stacklevel=2)
-            return self.problem

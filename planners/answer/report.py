@@ -11,10 +11,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast
+from typing import Any, Generic, Literal, TypeVar, cast
 
 from numpy.typing import NDArray
 
@@ -71,20 +70,8 @@ S = TypeVar(
     covariant=True,
 )
 Verdict = Literal["holds", "violated", "not checked", "not asked for"]
-OLD_VERDICTS = {"holds": "checked", "violated": "failed"}
+BODY_VERDICTS = {"holds": "checked", "violated": "failed"}
 """The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
-OLD_NAMES = {"group": "name", "time_s": "when"}
-OLD_FIGURES = (
-    "residual_nm",
-    "between",
-    "proved",
-    "linearisation_m",
-    "exact_reach_m",
-    "goal_m",
-    "lower_bound",
-    "leaves",
-    "weakest",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,20 +141,6 @@ class Group:
     def share(self) -> float:
         """Share of the way from its key frame to the next at which the moment is."""
         return 0.0 if self.when is None else self.when - math.floor(self.when)
-
-    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-        def __getattr__(self, name: str) -> Any:
-            """The names of before, for one release."""
-            if name in ("accepted", "checked"):
-                _warn(f"Group.{name} is old: Group.verdict")
-                return self.verdict in (
-                    ("holds", "not checked") if name == "accepted" else OLD_VERDICTS
-                )
-            if name not in OLD_NAMES:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            _warn(f"Group.{name} is old: Group.{OLD_NAMES[name]}")
-            return getattr(self, OLD_NAMES[name])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -249,7 +222,7 @@ class Report(Generic[S]):
         """The groups that were judged; those of contacts are one, "contacts", of a posture and of a
         plan.
         """
-        judged = [group.name for group in self.groups if group.verdict in OLD_VERDICTS]
+        judged = [group.name for group in self.groups if group.verdict in BODY_VERDICTS]
         if isinstance(self.answer, Plan | LeapPlan):
             names = WHOLE_BODY if isinstance(self.answer, Plan) else LEAP_BODY
             return ("contacts", *(name for name in judged if name in names))
@@ -290,7 +263,7 @@ class Report(Generic[S]):
                 group.name == MARGIN and group.verdict == "holds"
             ):
                 continue
-            name, verdict = group.name, OLD_VERDICTS.get(group.verdict, "NOT CHECKED")
+            name, verdict = group.name, BODY_VERDICTS.get(group.verdict, "NOT CHECKED")
             reason = f" ({group.message})" if group.message else ""
             if reason and remarks and remarks[-1][1] == verdict + reason:
                 name = f"{remarks.pop()[0]}, {name}"
@@ -527,30 +500,11 @@ class Report(Generic[S]):
             "groups": [_contact_group(group) for group in self._of_contacts],
         }
 
-    if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-        def __getattr__(self, name: str) -> Any:
-            """The names of before, for one release."""
-            if name in WHOLE_BODY:
-                _warn(f"Report.{name} is old: Report.group({name!r})")
-                return _body_json(self.group(name))
-            if name in OLD_FIGURES and name in self.figures:
-                _warn(f"Report.{name} is old: Report.figures[{name!r}]")
-                return self.figures[name]
-            if name == "subject":
-                _warn("Report.subject is old: Report.answer.problem")
-                return getattr(self.answer, "problem", None)
-            if name in ("joints_message", "trajectory"):
-                new = {"joints_message": "body_message", "trajectory": "answer"}[name]
-                _warn(f"Report.{name} is old: Report.{new}")
-                return getattr(self, new)
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-
 
 def _body_json(group: Group) -> dict[str, Any]:
     """A group of a plan's whole body as files and ``--json`` have it."""
-    verdict = OLD_VERDICTS.get(group.verdict, group.verdict)
-    extra = {"message": group.message} if group.message or group.verdict in OLD_VERDICTS else {}
+    verdict = BODY_VERDICTS.get(group.verdict, group.verdict)
+    extra = {"message": group.message} if group.message or group.verdict in BODY_VERDICTS else {}
     return {"verdict": verdict, **extra, **group.figures}
 
 
@@ -681,8 +635,3 @@ def or_null(number: float) -> float | None:
 def _finite(figures: Mapping[str, float]) -> dict[str, float | None]:
     """Figures as JSON-ready values."""
     return {name: or_null(value) for name, value in figures.items()}
-
-
-def _warn(message: str) -> None:
-    """Say how something is spelled now, at the line that spelled it otherwise."""
-    warnings.warn(message, DeprecationWarning, stacklevel=3)

@@ -168,7 +168,7 @@ class Trajectory:
 
     @property
     def _asks(self) -> bool:
-        """Tell whether the walk has such requests; False for files from before there were any."""
+        """Tell whether the walk has such requests."""
         numbers = (self.heading_rad, self.heading_end_rad, self.suction_n)
         return any(self.still) or any(number is not None for number in numbers)
 

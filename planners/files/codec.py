@@ -47,8 +47,7 @@ from .arrays import LARGEST, checked, collect_errors
 from .validation import shown, validated
 
 LATER: Mapping[str, Any] = types.MappingProxyType({"later": True})
-"""Metadata of a field that older files do not have: it is written only where it is not its
-default."""
+"""Metadata of a field that is written only where it is not its default."""
 UNWRITTEN: Mapping[str, Any] = types.MappingProxyType({"unwritten": True})
 """Metadata of a field that no file has: it follows from others, or is of the running process."""
 

@@ -2,9 +2,7 @@
 as an archive in it.
 
 It carries a SHA-256 of what was written, so that a file that was edited by hand is refused and not
-obeyed. Files of ``stancekit/plan/1`` have their numbers in NAME.npz beside them, and are read as
-ever; those and ``stancekit/plan/2`` have no hulls of their robot's meshes, which are not judged
-then.
+obeyed.
 """
 
 from __future__ import annotations
@@ -12,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,13 +21,12 @@ from ..answer.plan import Plan
 from ..answer.report import OPTIONAL, WHOLE_BODY, plan_arrays, plan_digest, plan_shapes
 from ..errors import InvalidInput
 from ..files.archive import unpacked
-from ..files.documents import read_bytes, read_json
+from ..files.documents import read_json
 from ..files.embedded import embedded, extracted
 from ..files.validation import shown
 from ..files.writing import check_writable, write_text
 from ..problem import Problem
 from ..problem.course_comparison import course_difference
-from ..robot.servo import Servo
 from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
 from .file_check import FileCheck
@@ -43,42 +39,20 @@ __all__ = [
     "check_file",
     "check_name",
     "is_plan_file",
-    "plan_paths",
     "read_plan",
     "write_plan",
 ]
 
 FORMAT = "stancekit/plan/3"
-OLDER = "stancekit/plan/2"
-PAIRED = "stancekit/plan/1"
 KEYS = ("format", "verified", "verdict", "provenance", "course", "arrays", "sha256")
 PARTS: dict[str, dict[str, type]] = {
     "verdict": {"accepted": bool, "tolerance": float, "digest": str},
     "provenance": {},
+    "arrays": {"npz": str},
 }
 """Least content of the objects in the header."""
 OF_JOINTS = ("joints", "torque")
 """Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
-ARRAYS: dict[str, dict[str, type]] = {
-    FORMAT: {"npz": str},
-    OLDER: {"npz": str},
-    PAIRED: {"file": str, "sha256": str},
-}
-"""And where the numbers are, by format."""
-
-
-def plan_paths(path: str | Path) -> tuple[Path, Path]:
-    """NAME.json of a plan, and NAME.npz where an older one has its numbers, of a plan called
-    either.
-
-    Raises InvalidInput for a name that ends otherwise.
-    """
-    path = Path(path)
-    if path.suffix not in (".json", ".npz"):
-        raise InvalidInput(
-            f"{path}: expected a plan's name to end in .json, got {path.suffix or 'no suffix'}"
-        )
-    return path.with_suffix(".json"), path.with_suffix(".npz")
 
 
 def write_plan(path: str | Path, plan: Plan, report: Report[Plan]) -> None:
@@ -133,12 +107,7 @@ def check_name(path: str | Path) -> Path:
 
     Raises InvalidInput for one that cannot be.
     """
-    if Path(path).suffix != ".json":
-        raise InvalidInput(
-            f"{path}: expected a plan's name to end in .json, got "
-            f"{Path(path).suffix or 'no suffix'}"
-        )
-    check_writable(path)
+    check_writable(_named(path))
     return Path(path)
 
 
@@ -148,47 +117,48 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     Raises InvalidInput in one line for another format, a file or numbers that were changed since,
     numbers that are missing, of a wrong shape or not finite, and a course that is none.
     """
-    header_path, numbers_path = plan_paths(path)
-    return plan_from(read_json(header_path), header_path, numbers_path)
+    return plan_from(read_json(_named(path)), Path(path))
 
 
-def plan_from(
-    data: Any, header_path: Path, numbers_path: Path | None = None
-) -> tuple[Plan, dict[str, Any]]:
+def _named(path: str | Path) -> Path:
+    """The file of a plan.
+
+    Raises InvalidInput for a name that ends otherwise than in .json.
+    """
+    path = Path(path)
+    if path.suffix != ".json":
+        raise InvalidInput(
+            f"{path}: expected a plan's name to end in .json, got {path.suffix or 'no suffix'}"
+        )
+    return path
+
+
+def plan_from(data: Any, header_path: Path) -> tuple[Plan, dict[str, Any]]:
     """The plan of a file's content, see ``read_plan``.
 
     Arguments:
         data: what the file holds.
         header_path: the file, for messages.
-        numbers_path: where the numbers of an older plan are.
     """
-    header = _header(data, header_path)
-    if header["format"] == PAIRED:
-        if numbers_path is None:
-            raise InvalidInput(f"{header_path}: expected format {FORMAT!r}, got {PAIRED!r}")
-        content = _beside(numbers_path, header["arrays"]["sha256"])
-    else:
-        numbers_path = Path(f"{header_path}: arrays")
-        content = extracted(header["arrays"]["npz"], str(numbers_path))
-    numbers = unpacked(content, str(numbers_path))
+    header, arrays = _header(data, header_path), f"{header_path}: arrays"
+    numbers = unpacked(extracted(header["arrays"]["npz"], arrays), arrays)
     try:
         course = Problem.from_json(header["course"])
     except InvalidInput as error:
         raise InvalidInput(f"{header_path}: course: {error}") from None
-    written, course = course, _of_joints(course) if "joints_rad" in numbers else course
-    _check_numbers(numbers_path, numbers, course)
+    _check_numbers(arrays, numbers, course)
     if "joints_rad" in numbers and header["arrays"].get("joints") != list(
         joint_names(course.robot)
     ):
         raise InvalidInput(
             f"{header_path}: arrays.joints: expected the names of the robot's joints in its order, got others"
         )
-    for name, labels in _labels(course).items():  # files from before have none
-        if header["arrays"].get(name, labels) != labels:
+    for name, labels in _labels(course).items():
+        if header["arrays"].get(name) != labels:
             raise InvalidInput(
                 f"{header_path}: arrays.{name}: expected those of the course, got others"
             )
-    plan = Plan(problem=written, provenance=header["provenance"], **numbers)
+    plan = Plan(problem=course, provenance=header["provenance"], **numbers)
     verdict = header["verdict"]
     checked = verdict.get("checked", ["contacts"])
     if not isinstance(checked, list) or set(map(str, checked)) - {"contacts", *WHOLE_BODY}:
@@ -200,7 +170,7 @@ def plan_from(
             f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier "
             "saw"
         )
-    return plan if course is written else replace(plan, problem=course), header
+    return plan, header
 
 
 def check_file(
@@ -251,8 +221,6 @@ def check_file(
         if find_spec("pinocchio")
         else []
     )
-    bare = legs.own and any(shape.kind == "mesh" for shape in legs.own_model().shapes)
-    older = header["format"] if bare and header["format"] != FORMAT else ""
     parts = [
         report.message,
         report.body_message,
@@ -260,7 +228,6 @@ def check_file(
         f"the file lists as checked what nobody can check: {', '.join(unfounded)}"
         if unfounded
         else "",
-        f"a file of {older}, which has no hulls of its robot's meshes" if older else "",
     ]
     message = "; ".join(filter(None, parts))
     return FileCheck(
@@ -279,8 +246,7 @@ def is_plan_file(path: str | Path) -> bool:
     False for what cannot be read, is no JSON or has another name.
     """
     try:
-        header, _ = plan_paths(path)
-        data = read_json(header)
+        data = read_json(_named(path))
     except InvalidInput:
         return False
     return isinstance(data, dict) and str(data.get("format", "")).startswith("stancekit/plan/")
@@ -304,21 +270,6 @@ def _labels(course: Problem) -> dict[str, list[Any]]:
     }
 
 
-def _of_joints(course: Problem) -> Problem:
-    """The course of a plan that has joints; its robot is given drawn-up legs unless it has legs or
-    soles.
-
-    Files from before a course could ask for drawn-up legs do not say that a robot which is
-    described by its limbs alone has them.
-    """
-    robot = course.robot
-    return (
-        course
-        if joint_names(robot) or course.has_soles
-        else replace(course, robot=replace(robot, drawn=Servo()))
-    )
-
-
 def _seal(content: Mapping[str, Any]) -> str:
     """SHA-256 of everything else in the header, as canonical JSON."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
@@ -331,7 +282,7 @@ def _header(data: Any, path: Path) -> dict[str, Any]:
     Raises InvalidInput for a file of another format, and for missing or unknown keys.
     """
     version = data.get("format") if isinstance(data, dict) else type(data).__name__
-    if version not in tuple(ARRAYS):
+    if version != FORMAT:
         hint = (
             ", a walk: stancekit run and verify take those"
             if str(version).startswith("stancekit/gait/")
@@ -345,7 +296,7 @@ def _header(data: Any, path: Path) -> dict[str, Any]:
         )
     if _seal({name: data[name] for name in KEYS[:-1]}) != data["sha256"]:
         raise InvalidInput(f"{path}: digest mismatch: the file was changed after it was written")
-    for key, wanted in {**PARTS, "arrays": ARRAYS[version]}.items():
+    for key, wanted in PARTS.items():
         part = data[key]
         if not isinstance(part, dict) or not all(
             isinstance(part.get(n), kind) for n, kind in wanted.items()
@@ -356,24 +307,7 @@ def _header(data: Any, path: Path) -> dict[str, Any]:
     return dict(data)
 
 
-def _beside(path: Path, sha256: str) -> bytes:
-    """The archive beside a header of ``stancekit/plan/1``, as it was written.
-
-    Raises InvalidInput.
-    """
-    if not path.exists():
-        raise InvalidInput(
-            f"{path}: expected the plan's numbers beside its .json, found nothing there"
-        )
-    content = read_bytes(path)
-    if hashlib.sha256(content).hexdigest() != sha256:
-        raise InvalidInput(
-            f"{path}: digest mismatch: these are not the numbers that the .json was written with"
-        )
-    return content
-
-
-def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Problem) -> None:
+def _check_numbers(path: str, numbers: Mapping[str, NDArray[Any]], course: Problem) -> None:
     """Raise InvalidInput unless every array is there, of the course's shape, of numbers and
     finite.
     """

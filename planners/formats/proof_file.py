@@ -1,8 +1,5 @@
 """Proof files ``stancekit/proof/1``: a posture problem or a course, and a certificate that it has
-no answer.
-
-Whoever reads one checks it anew. ``stancekit/no-plan/1``, of courses alone and without cuts, is
-still read.
+no answer. Whoever reads one checks it anew.
 """
 
 from __future__ import annotations
@@ -16,6 +13,7 @@ from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
 from ..files.documents import read_json
+from ..files.validation import shown
 from ..files.writing import write_text
 from ..problem import Problem
 from ..problem.leap import Leap
@@ -24,9 +22,7 @@ from ..verify import check_certificate, explain
 from .file_check import FileCheck
 
 FORMAT = "stancekit/proof/1"
-OLD = "stancekit/no-plan/1"
-SUBJECT = {FORMAT: "subject", OLD: "course"}
-"""The key under which a file of each format has its problem or course."""
+KEYS = ("format", "subject", "tree", "multipliers")
 
 
 def write_proof(path: str | Path, certificate: Certificate) -> None:
@@ -51,7 +47,7 @@ def proof_content(certificate: Certificate, where: str | Path) -> dict[str, Any]
 
 
 def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
-    """The problem, and its certificate, of what ``write_proof`` wrote, now or in the older format.
+    """The problem, and its certificate, of what ``write_proof`` wrote.
 
     Raises InvalidInput in one line for anything else.
     """
@@ -61,19 +57,17 @@ def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
 def proof_from(data: Any, path: str | Path) -> tuple[Problem, Certificate]:
     """The problem and its certificate of a file's content, see ``read_proof``."""
     if not is_proof(data):
-        raise InvalidInput(f"{path}: expected format {FORMAT!r}")
-    key = SUBJECT[data["format"]]
-    keys = ("format", key, "tree", "multipliers")
-    if set(data) != set(keys):
-        names = ", ".join(sorted(set(data) ^ set(keys)))
+        came = data.get("format") if isinstance(data, dict) else type(data).__name__
+        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(came)}")
+    if set(data) != set(KEYS):
+        names = ", ".join(sorted(set(data) ^ set(KEYS)))
         raise InvalidInput(
-            f"{path}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}"
+            f"{path}: expected the keys {', '.join(KEYS)}; missing or unknown: {names:.120}"
         )
-    message = data[key]
     try:
-        problem = Problem.from_json(message)
+        problem = Problem.from_json(data["subject"])
     except InvalidInput as error:
-        raise InvalidInput(f"{path}: {key}: {error}") from None
+        raise InvalidInput(f"{path}: subject: {error}") from None
     try:
         certificate = Certificate.from_arrays(_table(data, "tree"), _table(data, "multipliers"))
     except InvalidInput as error:
@@ -97,7 +91,7 @@ def check_proof_file(path: str | Path) -> FileCheck:
 
 def is_proof(data: Any) -> bool:
     """Do parsed contents say that they are a proof?"""
-    return isinstance(data, dict) and data.get("format") in (FORMAT, OLD)
+    return isinstance(data, dict) and data.get("format") == FORMAT
 
 
 def _is_posture(data: Any) -> bool:

@@ -1,9 +1,7 @@
 """Files of trajectories, ``stancekit/gait/3``: JSON, the header with the verdict, and the samples
 as an archive in it.
 
-The digest covers every value of both, so a file changed by hand is refused. Files of
-``stancekit/gait/1`` have their samples in NAME.npz beside them; they are read as ever, and half of
-a pair that belongs to another run is refused.
+The digest covers every value of both, so a file changed by hand is refused.
 """
 
 from __future__ import annotations
@@ -13,16 +11,16 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..answer.report import Report
 from ..answer.trajectory import SAMPLES, Trajectory, robot_from_json
 from ..errors import InvalidInput
-from ..files.archive import read_archive, unpacked
+from ..files.archive import unpacked
 from ..files.arrays import read_only
 from ..files.comparison import first_difference
 from ..files.documents import read_json
@@ -37,8 +35,6 @@ if TYPE_CHECKING:
     from ..robot.model import Robot
 
 FORMAT = "stancekit/gait/3"
-OLDER = "stancekit/gait/2"
-PAIRED = "stancekit/gait/1"
 TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
 
@@ -90,30 +86,22 @@ def check_name(path: str | Path) -> Path:
 
 
 def read_trajectory(path: str | Path) -> WalkRecord:
-    """Read a file, or an older pair.
+    """Read a file.
 
     Raises InvalidInput, one line, for whatever is not as it was written.
     """
     path = Path(path)
     data = read_json(path)
-    if not is_trajectory(data):
-        came = data.get("format") if isinstance(data, dict) else type(data).__name__
+    came = data.get("format") if isinstance(data, dict) else type(data).__name__
+    if came != FORMAT:
         raise InvalidInput(f"{path}: expected an object with format {FORMAT!r}, got {shown(came)}")
     header = validated(_Header, data, str(path))
     if header.digest != _seal({name: value for name, value in data.items() if name != "digest"}):
         raise InvalidInput(
             f"{path}: its digest does not fit its contents: changed since it was written"
         )
-    if header.samples is None:
-        samples = path.with_suffix(".npz")
-        if not samples.exists():
-            raise InvalidInput(
-                f"{samples}: expected the samples of the trajectory, found nothing there"
-            )
-        arrays = read_archive(samples)
-    else:
-        samples = Path(f"{path}: samples")
-        arrays = unpacked(extracted(header.samples, str(samples)), str(samples))
+    samples = f"{path}: samples"
+    arrays = unpacked(extracted(header.samples, samples), samples)
     try:
         trajectory = _assemble(header, arrays)
     except InvalidInput as error:
@@ -151,8 +139,8 @@ def _difference(robot: Robot, expected: Robot) -> str:
 
 
 def is_trajectory(data: Any) -> bool:
-    """Tell whether a parsed JSON document is the header of a trajectory."""
-    return isinstance(data, dict) and data.get("format") in (FORMAT, OLDER, PAIRED)
+    """Tell whether a parsed JSON document says that it is a trajectory, of any version."""
+    return isinstance(data, dict) and str(data.get("format", "")).startswith("stancekit/gait/")
 
 
 def copied(trajectory: Trajectory) -> Trajectory:
@@ -164,8 +152,9 @@ def copied(trajectory: Trajectory) -> Trajectory:
         "verified": False,
         "verdict": {},
         "trajectory": "",
+        "samples": "",
         "digest": "",
-        "format": PAIRED,
+        "format": FORMAT,
     }
     arrays = {name: np.array(array) for name, array in trajectory.arrays().items()}
     return _assemble(_Header.model_validate(header), arrays)
@@ -232,7 +221,7 @@ class _Wishes(BaseModel):
 
 class _Header(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
-    format: Literal["stancekit/gait/1", "stancekit/gait/2", "stancekit/gait/3"]
+    format: Literal["stancekit/gait/3"]
     verified: bool
     robot: dict[str, Any]
     terrain: str
@@ -244,11 +233,5 @@ class _Header(BaseModel):
     wishes: _Wishes = Field(default=_Wishes(), alias="asked")
     verdict: dict[str, Any]
     trajectory: str
-    samples: str | None = None
+    samples: str
     digest: str
-
-    @model_validator(mode="after")
-    def _has_its_samples(self) -> Self:
-        if (self.samples is None) != (self.format == PAIRED):
-            raise InvalidInput(f"samples: expected in {FORMAT} and {OLDER}, and not in {PAIRED}")
-        return self

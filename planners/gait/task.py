@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Literal, get_args
 
 from ..errors import InvalidInput
 from ..files.arrays import check_numbers, checked_choice, checked_int
@@ -87,17 +86,3 @@ class GaitSettings:
             )
         for name in ("max_iterations", "swing_nodes"):
             checked_int(getattr(self, name), f"{name}", least=1)
-
-
-if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-    def __getattr__(name: str) -> Any:
-        """The name of before, for one release."""
-        if name != "GaitTask":
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from ..problem.walk import Walk
-
-        warnings.warn(
-            f"{__name__}.GaitTask is old: stancekit.Walk", DeprecationWarning, stacklevel=2
-        )
-        return Walk

@@ -13,7 +13,7 @@ from pydantic import Field, field_validator
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.urdf import FOOT_RADIUS_M
-from ..terrain.families import OLD, TERRAIN_FAMILIES, family_terrain, read_draw
+from ..terrain.families import TERRAIN_FAMILIES, family_terrain, read_draw
 from ..terrain.patch import Patch
 from ..terrain.terrain import Terrain
 from .terrain_spec import ROOM_M, TerrainSpec
@@ -37,9 +37,8 @@ class FamilyScene(TerrainSpec):
     @field_validator("family")
     @classmethod
     def _is_family(cls, family: str) -> str:
-        if family not in (
-            *TERRAIN_FAMILIES.names(),
-            *OLD,
+        if (
+            family not in TERRAIN_FAMILIES.names()
         ):  # none of a FILE.py: reading a course runs nothing
             raise InvalidInput(
                 f"expected one of {', '.join(TERRAIN_FAMILIES.names())}, got {family!r}"

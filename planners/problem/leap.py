@@ -142,7 +142,7 @@ class Leap:
 
     Example:
         >>> from stancekit.planners.problem.leap_json import leap_from_keys
-        >>> leap = leap_from_keys({"distribution": "leap", "seed": 0}, "drawn")
+        >>> leap = leap_from_keys({"distribution": "leap-hard", "seed": 0}, "drawn")
         >>> [phase.limbs for phase in leap.phases]
         [('LF', 'RF', 'LH', 'RH'), (), ('LF', 'RF', 'LH', 'RH')]
     """

@@ -14,8 +14,7 @@ FORMAT = "stancekit/leap/1"
 
 def is_leap_class(name: str) -> bool:
     """Tell whether a name, or a file's, speaks of a class of leaps, be there one or not."""
-    last = Path(name).name
-    return last == "leap" or last.startswith("leap-")
+    return Path(name).name.startswith("leap-")
 
 
 def is_drawn(path: str | Path) -> bool:

@@ -5,7 +5,7 @@ of their files.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -83,12 +83,3 @@ def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
             wrench, (6,), weight_n=weight_n, length_m=fields_of_body["length_scale_m"]
         )[None]
     return fields_of_body
-
-
-if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-    def __getattr__(name: str) -> Any:
-        """The names of before, for one release."""
-        if name == "Contact":
-            return Contact
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -181,7 +181,8 @@ class EnvelopeSet:
         >>> problems = stancekit.sample("wall-3", 5, rng=0)
         >>> box = stancekit.Envelope(low=np.full((3, 6), -1.0), high=np.ones((3, 6)))
         >>> boxes = stancekit.EnvelopeSet.for_problems("wall-3", problems, [box])
-        >>> stancekit.solve(problems[0], "p1", envelopes=boxes).method
+        >>> method = stancekit.TwoStage(relaxation="p1", envelopes=boxes, projection=None)
+        >>> stancekit.solve(problems[0], method).method
         'p1'
     """
 

@@ -1,14 +1,11 @@
 """A robot's own model inside other files: the corrected URDF's text, and what makes legs of it.
 
 Nothing but this is needed to have the robot again: the text goes through ``model_of`` as the file
-did, and hulls stand for its meshes, which nobody looks for. Older files have no hulls but folders,
-which are not looked into: what they say of the robot is read, and its meshes are bodies of unknown
-shape.
+did, and hulls stand for its meshes, which nobody looks for.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,7 +23,7 @@ if TYPE_CHECKING:
 
 MOST_LETTERS = 2_000_000
 """Most letters of a URDF inside another file."""
-MOST_LEGS, MOST_JOINTS, MOST_PAIRS, MOST_FOLDERS = 64, 64, 20_000, 64
+MOST_LEGS, MOST_JOINTS, MOST_PAIRS = 64, 64, 20_000
 Word = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
@@ -48,9 +45,6 @@ class LegJson(_Keys):
 class ModelJson(_Keys):
     """A ``RobotModel``: its URDF, legs, pairs of links that may touch, hulls of its meshes, its
     digest.
-
-    Arguments:
-        mesh_folders: folders of meshes in older files, which have no hulls; not looked into.
     """
 
     urdf: Annotated[str, Field(max_length=MOST_LETTERS)]
@@ -58,8 +52,7 @@ class ModelJson(_Keys):
     disabled_pairs: Annotated[
         list[Annotated[list[Word], Field(min_length=1, max_length=2)]], Field(max_length=MOST_PAIRS)
     ]
-    hulls: str | None = None
-    mesh_folders: Annotated[list[Word], Field(max_length=MOST_FOLDERS)] | None = None
+    hulls: str
     digest: str
 
 
@@ -68,8 +61,6 @@ def model_to_json(model: RobotModel) -> dict[str, Any]:
 
     Raises InvalidInput for a URDF that is too long to be kept.
     """
-    if model.older is not None:
-        return dict(model.older)
     if len(model.urdf) > MOST_LETTERS:
         raise InvalidInput(
             f"robot {model.name}: expected a URDF of {MOST_LETTERS} letters or fewer, got "
@@ -123,7 +114,7 @@ def model_from_json(data: Mapping[str, Any] | None, name: str) -> RobotModel | N
         raw.urdf,
         where="model: urdf",
         folder=None,
-        hulls=hulls_of_text(raw.hulls or ""),
+        hulls=hulls_of_text(raw.hulls),
         feet=feet,
         posture_rad=stances,
         name=name,
@@ -135,21 +126,11 @@ def model_from_json(data: Mapping[str, Any] | None, name: str) -> RobotModel | N
                 f"model: leg {leg.name}: expected the joints {', '.join(leg.joint_names)}, "
                 f"got {', '.join(leg_record.stance_rad)}"
             )
-    digest = model.digest if raw.hulls is not None else _older_digest(raw)
     elsewhere = any(
         leg.foot != leg_record.foot for leg, leg_record in zip(model.legs, raw.legs, strict=True)
     )
-    if digest != raw.digest or (elsewhere and raw.hulls is not None):
+    if model.digest != raw.digest or elsewhere:
         raise InvalidInput(
             "model: digest mismatch: the URDF or its legs are not those that were written"
         )
-    older = raw.model_dump(exclude_none=True) if raw.hulls is None else None
-    return model.changed(disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)), older=older)
-
-
-def _older_digest(raw: ModelJson) -> str:
-    """The digest that files without hulls have: of the text and the legs as they say them."""
-    from .robot_model import urdf_digest_text
-
-    legs = [(leg.name, leg.foot, list(leg.stance_rad.values())) for leg in raw.legs]
-    return hashlib.sha256(urdf_digest_text(raw.urdf, legs).encode()).hexdigest()
+    return model.changed(disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)))

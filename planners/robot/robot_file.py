@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
@@ -20,7 +19,7 @@ from .catalogue import catalogue, provided
 from .leg import FootContact
 from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
-from .urdf_reader import JointCorrection, Number, Positive, built
+from .urdf_reader import JointCorrection, Number, Positive
 
 BUILT_IN = ("hexapod",)
 
@@ -44,11 +43,6 @@ class RobotKeys(BaseModel):
 
     For leaps: legs, by name or pattern, with speed_m_s, power_w and fold_m in place of what the
     joints' efforts, velocities and limits give.
-
-    In older files feet is a list, posture_rad a list of all joints' angles in pinocchio's order,
-    and ranges_rad says how far below and above that posture the joints of a leg may go, for the
-    first foot's leg, and mirrored for joints that the posture mirrors; voxel_m and steps are read,
-    and are of no use any more.
 
     Arguments:
         provider: an installed package that has the URDF, example-robot-data or pybullet.
@@ -74,14 +68,11 @@ class RobotKeys(BaseModel):
     feet: Annotated[dict[str, str] | list[str], Field(union_mode="left_to_right")] = {}
     contacts: dict[str, Annotated[FootContact, KEYS]] = {}
     joints: dict[str, JointCorrection] = {}
-    posture_rad: Annotated[dict[str, Number] | list[Number], Field(union_mode="left_to_right")] = {}
+    posture_rad: dict[str, Number] = {}
     root_rpy_rad: tuple[Number, Number, Number] | None = None
     trunk_half_m: tuple[Positive, Positive, Positive] | None = None
     ceiling_m: Number = 0.0
     inner_m: Number = 0.0
-    ranges_rad: list[tuple[Number, Number]] | None = None
-    voxel_m: Positive | None = None
-    steps: int | None = None
     source: Any = None
     legs: dict[str, LegKeys] = {}
 
@@ -173,71 +164,18 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
     semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
     try:
         text, stands = read_text(urdf), "" if semantics is None else read_text(semantics)
-
-        def model(keys: RobotKeys) -> RobotModel:
-            return model_of(
-                text,
-                where=str(urdf),
-                folder=urdf.parent.resolve(),
-                packages=[(folder / each).resolve() for each in keys.packages],
-                srdf=stands,
-                feet=keys.feet,
-                contacts=keys.contacts,
-                joints=keys.joints,
-                name=keys.name,
-                root_rpy_rad=keys.root_rpy_rad or (),
-                posture_rad=keys.posture_rad if isinstance(keys.posture_rad, dict) else None,
-            )
-
-        if isinstance(keys.posture_rad, list):
-            joints = list(built(text, str(urdf)).names)[2:]
-            keys = _with_feet(keys)
-            keys = keys.model_copy(
-                update={"posture_rad": _posture(keys.posture_rad, joints, model(keys))}
-            )
-        if keys.ranges_rad is not None:
-            keys = keys.model_copy(
-                update={"joints": {**keys.joints, **_limits(model(keys), keys.ranges_rad)}}
-            )
-        return model(keys)
+        return model_of(
+            text,
+            where=str(urdf),
+            folder=urdf.parent.resolve(),
+            packages=[(folder / each).resolve() for each in keys.packages],
+            srdf=stands,
+            feet=keys.feet,
+            contacts=keys.contacts,
+            joints=keys.joints,
+            name=keys.name,
+            root_rpy_rad=keys.root_rpy_rad or (),
+            posture_rad=keys.posture_rad,
+        )
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
-
-
-def _with_feet(keys: RobotKeys) -> RobotKeys:
-    """An older file's feet by names: what stands before the first _ of each."""
-    feet = {foot.split("_")[0]: foot for foot in keys.feet}
-    return (
-        keys
-        if isinstance(keys.feet, dict) or len(feet) < len(keys.feet)
-        else keys.model_copy(update={"feet": feet})
-    )
-
-
-def _posture(angles: Any, joints: Sequence[str], model: RobotModel) -> dict[str, float]:
-    """An older file's angles, which are of all joints in pinocchio's order, by the names of the
-    legs' joints.
-    """
-    if len(angles) != len(joints):
-        raise InvalidInput(f"posture_rad: expected {len(joints)} joint angles, got {len(angles)}")
-    posture = dict(zip(joints, angles, strict=True))
-    return {name: posture[name] for leg in model.legs for name in leg.joint_names}
-
-
-def _limits(
-    model: RobotModel, ranges_rad: Sequence[tuple[float, float]]
-) -> dict[str, JointCorrection]:
-    """Joint limits from how far the joints of a leg may go from the posture in which it stands."""
-    below, above = np.array(ranges_rad, dtype=np.float64).reshape(-1, 2).T
-    result = {}
-    for leg in model.legs:
-        if len(leg.joints) != len(below):
-            raise InvalidInput(
-                f"ranges_rad: expected {len(leg.joints)}, one a joint of a leg, got {len(below)}"
-            )
-        mirrored = np.sign(leg.stance_rad) * np.sign(model.legs[0].stance_rad) < 0
-        low = np.maximum(leg.stance_rad - np.where(mirrored, above, below), leg.lower_rad)
-        high = np.minimum(leg.stance_rad + np.where(mirrored, below, above), leg.upper_rad)
-        for name, *limits in zip(leg.joint_names, low.tolist(), high.tolist(), strict=True):
-            result[name] = JointCorrection(limits_rad=(limits[0], limits[1]))
-    return result

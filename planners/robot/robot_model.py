@@ -89,8 +89,6 @@ class RobotModel:
         disabled_pairs: links that may touch, from the SRDF.
         remarks: things that were guessed or are hard to believe.
         gaps: entries that a YAML file has to add before anything can be planned, one line each.
-        older: for a model from a file written before there were hulls, the text of that file about
-            it, from which digests are taken.
         servo: the drive of every joint of legs that are drawn up; None where a robot's own file
             says what its joints can.
     """
@@ -104,7 +102,6 @@ class RobotModel:
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     remarks: tuple[Remark, ...] = ()
     gaps: tuple[str, ...] = ()
-    older: Mapping[str, Any] | None = None
     servo: Servo | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -146,8 +143,8 @@ class RobotModel:
         """SHA-256 of the corrected URDF, the legs and their feet, and the hulls of the meshes that
         it names.
         """
-        legs = [(leg.name, leg.foot, leg.stance_rad.tolist()) for leg in self.legs]
-        content = hashlib.sha256(urdf_digest_text(self.urdf, legs).encode())
+        legs = (f"{leg.name}\0{leg.foot}\0{leg.stance_rad.tolist()}" for leg in self.legs)
+        content = hashlib.sha256("\0".join([self.urdf, *legs]).encode())
         for leg in self.legs:
             if leg.contact is not None:
                 content.update(
@@ -259,16 +256,6 @@ class RobotModel:
                 turn, place = (part[0, mount.joint] for part in placed[mount.leg])
                 frames[name] = turn @ mount.rotation, place + turn @ mount.origin_m
         return frames
-
-
-def urdf_digest_text(urdf: str, legs: Sequence[tuple[str, str, list[float]]]) -> str:
-    """The text whose SHA-256 was a robot's digest before hulls were part of it, and is where there
-    are none.
-
-    Arguments:
-        legs: name, foot and posture of each.
-    """
-    return "\0".join([urdf, *(f"{name}\0{foot}\0{stance}" for name, foot, stance in legs)])
 
 
 def model_of(

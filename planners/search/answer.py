@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 
@@ -235,13 +234,3 @@ def objective_of(plan: Plan) -> float:
         cost += weights.stance * float(np.sum(away**2))
     steps = np.array([plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, course.frames)])
     return cost + weights.toe_step * float(np.sum(steps**2))
-
-
-if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-    def __getattr__(name: str) -> Any:
-        """The names of before, for one release."""
-        if name == "CoursePlanner":
-            warnings.warn("CoursePlanner is old: Planner", DeprecationWarning, stacklevel=2)
-            return Planner
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

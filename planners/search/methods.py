@@ -6,22 +6,17 @@ from __future__ import annotations
 
 import functools
 import inspect
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
-from types import MappingProxyType, SimpleNamespace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, get_args, runtime_checkable
 
-from ..answer.answer import Answer
-from ..answer.plan import Plan
 from ..arguments import check_argument
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..files.arrays import check_numbers, checked_choice
 from ..files.validation import shown
 from ..plugins import Registry, foreign, takes
-from ..problem import Problem
 from ..projection.project import PROJECTIONS, Projection
 from .answer import (
     COURSE_LIMIT_S,
@@ -29,7 +24,6 @@ from .answer import (
     Acceptance,
     Kind,
     Planner,
-    kind_of,
 )
 
 if (
@@ -207,8 +201,6 @@ class TwoStage:
         check_argument("reserve", self.reserve, bool)
         check_argument("max_solves", self.max_solves, int | None)
         check_numbers(self, least=("max_solves",))
-        if self.relaxation == "envelope":  # as plans had it
-            object.__setattr__(self, "relaxation", "p1")
         if self.projection is not None:
             PROJECTIONS.get(self.projection)
         if self.relaxation is None:
@@ -424,8 +416,6 @@ COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
 OWN_OF: Mapping[Kind | None, tuple[str, ...]] = MappingProxyType(
     {"postures": METHODS, "courses": COURSE_METHODS, None: tuple(OWN)}
 )
-OLD_GROUP = "stancekit.course_planners"
-"""The group of entry points that planners of courses were in before."""
 COURSE_ALONE = ("reserve", "envelope_use", "gap")
 """Settings that concern courses alone; of ``Micp`` also its projection, of ``TwoStage`` its limit
 of solves."""
@@ -452,11 +442,6 @@ PLANNERS: Registry[Make] = Registry(
 """All planners: called with ``PlannerOptions``, a class or function gives something with ``solve``,
 which answers posture problems, courses, or both. One that answers one kind alone says so by an
 attribute ``answers``, "postures" or "courses"."""
-_OLD_COURSE_PLANNERS: Registry[Make] = Registry(
-    "planner", OLD_GROUP, {}, expected="something to call with PlannerOptions", accepts=_accepted
-)
-"""Planners of courses alone that packages, or ``register``, have put where they were before, for
-one release."""
 CALLED: Mapping[Kind | None, str] = MappingProxyType(
     {"postures": "method", "courses": "planner", None: "method"}
 )
@@ -467,9 +452,7 @@ def known(of: Kind | None = None) -> tuple[str, ...]:
     """The names of all planners of this kind of question, as far as their names say; nothing is
     imported.
     """
-    more = () if of == "postures" else _OLD_COURSE_PLANNERS.names()
-    further = [name for name in (*PLANNERS.names(), *more) if name not in OWN]
-    return tuple(dict.fromkeys([*OWN_OF[of], *further]))
+    return (*OWN_OF[of], *(name for name in PLANNERS.names() if name not in OWN))
 
 
 def _named(name: str, of: Kind | None) -> Make:
@@ -478,23 +461,11 @@ def _named(name: str, of: Kind | None) -> Make:
     Raises InvalidInput for a name that nobody has for this kind of question.
     """
     called = CALLED[of]
-    is_own = name in OWN  # whose kind of question is known without a look at other packages
-    if is_own and name not in OWN_OF[of]:
+    if name not in OWN:
+        return PLANNERS.get(name, called=called, known=known(of))
+    if name not in OWN_OF[of]:  # known without a look at other packages
         raise PLANNERS.unknown(name, called, known(of))
-    old = (
-        _OLD_COURSE_PLANNERS.registered()
-        if is_own or ".py" in name
-        else _OLD_COURSE_PLANNERS.names()
-    )
-    if name in old and (of == "courses" or name not in PLANNERS.names()):
-        if of == "postures":
-            raise InvalidInput(
-                f"{called}: expected a planner of postures, got {name}, which answers courses alone"
-            )
-        message = f"planner {name} of {OLD_GROUP}, which answers courses alone: {PLANNERS.group} is the group of these now"
-        warnings.warn(message, DeprecationWarning, stacklevel=4)
-        return _OLD_COURSE_PLANNERS.get(name)
-    return PLANNERS.get(name) if is_own else PLANNERS.get(name, called=called, known=known(of))
+    return PLANNERS.get(name)
 
 
 def settings_of(name: str, of: Kind | None = "postures") -> tuple[str, ...]:
@@ -538,10 +509,7 @@ def make_planner(
         options = replace(options, of=of)
     of = options.of
     if not isinstance(method, str):
-        value = _checked(method, settings)
-        if of != "postures" and hasattr(value, "course_planner"):
-            return _of_both_as_before(value, options)
-        return value.planner(options)
+        return _checked(method, settings).planner(options)
     make = _named(method, of)
     if _is_own(make):
         value = (
@@ -566,29 +534,6 @@ def make_planner(
         envelopes=settings.get("envelopes"),
         remake=remake,
     )
-
-
-def _of_both_as_before(method: Any, options: PlannerOptions) -> Planner:
-    """The planner of a method of before, which makes planners of courses by another function, for
-    one release.
-    """
-    warnings.warn(
-        f"{method.name}.course_planner is old: planner(options), and options.of",
-        DeprecationWarning,
-        4,
-    )
-    if options.of is not None:
-        make = method.course_planner if options.of == "courses" else method.planner
-        planner: Planner = make(options)
-        return planner
-
-    def solve(problem: Problem) -> Answer[Plan]:
-        answered: Answer[Plan] = _of_both_as_before(
-            method, replace(options, of=kind_of(problem))
-        ).solve(problem)
-        return answered
-
-    return SimpleNamespace(name=method.name, solve=solve)
 
 
 def through_verifier(planner: Planner, of: Kind) -> Planner:
@@ -656,17 +601,3 @@ def _copied(options: PlannerOptions, limit_s: float, settings: Mapping[str, Any]
         time_limit_s=options.limit(limit_s),
         settings=dict(settings),
     )
-
-
-if not TYPE_CHECKING:  # or a checker would take any name for one that there is
-
-    def __getattr__(name: str) -> Any:
-        """The names of before, for one release."""
-        if name == "COURSE_PLANNERS":
-            warnings.warn("COURSE_PLANNERS is old: PLANNERS", DeprecationWarning, stacklevel=2)
-            return _OLD_COURSE_PLANNERS
-        if name == "make_course_planner":
-            new = 'make_planner(method, options, of="courses")'
-            warnings.warn(f"make_course_planner is old: {new}", DeprecationWarning, stacklevel=2)
-            return partial(make_planner, of="courses")
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,9 +8,8 @@ what was written.
 
 from __future__ import annotations
 
-import inspect
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
@@ -28,9 +27,6 @@ if TYPE_CHECKING:
     from ..relaxation.envelope import EnvelopeSet
 
 Taken = TypeVar("Taken", Plan, Certificate)
-ASKED: Mapping[Kind, str] = {"postures": "PostureProblem", "courses": "Course"}
-"""The class, by its name of before, that ``solve`` is annotated with of a planner which answers
-this kind alone."""
 NUMBERS = {
     Certificate: ("tree", "multipliers"),
     Plan: (
@@ -108,30 +104,16 @@ class VerifiedPlanner:
 
 
 def check_answers(planner: Any, kind: Kind, where: str) -> None:
-    """Raise InvalidInput for a planner that says that it answers another kind of question alone: by
-    its attribute ``answers``, a kind, or as before by the annotation of what its ``solve`` is
-    asked.
+    """Raise InvalidInput for a planner that says, by its attribute ``answers``, that it answers
+    another kind of question alone.
 
     Arguments:
         where: what the message begins with.
     """
     answered = getattr(planner, "answers", None)
-    if answered in get_args(Kind):
-        if answered != kind:
-            raise InvalidInput(
-                f"{where}: expected a planner of {kind}, got one that answers {answered} alone"
-            )
-        return
-    try:
-        parameter = next(iter(inspect.signature(planner.solve).parameters.values()), None)
-    except (TypeError, ValueError):  # it does not say
-        return
-    noted = getattr(parameter, "annotation", inspect.Parameter.empty)
-    text = noted if isinstance(noted, str) else getattr(noted, "__name__", "")
-    kinds: set[Kind] = {each for each, name in ASKED.items() if name in text}
-    if kinds and kind not in kinds:
+    if answered in get_args(Kind) and answered != kind:
         raise InvalidInput(
-            f"{where}: expected a planner of {kind}, got one that answers {kinds.pop()} alone"
+            f"{where}: expected a planner of {kind}, got one that answers {answered} alone"
         )
 
 

@@ -15,9 +15,7 @@ start (``SCENE``), walks see all of it (``WIDE``).
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
-from importlib import import_module
 from inspect import getdoc, signature
 from typing import TYPE_CHECKING
 
@@ -200,20 +198,8 @@ TERRAIN_FAMILIES: Registry[Family | Draw] = Registry(
     },
     expected="a Family, or a function of a level and a generator",
     accepts=lambda it: isinstance(it, Family) or takes(it, 2),
-    old_groups=("stancekit.height_families",),
 )
 """By name. Friction: 0.4–0.8 on slopes, 0.4–0.7 on rubble, 0.6–1.0 on walls, 0.6–0.9 on others."""
-
-
-OLD = {
-    "stairs-spline": (f"{__package__}.smooth_families:STAIRS_SPLINE", "stairs"),
-    "stones-spline": (f"{__package__}.smooth_families:STONES_SPLINE", "stones"),
-}
-"""Grounds that walks had under these names before a name was one ground, for one more release:
-where it is, and what the name means now."""
-MIXED = ("rough", "stairs-spline", "stones-spline", "waves", "ramps")
-"""The families among which walks are drawn as ``mixed``: the grounds that walks had, in this
-order."""
 SCENES = ("stairs", "stones", "gaps", "beams", "rubble", "slopes", "walls")
 """The families of polygons."""
 SMOOTH = ("rough", "waves", "ramps")
@@ -287,9 +273,7 @@ def drawn_name(name: str) -> bool:
     ``mine.py:steps:0.6:7``.
     """
     family, numbers = split_name(name)
-    return bool(numbers) and (
-        ".py:" in family or family in TERRAIN_FAMILIES.names() or family in OLD
-    )
+    return bool(numbers) and (".py:" in family or family in TERRAIN_FAMILIES.names())
 
 
 def read_draw(name: str, where: str) -> tuple[str, float, int]:
@@ -316,36 +300,13 @@ def terrain_family(name: str) -> Family:
     """The family of a name, or of FILE.py:NAME; a plain function says what its level is in its
     docstring.
 
-    Raises InvalidInput for a name that nobody has. An old name is taken with a
-    ``DeprecationWarning``.
+    Raises InvalidInput for a name that nobody has.
     """
-    if name in OLD:
-        warnings.warn(_superseded(name), DeprecationWarning, stacklevel=2)
-    return _family(name)
-
-
-def _superseded(name: str) -> str:
-    """A line for whoever names an old ground, that says the new name; empty for any other name."""
-    family = split_name(name)[0]
-    if family not in OLD:
-        return ""
-    now = OLD[family][1]
-    return f"{family} is what walks had as {now}, for one more release: {now} is one ground for plans and walks"
-
-
-def _family(name: str) -> Family:
-    family = _found(OLD[name][0]) if name in OLD else TERRAIN_FAMILIES.get(name)
+    family = TERRAIN_FAMILIES.get(name)
     if isinstance(family, Family):
         return family
     first = (getdoc(family) or name).split("\n\n")[0]
     return Family(quantity=" ".join(first.split()), draw=family)
-
-
-def _found(where: str) -> Family:
-    """The family at "module:attribute"."""
-    module, attribute = where.split(":")
-    family: Family = getattr(import_module(module), attribute)
-    return family
 
 
 def _goes_on(draw: Draw) -> bool:
@@ -361,7 +322,7 @@ def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -
 
     Raises InvalidInput where that is no ground.
     """
-    draw = _family(family).draw
+    draw = terrain_family(family).draw
     ground = draw(level, rng, extent=extent) if _goes_on(draw) else draw(level, rng)
     if (
         isinstance(ground, list | tuple)
@@ -389,7 +350,7 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
         return levelled(ground, name)
     if ground.laid is not None:
         return ground.laid()
-    if not _goes_on(_family(family).draw):
+    if not _goes_on(terrain_family(family).draw):
         return rounded(ground.patches, name=name)
     low, high = WIDE[:, :2]
     return rounded(ground.patches, low, high, name=name)
@@ -486,17 +447,3 @@ def _within(far: Array, near: Array) -> Array:
     first = (len(far) - len(near)) // 2
     far[first : first + len(near), first : first + len(near)] = near
     return far
-
-
-if not TYPE_CHECKING:  # checkers read what is there today
-
-    def __getattr__(name: str) -> object:
-        """``Terrain`` under the name that plug-ins had for it.
-
-        Raises AttributeError for any other name.
-        """
-        if name != "FamilyTerrain":
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        message = f"{__name__}.FamilyTerrain is old: planners.terrain.terrain.Terrain"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
-        return Terrain

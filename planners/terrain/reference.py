@@ -7,7 +7,6 @@ world's domain is [−4, 4]².
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -247,21 +246,6 @@ def named_surface(name: str) -> TriangleMesh | ElevationMap:
         if patches is not None:
             return TriangleMesh.of_patches(patches, name)
     return ElevationMap.of_field(named_terrain(name))
-
-
-if not TYPE_CHECKING:  # checkers read what is there today
-
-    def __getattr__(name: str) -> object:
-        """``Formula`` under the name that plug-ins had for it.
-
-        Raises AttributeError for any other name.
-        """
-        if name != "Terrain":
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        warnings.warn(
-            f"{__name__}.Terrain is old: {__name__}.Formula", DeprecationWarning, stacklevel=2
-        )
-        return Formula
 
 
 def footholds_on(

@@ -1,8 +1,5 @@
 """Families of terrain that are smooth: heights h(x, y) of a level in [0, 1] and a generator, level
 about the origin.
-
-``stairs-spline`` and ``stones-spline`` are what walks had under ``stairs`` and ``stones`` before a
-name was one ground.
 """
 
 from __future__ import annotations
@@ -32,52 +29,6 @@ def _waves(difficulty: float, rng: np.random.Generator) -> Shape:
     rise = np.tan(np.deg2rad(25.0)) * difficulty * rng.uniform(0.2, 0.6, 5) / k
     along = np.stack([np.cos(turns), np.sin(turns)])
     return lambda x, y: np.asarray(np.sin(k * (np.stack([x, y], axis=-1) @ along) + phases) @ rise)
-
-
-def _stairs(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Straight stairs up and down through the domain, steps up to 22 cm, edges rounded over 10
-    cm.
-    """
-    turn, tread = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 0.8)
-    edges = LEVEL_M + 0.1 + tread * np.arange(int((HALF_WIDTH_M * 1.5) / tread))
-    steps = (
-        0.22
-        * difficulty
-        * rng.uniform(0.7, 1.0, len(edges))
-        * rng.choice([1.0, 1.0, -1.0], len(edges))
-    )
-
-    def shape(x: Array, y: Array) -> Array:
-        along = np.abs(np.cos(turn) * x + np.sin(turn) * y)
-        return sum(
-            (
-                s * 0.5 * (1.0 + np.tanh((along - e) / 0.06))
-                for s, e in zip(steps, edges, strict=True)
-            ),
-            start=np.zeros_like(x),
-        )
-
-    return shape
-
-
-def _stones(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Stepping stones, tops within 5 cm of level, in a moat up to 40 cm deep; harder ones are
-    smaller.
-    """
-    pitch, depth = 0.7, 0.4 * difficulty
-    lattice = pitch * np.arange(-7, 8)
-    centres = np.stack(np.meshgrid(lattice, lattice, indexing="ij"), axis=-1).reshape(-1, 2)
-    centres = centres + rng.uniform(-0.08, 0.08, centres.shape)
-    radii = rng.uniform(0.36, 0.42, len(centres)) - 0.12 * difficulty
-    tops = depth + 0.05 * difficulty * rng.uniform(-1.0, 1.0, len(centres))
-
-    def shape(x: Array, y: Array) -> Array:
-        height = np.full(x.shape, -depth)
-        for (cx, cy), radius, top in zip(centres, radii, tops, strict=True):
-            height += top * 0.5 * (1.0 - np.tanh((np.hypot(x - cx, y - cy) - radius) / 0.07))
-        return height
-
-    return shape
 
 
 def _ramps(difficulty: float, rng: np.random.Generator) -> Shape:
@@ -112,8 +63,6 @@ def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Sha
 ROUGH = Family(quantity="deviation of noise of 0.5 m wavelength: 0.08 · level m", draw=_rough)
 WAVES = Family(quantity="steepness of five wave trains: up to tan(25°) · level each", draw=_waves)
 RAMPS = Family(quantity="slope of three planes: up to tan(35°) · level", draw=_ramps)
-STAIRS_SPLINE = Family(quantity="height of rounded steps: up to 0.22 · level m", draw=_stairs)
-STONES_SPLINE = Family(quantity="depth of a moat about round stones: 0.4 · level m", draw=_stones)
 
 
 def levelled(shape: Shape, name: str) -> HeightField:

@@ -121,16 +121,15 @@ class ReplayWorld(LatchedWorld):
 
 
 def _loops(plan: Mapping[str, Any], drives: Drives, path: str | Path) -> Drives:
-    """The loops that the log was sent to; of logs that do not say, as it was when they were
-    written.
+    """The loops that the log was sent to.
+
+    Raises InvalidInput for a log that does not say.
     """
     from ..log import table
 
     names = ("stiffness_nm_rad", "damping_nms_rad", "rotor_kg_m2")
-    if not all(name in plan for name in names):
-        return replace(drives, yields=bool(plan.get("sees", True)))
     stiffness, damping, rotor = (
-        table(plan[name], (len(drives.joints),), f"{path}: {name}") for name in names
+        table(plan.get(name), (len(drives.joints),), f"{path}: {name}") for name in names
     )
     if not (stiffness > 0.0).all():
         raise InvalidInput(f"{path}: stiffness_nm_rad: expected numbers above 0, got others")

@@ -98,65 +98,6 @@ def test_one_planner_answers_postures_and_courses():
         make_planner("exact", gap=0.5).solve(problem())
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_old_arguments_are_taken_as_they_were_or_refused():
-    def share(method: Any, **old: Any) -> float:
-        found = stancekit.plan("stairs", method, frames=4, **old).solution
-        assert found is not None
-        return float(found.provenance.get("friction_share", 1.0))
-
-    made = make_planner("two-stage", of="courses")
-    assert (share(made), share(made, reserve=False), share("two-stage", reserve=False)) == (
-        0.8,
-        1.0,
-        1.0,
-    )
-    assert share("nlp", reserve=False) == 1.0
-    with refuses("reserve"):
-        stancekit.plan("stairs", stancekit.TwoStage(), frames=2, reserve=False)
-    with refuses("planner"):
-        stancekit.plan("stairs", frames=2, planner=3)
-    with refuses("method"):
-        stancekit.plan("stairs", "p1", frames=2)
-    with refuses("feasible"):
-        stancekit.label("wall-3", "rows", rows=3, feasible=3)
-    with refuses("start_yaw_rad"):
-        stancekit.walk(level(), (0.2, 0.0), heading_rad=0.1, start_yaw_rad=0.2)
-    with refuses("time_limit_s"):
-        stancekit.walk(level(), (0.2, 0.0), time_limit_s=0.0)
-
-
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_old_limits_stand_beside_new_ones(monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        "stancekit.courses.plan_course", lambda *_, limits, **__: seen.append(limits)
-    )
-    stancekit.plan("stairs", frames=2, body=stancekit.WholeBodyLimits(share=0.5), torque_nm=8.0)
-    assert seen == [stancekit.WholeBodyLimits(share=0.5, torque_nm=8.0)]
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("body", stancekit.WholeBodyLimits(torque_nm=7.0)),
-        ("push_n", 12.0),
-        ("wrench", (0.0, 0.0, -20.0)),
-        ("checkpoint", "pieces.json"),
-    ],
-)
-def test_what_settings_hold_is_taken_as_an_argument_with_a_warning(name, value, monkeypatch):
-    seen = []
-    monkeypatch.setattr("stancekit.courses.plan_course", lambda *_, **how: seen.append(how))
-    stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(**{name: value}))
-    with pytest.warns(
-        DeprecationWarning, match=rf"^plan\({name}=...\) is old: .*PlanSettings\({name}"
-    ):
-        stancekit.plan("stairs", frames=2, **{name: value})
-    new, old = ({**how, "deadline": None, "kept": bool(how["kept"])} for how in seen)
-    np.testing.assert_equal(old, new)
-
-
 def test_settings_of_a_plan_are_refused_where_they_are_none():
     for name, value in (
         ("body", 3),
@@ -168,9 +109,7 @@ def test_settings_of_a_plan_are_refused_where_they_are_none():
     ):
         with refuses(name):
             stancekit.PlanSettings(**{name: value})
-        with pytest.warns(DeprecationWarning, match=r"^plan\("), refuses(name):
-            stancekit.plan("stairs", frames=2, **{name: value})
-    leap = "leap:0"
+    leap = "leap-hard:0"
     for settings in ({"push_n": 1.0}, {"standing": "map.npz"}, {"checkpoint": "c.json"}):
         with refuses(next(iter(settings))):
             stancekit.plan(leap, settings=stancekit.PlanSettings(**settings))

@@ -11,7 +11,6 @@ import pytest
 
 import stancekit
 from stancekit import Answer, Plan, Status
-from stancekit.planners.search import methods
 from stancekit.planners.search.exact import ExactPlanner
 from tests.refusals import assert_names, refuses
 
@@ -70,14 +69,6 @@ def test_evidence_that_is_accepted_counts(held, refuted):
             assert outcome.method == "mine"
 
 
-def test_a_planner_may_answer_under_the_name_of_before(held):
-    with pytest.warns(DeprecationWarning, match=r"stancekit\.Posture is old"):
-        posture = stancekit.Posture(**held.solution.to_json())
-    for answer in (posture, Answer(status=Status.FEASIBLE, method="mine", solution=posture)):
-        outcome = stancekit.solve(held.problem, Says(answer))
-        assert (outcome.status, outcome.solution.problem) == (Status.FEASIBLE, held.problem)
-
-
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
@@ -122,10 +113,12 @@ class Postures:
         return None
 
 class Courses:
+    answers = "courses"
+
     def __init__(self, options):
         pass
 
-    def solve(self, course: "Course"):
+    def solve(self, course):
         return None
 
 class Both:
@@ -156,34 +149,3 @@ def test_a_planner_of_one_kind_of_question_says_so_where_it_is_asked_another(tmp
                 continue
             with refuses(asked, kind):
                 ask()
-
-
-def test_a_planner_of_courses_in_the_group_of_before_works_and_says_so(held, monkeypatch):
-    monkeypatch.setattr(methods._OLD_COURSE_PLANNERS, "_things", {"theirs": lambda _: Says(None)})
-    with pytest.warns(
-        DeprecationWarning,
-        match=r"theirs of stancekit\.course_planners, which answers courses alone",
-    ):
-        assert stancekit.plan(stancekit.load("stairs"), "theirs").status is Status.UNDECIDED
-    with refuses("method", "theirs"):
-        stancekit.solve(held.problem, "theirs")
-    assert "theirs" in methods.known("courses")
-    assert "theirs" not in methods.known("postures")
-
-
-def test_a_method_of_before_makes_planners_of_courses_in_a_way_of_its_own(held):
-    class Mine:
-        name = "mine"
-
-        def planner(self, options):
-            return Says(held)
-
-        def course_planner(self, options):
-            return Says(None)
-
-    with pytest.warns(DeprecationWarning, match=r"mine\.course_planner is old"):
-        planner = methods.make_planner(Mine(), of="courses")
-    assert planner.solve(None) is None
-    assert methods.make_planner(Mine(), of="postures").solve(held.problem) is held
-    with pytest.warns(DeprecationWarning, match="make_course_planner is old"):
-        assert methods.make_course_planner("two-stage").reserve

@@ -15,6 +15,8 @@ import stancekit
 import stancekit.envs
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.methods import SETTINGS
+from stancekit.postures import planner_of
 from tests.refusals import refuses
 
 SELECTION, REFINEMENT = "stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"
@@ -52,23 +54,31 @@ SOLVE: list[tuple[str, dict[str, Any]]] = [
     ("time_limit_s", {"time_limit_s": float("nan")}),
     ("method", {"method": "magic"}),
     ("method", {"method": 7}),
-    ("projection", {"method": ExactPlanner(), "projection": "scp"}),
     ("time_limit_s", {"method": ExactPlanner(), "time_limit_s": 1.0}),
 ]
 PLAN: list[tuple[str, dict[str, Any]]] = [
-    ("projection", {"projection": "nonsense"}),
-    ("projection", {"planner": "exact", "projection": "scp"}),
-    ("projection", {"planner": "nlp", "projection": "fix-p"}),
-    ("projection", {"planner": "decoupled", "projection": "fix-p"}),
-    ("relaxation", {"relaxation": "boxes"}),
-    ("relaxation", {"planner": "exact", "relaxation": "lift"}),
-    ("relaxation", {"planner": "micp", "relaxation": "lift"}),
-    ("envelopes", {"envelopes": ["net.safetensors"]}),
-    ("envelopes", {"relaxation": "envelope"}),
-    ("planner", {"planner": "magic"}),
+    ("method", {"method": "magic"}),
+    ("method", {"method": "p1"}),
+    ("method", {"method": 3}),
     ("frames", {"frames": 2.0}),
     ("frames", {"frames": True}),
-    ("reserve", {"reserve": "no"}),
+    ("settings", {"settings": 3}),
+    ("time_limit_s", {"time_limit_s": "1"}),
+    ("time_limit_s", {"time_limit_s": -1.0}),
+]
+METHODS: list[tuple[str, Callable[[], Any]]] = [
+    ("projection", lambda: stancekit.TwoStage(projection="nonsense")),
+    ("projection", lambda: stancekit.TwoStage(projection=3)),
+    ("relaxation", lambda: stancekit.TwoStage(relaxation="boxes")),
+    ("relaxation", lambda: stancekit.TwoStage(relaxation="envelope")),
+    ("envelopes", lambda: stancekit.TwoStage(relaxation="p1")),
+    ("envelopes", lambda: stancekit.TwoStage(relaxation="lift", envelopes=box())),
+    ("envelopes", lambda: stancekit.TwoStage(envelopes=["net.safetensors"])),
+    ("reserve", lambda: stancekit.TwoStage(reserve="no")),
+    ("gap", lambda: stancekit.Exact(gap="small")),
+    ("solver", lambda: stancekit.Micp(solver="cplex")),
+    ("solver", lambda: stancekit.Micp(solver=["highs"])),
+    ("intervals", lambda: stancekit.Micp(intervals="4")),
 ]
 OTHERS: list[tuple[str, Callable[[], Any]]] = [
     ("rng", lambda: stancekit.sample("wall-3", rng=1.5)),
@@ -80,7 +90,7 @@ OTHERS: list[tuple[str, Callable[[], Any]]] = [
     ("natural", lambda: stancekit.label("wall-3", "rows", natural="yes")),
     ("workers", lambda: stancekit.label("wall-3", "rows", workers="2")),
     ("workers", lambda: stancekit.label("wall-3", "rows", workers=0)),
-    ("feasible", lambda: stancekit.label("wall-3", "rows", feasible=True)),
+    ("rows", lambda: stancekit.label("wall-3", "rows", rows=(True, 3))),
     ("gait", lambda: stancekit.walk("ripple", (1.0, 0.0), gait="run")),
     ("dataset", lambda: stancekit.fit(3)),
     ("selector", lambda: stancekit.evaluate(3, "rows")),
@@ -186,7 +196,7 @@ def stancekit_distribution() -> Any:
 
 
 def test_there_are_more_than_a_hundred():
-    lists = (SOLVE, PLAN, OTHERS, ENVIRONMENTS, BATCHES, RESETS)
+    lists = (SOLVE, PLAN, METHODS, OTHERS, ENVIRONMENTS, BATCHES, RESETS)
     assert sum(map(len, lists)) > 100
 
 
@@ -194,19 +204,43 @@ def test_solve_refuses_what_its_method_has_no_use_for():
     problem = stancekit.sample("wall-3", rng=8)[0]
     for named, options in SOLVE:
         with refuses(named):
-            stancekit.solve(problem, **options)
+            solved(problem, **options)
     for method in ("exact", "lift", "nlp"):
         with refuses("envelopes"):
-            stancekit.solve(problem, method, envelopes=box())
+            solved(problem, method, envelopes=box())
+
+
+def solved(problem: stancekit.Problem, method: Any = "exact", **options: Any) -> Any:
+    """The answer of a method with the settings that are given beside it."""
+    settings = {name: options.pop(name) for name in SETTINGS if name in options}
+    if settings:
+        method = planner_of(method, **settings, **options)
+        options = {}
+    return stancekit.solve(problem, method, **options)
 
 
 def test_plan_refuses_what_its_planner_has_no_use_for():
     for named, options in PLAN:
         with refuses(named):
             stancekit.plan("stairs", **{"frames": 2, **options})
-    for planner in ("exact", "nlp", "decoupled"):
-        with refuses("envelopes"):
-            stancekit.plan("stairs", planner, frames=2, envelopes=box())
+    for named, make in METHODS:
+        with refuses(named):
+            make()
+
+
+@pytest.mark.parametrize(
+    ("function", "name"),
+    [("plan", "reserve"), ("solve", "projection"), ("walk", "heading_rad"), ("label", "feasible")],
+)
+def test_an_argument_that_a_function_does_not_have_is_refused_as_of_any(function, name):
+    asked = {
+        "plan": ("stairs",),
+        "solve": (stancekit.sample("wall-3", rng=8)[0],),
+        "walk": ("ripple", (1.0, 0.0)),
+        "label": ("wall-3", "rows"),
+    }[function]
+    with refuses(function, name, kind=TypeError):
+        getattr(stancekit, function)(*asked, **{name: 0.1})
 
 
 def test_other_functions_refuse_at_the_call(tmp_path, monkeypatch):

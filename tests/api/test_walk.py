@@ -44,9 +44,3 @@ def test_nothing_goes_beside_a_walk_that_it_says_itself(level):
             stancekit.walk(asked, **{name: value})
     with refuses("stancekit.walk", "goal_xy_m", kind=TypeError):
         stancekit.walk(level)
-
-
-def test_the_name_of_before_is_taken_for_a_release():
-    with pytest.warns(DeprecationWarning, match=r"GaitTask is old: stancekit\.Walk"):
-        from stancekit.planners.gait.task import GaitTask
-    assert GaitTask is Walk

@@ -350,19 +350,18 @@ def test_an_installed_package_is_found_by_its_entry_points(
         "selectors": "Widest",
         "methods": "around",
         "planners": "Centres",
-        "course_planners": "bare",
         "projections": "onward",
         "families": "halves",
-        "height_families": "rolling",
         "terrains": "bump",
         "charts": "Sheared",
     }
     lines = [f"[stancekit.{group}]\nour-{group} = wide:{name}\n" for group, name in groups.items()]
+    lines.insert(1 + list(groups).index("planners"), "our-climbs = wide:bare\n")
     (site / "wide-0.1.dist-info" / "entry_points.txt").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(site)
     assert stancekit("sample", "our-distributions").records[0]["contacts"]
     assert stancekit("fit", labelled, "--method", "our-methods", "--out", "e.json").code == 0
-    assert stancekit("plan", "walls", "--frames", 2, "--planner", "our-course_planners").code == 0
+    assert stancekit("plan", "walls", "--frames", 2, "--planner", "our-climbs").code == 0
     ours = ("--no-lift", "--projection", "our-projections", "--json")
     (row,) = stancekit("evaluate", labelled, "--selector", "our-selectors", *ours).records
     assert row["selector"] == "our-selectors"
@@ -386,8 +385,6 @@ def test_an_installed_package_is_found_by_its_entry_points(
     (answer,) = stancekit("gait", "our-terrains", *raw).records
     assert answer["attempts"][0]["chart"] == "our-charts"
     assert stancekit("verify", "walk.json").code == 0
-    with pytest.warns(DeprecationWarning, match="stancekit.families is the group of these now"):
-        assert np.shape(named_terrain("our-height_families:0.3:1").height(np.zeros(2))) == ()
 
 
 @pytest.mark.parametrize(

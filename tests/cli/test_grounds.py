@@ -1,6 +1,4 @@
-"""A ground is named alike for every command: one table, one line for an old name, one line for a
-bad one.
-"""
+"""A ground is named alike for every command: one table, one line for a bad name."""
 
 from __future__ import annotations
 
@@ -13,18 +11,12 @@ import pytest
 
 from stancekit.cli.main import main
 from stancekit.planners.formats.trajectory_file import check_file
-from stancekit.planners.plugins import Registry
-from stancekit.planners.terrain import families, reference
 from stancekit.planners.terrain.families import (
-    OLD,
     TERRAIN_FAMILIES,
-    family_terrain,
     terrain_family,
 )
 from stancekit.planners.terrain.reference import named_terrain
-from stancekit.planners.terrain.terrain import Terrain
 from stancekit.terrains import ground
-from tests.refusals import refuses
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ("--goal", "0.2,0", "--duration-s", "3", "--raw")
@@ -38,7 +30,6 @@ def test_help_and_documentation_list_the_one_table(stancekit, monkeypatch):
     for name in TERRAIN_FAMILIES.names():
         assert f" {name} {terrain_family(name).quantity} " in told
         assert f"| `{name}` | " in page
-    assert not [name for name in OLD if name in said or f"| `{name}` |" in page]
 
 
 def test_a_walk_goes_over_the_ground_that_a_plan_stands_on(stancekit):
@@ -55,15 +46,6 @@ def test_a_walk_goes_over_the_ground_that_a_plan_stands_on(stancekit):
     for tread in treads:
         middle = tread.mean(axis=0)  # far from both edges, which are 0.24 m or more apart
         assert float(walked.height(middle[:2])) == pytest.approx(middle[2], abs=1e-3)
-
-
-def test_an_old_name_is_taken_and_told_in_one_line(stancekit):
-    ran = stancekit("gait", "stones-spline:0.1:7", *SHORT, "--json")
-    said = "stancekit: warning: stones-spline is what walks had as stones, for one more release: stones is one ground "
-    assert [line for line in ran.err.splitlines() if "warning" in line] == [
-        said + "for plans and walks"
-    ]
-    assert json.loads(ran.out)
 
 
 def test_key_frames_go_over_any_ground_by_its_name(stancekit):
@@ -133,34 +115,6 @@ def test_a_function_of_x_and_y_is_a_family_for_key_frames_too(tmp_path, monkeypa
     with pytest.raises(SystemExit) as ended:
         main(["plan", "mine.py:rolling:0.2:3", "--json"])
     assert ended.value.code == 0
-
-
-def test_the_old_group_of_plug_ins_is_read_for_a_release(tmp_path, monkeypatch):
-    (tmp_path / "far-0.1.dist-info").mkdir()
-    (tmp_path / "far.py").write_text("def rolling(level, rng):\n    return lambda x, y: 0.0 * x\n")
-    (tmp_path / "far-0.1.dist-info" / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: far\nVersion: 0.1\n"
-    )
-    lines = "[stancekit.height_families]\nfar-rolling = far:rolling\n"
-    (tmp_path / "far-0.1.dist-info" / "entry_points.txt").write_text(lines)
-    monkeypatch.syspath_prepend(tmp_path)
-    table = Registry("family", "stancekit.families", {}, old_groups=("stancekit.height_families",))
-    assert table.names() == ("far-rolling",)
-    said = "entry point far-rolling of stancekit.height_families: stancekit.families is the group of these now"
-    with pytest.warns(DeprecationWarning, match=said):
-        table.get("far-rolling")
-    with pytest.warns(DeprecationWarning, match=said):
-        assert family_terrain("far-rolling", 0.5, 1).heights is not None
-
-
-def test_plug_ins_find_the_types_under_their_old_names():
-    with pytest.warns(DeprecationWarning, match="FamilyTerrain is old"):
-        assert families.FamilyTerrain is Terrain
-    with pytest.warns(DeprecationWarning, match="Terrain is old"):
-        assert reference.Terrain is reference.Formula
-    for module in (families, reference):
-        with refuses("Nothing", kind=AttributeError):
-            _ = module.Nothing
 
 
 def test_a_mesh_so_far_up_that_a_course_on_it_has_no_numbers_is_refused_in_one_line(refusal):

@@ -238,17 +238,26 @@ def test_a_damaged_shard_of_tries_is_one_line(stancekit, tmp_path):
     ("command", "message"),
     [
         (("leap-far",), "distribution: expected one of leap"),
-        (("leap", "--scenes", "0"), "--scenes: expected an integer of at least 1, got 0"),
-        (("leap", "--feasible", "500"), "--feasible: expected none with leaps of leap, got 500"),
-        (("leap", "--infeasible", "0"), "--infeasible: expected none with leaps of leap, got 0"),
-        (("leap", "--robot", "anymal"), "--robot: expected none with leaps of leap, got anymal"),
-        (("leap", "--natural"), "--natural: expected none with leaps of leap, got True"),
+        (("leap-hard", "--scenes", "0"), "--scenes: expected an integer of at least 1, got 0"),
         (
-            ("leap", "--tries", "random"),
+            ("leap-hard", "--feasible", "500"),
+            "--feasible: expected none with leaps of leap-hard, got 500",
+        ),
+        (
+            ("leap-hard", "--infeasible", "0"),
+            "--infeasible: expected none with leaps of leap-hard, got 0",
+        ),
+        (
+            ("leap-hard", "--robot", "anymal"),
+            "--robot: expected none with leaps of leap-hard, got anymal",
+        ),
+        (("leap-hard", "--natural"), "--natural: expected none with leaps of leap-hard, got True"),
+        (
+            ("leap-hard", "--tries", "random"),
             "--tries: expected counts by planner, as random=8,finder=4, got 'random'",
         ),
         (
-            ("leap", "--tries", "luck=2"),
+            ("leap-hard", "--tries", "luck=2"),
             "--tries: expected a count for some of random, rule, farkas, finder, noise",
         ),
         (("wall-3", "--scenes", "3"), "--scenes: expected none with postures, got 3"),

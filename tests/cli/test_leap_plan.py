@@ -106,12 +106,12 @@ def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message)
         ),
         (
             {"distribution": "none"},
-            "distribution: expected one of leap-base, leap-hard, leap-long, leap, leap-few, leap-given",
+            "distribution: expected one of leap-base, leap-hard, leap-long, leap-few, leap-given",
         ),
     ],
 )
 def test_a_bad_leap_is_one_line_and_exit_code_2(stancekit, tmp_path, change, message):
-    keys = leap_to_json(leap_from_keys({"distribution": "leap", "seed": 0}, "x"))
+    keys = leap_to_json(leap_from_keys({"distribution": "leap-hard", "seed": 0}, "x"))
     content = change if "distribution" in change else {**keys, **change}
     path = tmp_path / "bad.json"
     path.write_text(json.dumps(content))
@@ -122,7 +122,7 @@ def test_a_bad_leap_is_one_line_and_exit_code_2(stancekit, tmp_path, change, mes
 
 
 def test_a_question_alone_is_nothing_to_verify(stancekit, drawn):
-    ran = stancekit("verify", drawn("leap", 0))
+    ran = stancekit("verify", drawn("leap-hard", 0))
     assert (
         ran.code,
         "expected a leap with a plan or a certificate, got the question alone" in ran.err,

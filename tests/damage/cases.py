@@ -170,15 +170,6 @@ def cases() -> list[Case]:
             seal=_sealed("sha256"),
         ),
         Case(
-            name="plan numbers",
-            arguments=("verify", "plan1.json"),
-            file="plan1.npz",
-            kind="npz",
-            made=NPZ,
-            codes=ONLY | {0},
-            sealed=True,
-        ),
-        Case(
             name="proof",
             arguments=("verify", "proof.json"),
             file="proof.json",
@@ -193,14 +184,6 @@ def cases() -> list[Case]:
             made=JSON,
             sealed=True,
             seal=_sealed("digest"),
-        ),
-        Case(
-            name="gait samples",
-            arguments=("verify", "gait1.json"),
-            file="gait1.npz",
-            kind="npz",
-            made=NPZ,
-            sealed=True,
         ),
         Case(
             name="course yaml",

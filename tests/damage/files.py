@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
@@ -56,7 +53,6 @@ def make_files(folder: Path) -> None:
     _postures(folder)
     _plans(folder)
     _gaits(folder)
-    _pairs(folder)
     _robots(folder)
     _selectors(folder)
     _terrains(folder)
@@ -153,28 +149,6 @@ def _gaits(folder: Path) -> None:
         provenance={},
     )
     write_trajectory(folder / "gait.json", still, check_trajectory(still))
-
-
-def _pairs(folder: Path) -> None:
-    """The plan and the walk as version 1 had them: a header, and the arrays beside it."""
-    plan = json.loads((folder / "plan.json").read_text())
-    content = base64.b64decode(plan["arrays"]["npz"])
-    (folder / "plan1.npz").write_bytes(content)
-    arrays = {"file": "plan1.npz", "sha256": hashlib.sha256(content).hexdigest()}
-    _resealed(
-        folder / "plan1.json", plan | {"format": "stancekit/plan/1", "arrays": arrays}, "sha256"
-    )
-    gait = json.loads((folder / "gait.json").read_text())
-    (folder / "gait1.npz").write_bytes(base64.b64decode(gait["samples"]))
-    _resealed(
-        folder / "gait1.json", gait | {"format": "stancekit/gait/1", "samples": None}, "digest"
-    )
-
-
-def _resealed(path: Path, data: dict[str, Any], key: str) -> None:
-    data = {name: value for name, value in data.items() if name != key}
-    text = json.dumps(data, sort_keys=True, separators=(",", ":"))
-    path.write_text(json.dumps(data | {key: hashlib.sha256(text.encode()).hexdigest()}))
 
 
 def _robots(folder: Path) -> None:

@@ -266,18 +266,6 @@ def test_walks_are_drawn_within_their_ranges_until_the_robot_can_stand():
         )
 
 
-def test_mixed_walks_are_over_the_grounds_that_walks_had_and_no_word_is_lost_on_it():
-    """What the first version drew, when stairs-spline was called stairs; nothing warns."""
-    rng, tasks = np.random.default_rng(3), SampledTasks()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        first, _, third = (tasks(rng) for _ in range(3))
-    assert (first.terrain.name, third.terrain.name) == ("ramps:0.342086", "stairs-spline:0.609679")
-    places = [*third.start_xy_m, *third.goal_xy_m]
-    np.testing.assert_allclose(places, [-0.959137, 0.740581, -1.181598, 0.102116], atol=1e-6)
-    assert np.abs(third.terrain.heights_m).sum() == pytest.approx(3563.3623, abs=1e-3)
-
-
 def test_walks_are_drawn_over_any_family_that_has_ground():
     rng, tasks = np.random.default_rng(1), SampledTasks(terrain="any", difficulty=(0.05, 0.15))
     names = {tasks(rng).terrain.name.partition(":")[0] for _ in range(12)}
@@ -286,11 +274,6 @@ def test_walks_are_drawn_over_any_family_that_has_ground():
     assert np.abs(observation["heights"]).max() > 0.05
     with refuses("terrain"):
         WarpedGaitEnv("walls")
-    with pytest.warns(
-        DeprecationWarning,
-        match=r"^stones-spline is what walks had as stones, for one more release: ",
-    ):
-        SampledTasks(terrain="stones-spline")
 
 
 def test_a_robot_that_can_stand_nowhere_is_said_so():

@@ -80,9 +80,8 @@ def test_a_moment_turns_a_falling_robot_and_does_not_move_it(name: str, axis: in
 def test_feet_of_a_robot_that_stands_carry_what_is_on_it(name: str) -> None:
     if name == "bullet":
         pytest.importorskip("pybullet")
-    answer = stancekit.plan(
-        "stairs", frames=2, wrench=at_point((3.0, -2.0, -15.0), (0, 0, 0), (0.1, 0.05, 0.05))
-    )
+    wrench = at_point((3.0, -2.0, -15.0), (0, 0, 0), (0.1, 0.05, 0.05))
+    answer = stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=wrench))
     plan = answer.solution
     assert plan is not None
     report = stancekit.simulate(plan, name, settings=FAST)

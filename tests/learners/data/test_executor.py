@@ -334,7 +334,7 @@ def test_a_ray_cluster_gives_the_same_answers(tmp_path: Path) -> None:
         for s in shards
     )
     tries = TryPlan(
-        distribution="leap", scenes=2, tries={"random": 2, "rule": 1}, shard_size=3, seed=3
+        distribution="leap-hard", scenes=2, tries={"random": 2, "rule": 1}, shard_size=3, seed=3
     )
     label_leaps(tries, tmp_path / "leaps", run=run)
     label_leaps(tries, tmp_path / "leaps here")

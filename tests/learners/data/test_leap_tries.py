@@ -34,7 +34,7 @@ from stancekit.planners.verify.leaps import check_leap
 from tests.refusals import assert_names, refuses
 
 PLAN = TryPlan(
-    distribution="leap",
+    distribution="leap-hard",
     scenes=5,
     tries={"random": 4, "finder": 3, "noise": 2},
     shard_size=18,
@@ -102,7 +102,7 @@ def test_scenes_are_those_of_the_class_to_the_last_bit(whole: Path) -> None:
     arrays = tries.scenes()
     assert arrays["vertices_m"].shape == (5, 8, 8, 3, 3)
     for number, leap in enumerate(tries.leaps()):
-        drawn = leap_class("leap").draw(
+        drawn = leap_class("leap-hard").draw(
             np.random.default_rng([PLAN.seed, number]), f"leap-3-{number}"
         )
         assert leap_to_json(leap) == leap_to_json(drawn) == leap_to_json(tries.leap(number))
@@ -357,7 +357,10 @@ def test_damaged_shards_are_one_line(copy: Path) -> None:
             {"tries": {"random": 1}},
             "tries: expected {'random': 1} as planned, got {'random': 4, 'finder': 3, 'noise': 2}",
         ),
-        ({"distribution": "leap-few"}, "distribution: expected 'leap-few' as planned, got 'leap'"),
+        (
+            {"distribution": "leap-few"},
+            "distribution: expected 'leap-few' as planned, got 'leap-hard'",
+        ),
     ],
 )
 def test_another_plan_is_refused_and_changes_nothing(
@@ -407,20 +410,24 @@ def test_equal_plans_are_equal_whatever_the_sequence_of_their_tries() -> None:
     ("name", "given", "message"),
     [
         ("leap-far", {"scenes": 1}, "distribution"),
-        ("leap", {}, "scenes"),
-        ("leap", {"scenes": 1, "rows": 5}, "rows"),
+        ("leap-hard", {}, "scenes"),
         (
-            "leap",
+            "leap-hard",
+            {"scenes": 1, "rows": 5},
+            "rows",
+        ),
+        (
+            "leap-hard",
             {"scenes": 1, "robot": "anymal"},
             "robot",
         ),
         (
-            "leap",
+            "leap-hard",
             {"scenes": 1, "natural": True},
             "natural",
         ),
         (
-            "leap",
+            "leap-hard",
             {"scenes": 1, "screen": "a.safetensors"},
             "screen",
         ),

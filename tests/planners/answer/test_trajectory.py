@@ -10,7 +10,6 @@ import io
 import json
 import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,23 +153,6 @@ def test_a_file_may_be_renamed(written):
     assert read_trajectory(written.with_name("other.json")).verified
 
 
-def test_an_older_pair_is_read_as_ever_and_may_be_renamed(pair):
-    assert json.loads(pair.read_text())["format"] == "stancekit/gait/1"
-    assert is_trajectory(json.loads(pair.read_text()))
-    assert read_trajectory(pair).trajectory.digest == still().digest
-    for suffix in (".json", ".npz"):
-        pair.with_suffix(suffix).rename(pair.with_name(f"other{suffix}"))
-    assert read_trajectory(pair.with_name("other.json")).verified
-
-
-def test_a_pair_that_is_written_over_is_one_file_and_what_was_beside_it_stays(pair):
-    beside = pair.with_suffix(".npz").read_bytes()
-    write_trajectory(pair, still(), check_trajectory(still()))
-    assert json.loads(pair.read_text())["format"] == "stancekit/gait/3"
-    assert read_trajectory(pair).verified
-    assert pair.with_suffix(".npz").read_bytes() == beside
-
-
 def test_a_trajectory_that_the_verifier_refuses_is_marked_so(tmp_path):
     falling = replace(still(), forces_n=0.5 * still().forces_n)
     report = check_trajectory(falling)
@@ -240,36 +222,13 @@ def _resealed(path, **changes):
 
 
 def _packed(path, **changes):
-    """Other samples, whether they stand in the file or beside it."""
-    beside = path.with_suffix(".npz")
-    if beside.exists():
-        with np.load(beside) as packed:
-            beside.write_bytes(_archive(dict(packed) | changes))
-    else:
-        _put(path, _archive(_stored(path) | changes))
+    """Other samples."""
+    _put(path, _archive(_stored(path) | changes))
 
 
 def _put(path, content):
     """Another archive, or what is none."""
-    if path.with_suffix(".npz").exists():
-        path.with_suffix(".npz").write_bytes(content)
-    else:
-        _resealed(path, samples=base64.b64encode(content).decode())
-
-
-@pytest.fixture
-def pair(written):
-    """The same walk as ``stancekit/gait/1`` had it: a header, and its samples beside it."""
-    written.with_suffix(".npz").write_bytes(_archive(_stored(written)))
-    _resealed(written, format="stancekit/gait/1", samples=None)
-    return written
-
-
-@pytest.fixture(params=["written", "pair"])
-def either(request):
-    """A file, and a pair, with the place where its samples are."""
-    path = request.getfixturevalue(request.param)
-    return path, "walk.json: samples" if request.param == "written" else "walk.npz"
+    _resealed(path, samples=base64.b64encode(content).decode())
 
 
 BASE = still()
@@ -287,52 +246,31 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("message", SPOILT)
-def test_samples_that_are_not_those_written_are_refused(either, message):
-    path, place = either
-    _packed(path, **SPOILT[message])
-    assert refusal(path) == f"{place}: {message}"
+def test_samples_that_are_not_those_written_are_refused(written, message):
+    _packed(written, **SPOILT[message])
+    assert refusal(written) == f"walk.json: samples: {message}"
 
 
-def test_samples_with_holes_or_objects_are_refused(either):
-    path, place = either
+def test_samples_with_holes_or_objects_are_refused(written):
     holes = np.array(BASE.torso_m)
     holes[3, 1] = np.nan
-    _packed(path, torso_m=holes)
-    assert_names(refusal(path), place, "torso_m")
-    _packed(path, torso_m=np.array([{"a": 1}], dtype=object))
-    assert_names(refusal(path), place)
+    _packed(written, torso_m=holes)
+    assert_names(refusal(written), "walk.json", "torso_m")
+    _packed(written, torso_m=np.array([{"a": 1}], dtype=object))
+    assert_names(refusal(written), "walk.json", "samples")
 
 
-def test_samples_that_are_missing_cut_or_no_archive_are_refused(either):
-    path, place = either
-    beside = path.with_suffix(".npz")
-    whole = (
-        beside.read_bytes()
-        if beside.exists()
-        else base64.b64decode(json.loads(path.read_text())["samples"])
-    )
-    for content in (whole[: len(whole) // 2], b"", b"no archive", whole[:-200]):
-        _put(path, content)
-        assert_names(refusal(path), place)
+def test_samples_that_are_missing_cut_or_no_archive_are_refused(written):
+    whole = base64.b64decode(json.loads(written.read_text())["samples"])
     middle = len(whole) // 3
-    _put(path, whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :])
-    assert refusal(path).startswith(f"{place}: ")
-
-
-def test_samples_of_a_pair_that_are_missing_are_named(pair):
-    pair.with_suffix(".npz").unlink()
-    assert_names(refusal(pair), "walk.npz")
-
-
-def test_samples_that_are_no_base64_or_of_the_other_format_are_refused(written):
-    samples = json.loads(written.read_text())["samples"]
+    turned = whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :]
+    for content in (whole[: len(whole) // 2], b"", b"no archive", whole[:-200], turned):
+        _put(written, content)
+        assert_names(refusal(written), "walk.json", "samples")
     _resealed(written, samples="????")
     assert_names(refusal(written), "walk.json", "samples")
-    expected = "walk.json: samples: expected in stancekit/gait/3 and stancekit/gait/2, and not in stancekit/gait/1"
     _resealed(written, samples=None)
-    assert refusal(written) == expected
-    _resealed(written, samples=samples, format="stancekit/gait/1")
-    assert refusal(written) == expected
+    assert_names(refusal(written), "walk.json", "samples")
 
 
 def test_headers_that_are_none_are_refused_in_one_line(written):
@@ -342,11 +280,14 @@ def test_headers_that_are_none_are_refused_in_one_line(written):
         '{"format": "stancekit/posture/1"}': (
             "walk.json: expected an object with format 'stancekit/gait/3', got 'stancekit/posture/1'"
         ),
+        '{"format": "stancekit/gait/2"}': (
+            "walk.json: expected an object with format 'stancekit/gait/3', got 'stancekit/gait/2'"
+        ),
         '{"format": ': "walk.json: expected JSON, broken at line 1 column 12: Expecting value",
     }.items():
         written.write_text(text)
         assert refusal(written) == message
-    written.write_text('{"format": "stancekit/gait/1", "wheels": 4}')
+    written.write_text('{"format": "stancekit/gait/3", "wheels": 4}')
     said = refusal(written)
     assert "robot: expected this key, got nothing" in said
     assert "wheels: unknown key" in said
@@ -359,30 +300,3 @@ def test_names_that_cannot_be_written_are_refused(tmp_path, monkeypatch, name):
     with refuses(name):
         write_trajectory(name, trajectory, check_trajectory(trajectory))
     assert os.listdir(tmp_path) == []
-
-
-def test_a_file_of_the_format_before_is_read_as_ever():
-    path = Path(__file__).parents[1] / "formats" / "older" / "gait-2.json"
-    assert json.loads(path.read_text())["format"] == "stancekit/gait/2"
-    record = read_trajectory(path)
-    assert record.verified
-    assert check_file(path).accepted
-
-
-def test_an_older_walk_of_a_urdf_is_judged_as_far_as_it_says(tmp_path, monkeypatch):
-    pytest.importorskip("pinocchio")
-    path = Path(__file__).parents[1] / "formats" / "older" / "gait-2-urdf.json"
-    assert json.loads(path.read_text())["format"] == "stancekit/gait/2"
-    (tmp_path / "bone.obj").write_text(
-        "v 0 0 0\n"
-    )  # the mesh of its shanks, which is looked for nowhere
-    monkeypatch.chdir(tmp_path)
-    report = check_file(path)
-    assert report.accepted
-    assert report.message == (
-        "accepted as far as checked: heading, rest, rest_acceleration and bodies are not; "
-        "40 groups within their limits; cannot be executed: heading, rest, rest_acceleration, bodies are not checked"
-    )
-    (tmp_path / "other.json").write_text(path.read_text().replace("bone.obj", "bones.obj"))
-    with refuses("digest"):
-        check_file(tmp_path / "other.json")

@@ -89,16 +89,3 @@ def test_multipliers_that_prove_nothing_are_refused_and_never_raise(proved, writ
     for table in (np.zeros_like(rows), -rows, rows[:, :-1], np.vstack([rows, rows])):
         changed(written, multipliers=table.tolist())
         assert not check_proof_file(written).accepted
-
-
-def test_the_older_format_of_courses_is_still_read(proved, tmp_path):
-    course, certificate = proved
-    tree = [(-1, -1) if kind == 0 else (int(i), int(j)) for kind, i, j, _, _ in certificate.tree]
-    old = {"format": "stancekit/no-plan/1", "course": course.to_json(), "tree": tree}
-    (tmp_path / "old.json").write_text(
-        json.dumps(old | {"multipliers": certificate.multipliers.tolist()})
-    )
-    check = check_proof_file(tmp_path / "old.json")
-    assert check.accepted
-    assert check.to_json()["kind"] == "no-plan"
-    assert np.array_equal(read_proof(tmp_path / "old.json")[1].tree, certificate.tree)

@@ -122,7 +122,7 @@ def test_every_stance_of_a_built_in_course_holds_even_on_small_patches_with_a_th
     assert len(course.stances) >= course.frames
     for stance in course.stances:
         outcome = exact.solve(course.posture_problem(stance, choice))
-        assert outcome.status is Status.FEASIBLE, (stance, outcome.lower_bound)
+        assert outcome.status is Status.FEASIBLE, (stance, outcome.bound)
 
 
 @pytest.mark.parametrize("name", FIVE)

@@ -192,6 +192,6 @@ def test_a_leap_and_what_is_no_wrench_are_refused_before_anything_is_planned() -
         stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=(0.0, 0.0, -1e5)))
     with refuses("wrench"):
         stancekit.plan(
-            leap_class("leap").draw(np.random.default_rng(0)),
+            leap_class("leap-hard").draw(np.random.default_rng(0)),
             settings=stancekit.PlanSettings(wrench=(1.0, 0.0, 0.0)),
         )

@@ -2,7 +2,6 @@
 it refused.
 """
 
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +17,6 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.model_json import MOST_LETTERS
 from stancekit.planners.robot.robot_file import named_robot
-from stancekit.planners.robot.robot_model import urdf_digest_text
 from stancekit.planners.robot.servo import Servo
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, joint_names
 from tests.planners.robot.small_urdfs import quadruped
@@ -98,20 +96,6 @@ def test_the_model_comes_back_as_it_was_from_the_file_alone(
 
 def test_no_folder_of_this_machine_is_in_a_file(written: dict[str, Any], tmp_path: Path) -> None:
     assert str(tmp_path) not in json.dumps(written)
-    assert "mesh_folders" not in written["robot"]["model"]
-
-
-def test_an_older_file_is_read_and_its_meshes_are_not_looked_for(
-    written: dict[str, Any], tmp_path: Path
-) -> None:
-    model = written["robot"]["model"]
-    legs = [(leg["name"], leg["foot"], list(leg["stance_rad"].values())) for leg in model["legs"]]
-    older = {name: model[name] for name in ("urdf", "legs", "disabled_pairs")}
-    older["digest"] = hashlib.sha256(urdf_digest_text(model["urdf"], legs).encode()).hexdigest()
-    written["robot"]["model"] = older | {"mesh_folders": [str(tmp_path)]}
-    read = Problem.from_json(written).robot.model
-    assert read is not None
-    assert all(shape.mesh is None and shape.corners_m is None for shape in read.shapes)
 
 
 def edited(old: str, new: str) -> Callable[[dict[str, Any]], None]:

@@ -133,42 +133,10 @@ def test_a_name_a_urdf_and_a_file_are_the_same_for_climbs_and_for_walks(
 FILE = """
 urdf: robot.urdf
 feet: [RH_FOOT, LF_FOOT, RF_FOOT]
-posture_rad: [0.1, 0.5, -0.9, 0.2, 0.6, -1.0, 0.3, 0.7, -1.1, 0.4, 0.8, -1.2]
+posture_rad: {"*_HAA": 0.1, "*_HFE": 0.6, "*_KFE": -1.0}
 trunk_half_m: [0.2, 0.1, 0.05]
-ranges_rad: [[0.3, 0.2], [0.6, 0.5], [0.6, 0.5]]
-steps: 12
-voxel_m: 0.04
+ceiling_m: -0.1
 """
-
-
-def test_an_older_file_has_its_angles_in_pinocchios_order_and_ranges_for_limits(
-    tmp_path: Path,
-) -> None:
-    (tmp_path / "robot.urdf").write_text(quadruped(("RF", "LH", "LF", "RH")))
-    (tmp_path / "robot.yaml").write_text(FILE)
-    model = named_robot(tmp_path / "robot.yaml")
-    assert model.leg_names == ("RH", "LF", "RF")
-    order = list(pin.buildModelFromXML(quadruped(), pin.JointModelFreeFlyer()).names)[2:]
-    assert order[:3] == ["LF_HAA", "LF_HFE", "LF_KFE"]
-    said = dict(
-        zip(order, [0.1, 0.5, -0.9, 0.2, 0.6, -1.0, 0.3, 0.7, -1.1, 0.4, 0.8, -1.2], strict=True)
-    )
-    for each in model.legs:
-        assert each.stance_rad.tolist() == pytest.approx([said[name] for name in each.joint_names])
-        above = np.minimum([0.2, 0.5, 0.5], [0.7, 1.4, -0.3] - each.stance_rad)
-        np.testing.assert_allclose(each.upper_rad - each.stance_rad, above)
-        np.testing.assert_allclose(each.stance_rad - each.lower_rad, [0.3, 0.6, 0.6])
-
-
-def test_joints_that_the_posture_mirrors_have_mirrored_ranges(tmp_path: Path) -> None:
-    (tmp_path / "robot.urdf").write_text(quadruped())
-    mirrored = FILE.replace("0.1, 0.5, -0.9", "-0.1, 0.5, -0.9").replace(
-        "RH_FOOT, LF_FOOT", "LF_FOOT, RH_FOOT"
-    )
-    (tmp_path / "robot.yaml").write_text(mirrored)
-    first, other, _ = named_robot(tmp_path / "robot.yaml").legs
-    assert (first.lower_rad[0], first.upper_rad[0]) == pytest.approx((-0.4, 0.1))
-    assert (other.lower_rad[0], other.upper_rad[0]) == pytest.approx((0.2, 0.7))
 
 
 def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
@@ -187,11 +155,14 @@ def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "name"),
     [
-        (("steps: 12", "wings: 2"), "wings"),
-        (("steps: 12", "steps: many"), "steps"),
+        (("ceiling_m: -0.1", "wings: 2"), "wings"),
+        (("ceiling_m: -0.1", "ceiling_m: low"), "ceiling_m"),
+        (("ceiling_m: -0.1", "ranges_rad: [[0.3, 0.2]]"), "ranges_rad"),
         (("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"), "feet"),
-        (("posture_rad: [0.1,", "posture_rad: [0.0, 0.0,"), "posture_rad"),
-        (("ranges_rad: [[0.3, 0.2], ", "ranges_rad: ["), "ranges_rad"),
+        (
+            ('posture_rad: {"*_HAA": 0.1, "*_HFE": 0.6, "*_KFE": -1.0}', "posture_rad: [0.1, 0.6]"),
+            "posture_rad",
+        ),
         (("robot.urdf", "none.urdf"), "none.urdf"),
         (("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"), "trunk_half_m[2]"),
         (("RH_FOOT", "paw"), "paw"),

@@ -249,7 +249,10 @@ def test_a_long_course_of_the_library_is_planned_in_pieces_and_leaves_nothing_be
     kept, told = tmp_path / "long.partial.json", list[tuple[int, int]]()
     course = read_course("stairs", frames=pieces.LONG + 2)
     answer = stancekit.plan(
-        course, checkpoint=kept, progress=lambda *at: told.append(at), time_limit_s=600.0
+        course,
+        settings=stancekit.PlanSettings(checkpoint=kept),
+        progress=lambda *at: told.append(at),
+        time_limit_s=600.0,
     )
     assert answer.status is Status.FEASIBLE, answer.message
     assert answer.report.accepted

@@ -53,10 +53,9 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(
 
 
 def test_the_same_comes_of_the_library(planned: Answer[Plan]) -> None:
-    outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=12.0, share=0.8))
-    same = stancekit.plan(
-        "walls", frames=4, body=stancekit.WholeBodyLimits(torque_nm=12.0, share=0.8)
-    )
+    limits = WholeBodyLimits(torque_nm=12.0, share=0.8)
+    outcome = with_whole_body(planned, limits)
+    same = stancekit.plan("walls", frames=4, settings=stancekit.PlanSettings(body=limits))
     assert outcome.solution is not None
     assert same.solution is not None
     np.testing.assert_array_equal(same.solution.com_m, outcome.solution.com_m)

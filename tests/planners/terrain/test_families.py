@@ -298,18 +298,6 @@ def test_a_name_is_one_ground_for_key_frames_walks_and_footholds(name):
     )
 
 
-@pytest.mark.parametrize(("old", "new"), [("stairs-spline", "stairs"), ("stones-spline", "stones")])
-def test_the_ground_that_walks_had_is_there_under_its_old_name_for_a_release(old, new):
-    with pytest.warns(
-        DeprecationWarning, match=f"^{old} is what walks had as {new}, for one more release: "
-    ):
-        field = named_terrain(f"{old}:0.5:7")
-    assert np.ptp(field.heights_m) == pytest.approx(
-        {"stairs": 0.3872, "stones": 0.3662}[new], abs=1e-4
-    )
-    assert old not in TERRAIN_FAMILIES.names()
-
-
 @pytest.mark.parametrize(("family", "level"), [("rubble", 1.0), ("slopes", 1.0)])
 def test_blocks_and_slopes_of_more_than_45_degrees_have_heights(family, level):
     scene = family_terrain(family, level, 3)
