@@ -14,15 +14,18 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
 from ..files.codec import KEYS
-from ..files.documents import YAML, read_text, read_yaml
+from ..files.documents import YAML, parse_xml, read_text, read_yaml
 from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
 from .leg import FootContact
+from .mjcf import read_mjcf
 from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
 from .urdf_reader import JointCorrection, Number, Positive, built
 
 BUILT_IN = ("hexapod",)
+ROBOTS = (".urdf", ".xml")
+"""Endings of names of files with a robot alone: URDF and MJCF."""
 
 
 class LegKeys(BaseModel):
@@ -52,7 +55,7 @@ class RobotKeys(BaseModel):
 
     Arguments:
         provider: an installed package that has the URDF, example-robot-data or pybullet.
-        urdf: path of the URDF.
+        urdf: path of the URDF, or of an MJCF.
         srdf: path of an SRDF, read for pairs of links that may touch and for a standing posture.
         packages: folders to which ``package://`` names lead.
         name: name of the robot, in place of the URDF's.
@@ -99,16 +102,41 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
     path = robot_path(name)
     if path.suffix in YAML:
         return model_of_keys(read_keys(path), path, srdf)
-    if path.suffix == ".urdf":
-        return model_of(
-            read_text(path),
-            where=str(path),
-            folder=path.parent.resolve(),
-            srdf="" if srdf is None else read_text(srdf),
-        )
+    if path.suffix in ROBOTS:
+        semantics = "" if srdf is None else read_text(srdf)
+        return model_of_file(path, srdf=semantics)
     if str(name) in BUILT_IN:
         return hexapod_model()
     raise unknown(name, BUILT_IN)
+
+
+def model_of_file(path: Path, **more: Any) -> RobotModel:
+    """The robot of a URDF, or of an MJCF, which a name that ends in .xml has unless it is a URDF.
+
+    Arguments:
+        more: arguments of ``model_of``.
+
+    Raises:
+        InvalidInput: in one line, for anything else.
+    """
+    text = read_text(path)
+    mjcf = None if path.suffix == ".urdf" or _is_urdf(text) else read_mjcf(path)
+    return model_of(
+        text if mjcf is None else mjcf.urdf,
+        where=str(path),
+        folder=path.parent.resolve() if mjcf is None else None,
+        mjcf=mjcf,
+        **more,
+    )
+
+
+def _is_urdf(text: str) -> bool:
+    """Tell whether XML is of a robot as URDF has it."""
+    try:
+        parse_xml(text, "robot")
+    except InvalidInput:
+        return False
+    return True
 
 
 def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Robot:
@@ -145,7 +173,7 @@ def unknown(name: str | Path, built_in: Sequence[str]) -> InvalidInput:
     """
     names = ", ".join((*built_in, *(each for each in catalogue() if each not in built_in)))
     return InvalidInput(
-        f"robot: expected {names}, a .urdf file, or a .yaml file that names one, got "
+        f"robot: expected {names}, a .urdf file, an .xml file (MJCF), or a .yaml file that names one, got "
         f"{shown(str(name))}"
     )
 
@@ -172,13 +200,11 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
     urdf = folder / keys.urdf
     semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
     try:
-        text, stands = read_text(urdf), "" if semantics is None else read_text(semantics)
+        stands = "" if semantics is None else read_text(semantics)
 
         def model(keys: RobotKeys) -> RobotModel:
-            return model_of(
-                text,
-                where=str(urdf),
-                folder=urdf.parent.resolve(),
+            return model_of_file(
+                urdf,
                 packages=[(folder / each).resolve() for each in keys.packages],
                 srdf=stands,
                 feet=keys.feet,
@@ -190,7 +216,7 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
             )
 
         if isinstance(keys.posture_rad, list):
-            joints = list(built(text, str(urdf)).names)[2:]
+            joints = list(built(read_text(urdf), str(urdf)).names)[2:]
             keys = _with_feet(keys)
             keys = keys.model_copy(
                 update={"posture_rad": _posture(keys.posture_rad, joints, model(keys))}
