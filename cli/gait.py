@@ -302,6 +302,8 @@ class PlanGait:
             out.print(best.report.margin_message, highlight=False)
         for line in best.trajectory.robot.source.unrunnable:
             out.print(f"cannot be run: {line}", highlight=False)
+        for line in best.trajectory.robot.source.doubts:
+            out.print(f"doubt: {line}", highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

@@ -100,6 +100,7 @@ def record(plan: Attempts, best: Attempted, terrain: str, written: Path | None) 
         "figures": dict(best.report.figures),
         "joints": joints(best),
         "cannot_run": list(best.trajectory.robot.source.unrunnable),
+        "doubts": list(best.trajectory.robot.source.doubts),
         "attempts": [_attempt_record(plan, index) for index in range(len(plan.attempts))],
         "failures": list(plan.failures),
     }

@@ -220,6 +220,7 @@ def _course_lines(answer: Answer[Plan], plan: Plan) -> Iterator[str]:
     yield report.body_message
     yield report.margin_message
     yield from (f"cannot be run: {line}" for line in plan.problem.robot.source.unrunnable)
+    yield from (f"doubt: {line}" for line in plan.problem.robot.source.doubts)
     if plan.modes is not None:
         terrain = (
             "" if plan.problem.modes is None else f"; of the terrain: {_row(plan.problem.modes)}"
@@ -346,4 +347,5 @@ def _solution_record(solution: Plan | LeapPlan | Crossing) -> dict[str, Any]:
     return {
         "plan": {name: None if array is None else array.tolist() for name, array in arrays},
         "cannot_run": list(solution.problem.robot.source.unrunnable),
+        "doubts": list(solution.problem.robot.source.doubts),
     }

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import Any
 
@@ -44,9 +44,26 @@ NEAR = 0.3
 joint."""
 APART = 0.2
 """Two ends of one chain that are farther apart than this share of its length are two feet."""
+WHOLE_LEG = 3
+"""Joints of a leg of its own, at least: what hangs below a waist."""
 SHORTEST_M = 0.02
 MOST_JOINTS = 24
 """Most joints of a leg."""
+
+
+class Waist(InvalidInput):
+    """Two legs hang below the same joints.
+
+    Arguments:
+        joints: names of these joints, from the base outward.
+        feet: what the two legs end in.
+    """
+
+    def __init__(self, joints: Sequence[str], *feet: str) -> None:
+        self.joints = tuple(joints)
+        super().__init__(
+            f"legs: expected one foot a leg, joint {shown(joints[-1])} carries {' and '.join(feet)}"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -184,6 +201,8 @@ class _Tree:
         chains = dict[int, list[_End]]()
         for end in legs:
             chains.setdefault(end.joints[0], []).append(end)
+        for each in chains.values():
+            self._check_waist(each)
         branched = {first for first, each in chains.items() if self._second(each) is not None}
         alone = [self._longest(each) for first, each in chains.items() if first not in branched]
         if len(alone) < 2 and branched:  # or else what branches is a trunk with arms
@@ -199,7 +218,27 @@ class _Tree:
                 "legs: expected chains of joints that reach below the base, found none"
             )
         low = [end for end in arms if depth[end] < least]
-        return alone, low, self._lying([end for end in ends if end not in arms], alone)
+        gaps = self._lying([end for end in ends if end not in arms], alone)
+        if len(alone) < 2 and not gaps:
+            gaps = [
+                f"legs: expected two or more, found one, {alone[0].foot}, as of an arm; say which "
+                "feet there are in a YAML file"
+            ]
+        return alone, low, gaps
+
+    def _check_waist(self, ends: list[_End]) -> None:
+        """Raise Waist where two legs that are alike hang below joints that they share."""
+        best = self._longest(ends)
+        for end in ends:
+            shared = [j for j in best.joints if j in end.joints]
+            own = [replace(each, joints=each.joints[len(shared) :]) for each in (best, end)]
+            if (
+                shared
+                and min(len(each.joints) for each in own) >= WHOLE_LEG
+                and len(own[0].joints) == len(own[1].joints)
+                and 2.0 * min(map(self._length, own)) > self._length(best)
+            ):
+                raise Waist(best.names[: len(shared)], best.foot, end.foot)
 
     def _arms(self, ends: Sequence[_End]) -> list[_End]:
         """Chains that are called arms, and those in the middle that are made otherwise than all the
@@ -413,9 +452,9 @@ class _Tree:
         if not slides and (
             model.joints[j].nq == 2 or not lower < upper or upper - lower > FULL_TURN
         ):
-            inside = lower <= -np.pi and upper >= np.pi
-            lower = -np.pi if inside or model.joints[j].nq == 2 or not lower < upper else lower
-            upper = lower + 2.0 * np.pi
+            free = model.joints[j].nq == 2 or not lower < upper
+            middle = 0.0 if free else float(np.clip(0.0, lower + np.pi, upper - np.pi))
+            lower, upper = middle - np.pi, middle + np.pi
             self.doubts.append(
                 (f"joint {name}", "turns freely, its limits are a whole turn apart or more")
             )
@@ -459,6 +498,10 @@ def _check_apart(ends: Mapping[str, _End]) -> None:
     for end in ends.values():
         for joint, name in zip(end.joints, end.names, strict=True):
             if joint in seen:
+                own = len(set(end.joints) ^ set(seen[joint].joints))
+                if own >= 2 * WHOLE_LEG:
+                    shared = sum(j in seen[joint].joints for j in end.joints)
+                    raise Waist(end.names[:shared], seen[joint].foot, end.foot)
                 raise InvalidInput(
                     f"feet: expected one foot a leg, joint {shown(name)} carries "
                     f"{seen[joint].foot} and {end.foot}"

@@ -114,6 +114,11 @@ class LegSource:
         return ()
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """Numbers of the robot's file that are hard to believe, one line each."""
+        return ()
+
+    @property
     def hindrance(self) -> str:
         """The reason why nothing executes plans of such legs; empty where something does."""
         return str(no_legs(self.name))
@@ -174,6 +179,11 @@ class OwnLegs(LegSource):
     def unrunnable(self) -> tuple[str, ...]:
         """The reasons that the model gives."""
         return self.model.unrunnable
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The model's."""
+        return self.model.doubts
 
     @property
     def hindrance(self) -> str:

@@ -16,7 +16,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.validation import shown
 from .leg import Leg, Mount
-from .shapes import Shape, foothold
+from .shapes import Shape, pose_of
 from .solids import shape_points
 
 Doubt = tuple[str, str]
@@ -67,7 +67,7 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
         raise InvalidInput(f"{where}: expected a finite mass and finite moments of inertia")
     xx, xy, xz, yy, yz, zz = entries
     moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return mass, foothold(inertial.find("origin"), where)[1], moments
+    return mass, pose_of(inertial.find("origin"), where)[1], moments
 
 
 def body_doubts(
@@ -169,32 +169,44 @@ def leg_doubts(legs: Sequence[Leg]) -> Iterator[Doubt]:
             yield f"link {leg.foot}", f"a leg of {leg.chain.length_m:.3g} m: other units?"
 
 
-def rest_gaps(root: Element, legs: Sequence[Leg]) -> Iterator[str]:
-    """Points to settle of the joints that no leg has, which plans take to rest at 0: those that
-    follow a leg's joint or rest elsewhere, and those whose limits do not let them be there.
+def rest_angles(root: Element, legs: Sequence[Leg]) -> dict[str, float]:
+    """Angles at which joints rest that no leg has and that cannot rest at 0: at the limit that is
+    nearest to 0, or at their offset from a joint that they follow [rad, or m where they slide].
     """
+    of_legs = {name for leg in legs for name in leg.joint_names}
+    angles = dict[str, float]()
+    for joint in root.findall("joint"):
+        name, kind, limit = joint.get("name", ""), joint.get("type"), joint.find("limit")
+        where, mimic = f"joint {name}", joint.find("mimic")
+        if name in of_legs or kind == "fixed":
+            continue
+        if mimic is not None:
+            rest = _number(mimic, "offset", f"{where}: mimic")
+        elif limit is not None and kind in ("revolute", "prismatic"):
+            low, high = (_number(limit, key, where) for key in ("lower", "upper"))
+            rest = min(max(0.0, low), high)
+        else:
+            continue
+        if abs(rest) > REST and (mimic is None or mimic.get("joint") not in of_legs):
+            angles[name] = rest
+    return angles
+
+
+def rest_gaps(root: Element, legs: Sequence[Leg]) -> Iterator[str]:
+    """Points to settle of the joints that no leg has: those that follow a joint of a leg."""
     of_legs = {name for leg in legs for name in leg.joint_names}
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     mimics = {
         name: mimic for name, joint in joints.items() if (mimic := joint.find("mimic")) is not None
     }
     for name, joint in joints.items():
-        where, kind, limit = f"joint {name}", joint.get("type"), joint.find("limit")
-        if name in of_legs or kind == "fixed":
-            continue
-        if name in mimics:
-            leader, offset = (
-                _leader(name, mimics),
-                _number(mimics[name], "offset", f"{where}: mimic"),
-            )
+        if name in mimics and name not in of_legs and joint.get("type") != "fixed":
+            leader = _leader(name, mimics)
             if leader in of_legs or leader in mimics:
-                yield f"{where}: follows {leader}, which plans do not: make it a fixed joint"
-            elif abs(offset) > REST:
-                yield f"{where}: rests {offset:g} from {leader}, which plans do not know: make it a fixed joint"
-        elif limit is not None and kind in ("revolute", "prismatic"):
-            low, high = (_number(limit, key, where) for key in ("lower", "upper"))
-            if not low - REST <= 0.0 <= high + REST:
-                yield f"{where}: rests at 0, beyond its limits, {low:g} to {high:g}: make it a fixed joint"
+                yield (
+                    f"joint {name}: expected a joint of its own or a fixed one, got one that follows "
+                    f"{leader}"
+                )
 
 
 def _leader(name: str, mimics: Mapping[str, Element]) -> str:

@@ -4,6 +4,7 @@ it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,11 +18,14 @@ from ..files.documents import YAML, read_text, read_yaml
 from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
 from .leg import FootContact
+from .mjcf import read_mjcf
 from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
 from .urdf_reader import JointCorrection, Number, Positive
 
 BUILT_IN = ("hexapod",)
+ROBOTS = (".urdf", ".xml")
+"""Endings of names of files with a robot alone: URDF and MJCF."""
 
 
 class LegKeys(BaseModel):
@@ -46,7 +50,7 @@ class RobotKeys(BaseModel):
 
     Arguments:
         provider: an installed package that has the URDF, example-robot-data or pybullet.
-        urdf: path of the URDF.
+        urdf: path of the URDF, or of an MJCF.
         srdf: path of an SRDF, read for pairs of links that may touch and for a standing posture.
         packages: folders to which ``package://`` names lead.
         name: name of the robot, in place of the URDF's.
@@ -90,16 +94,38 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
     path = robot_path(name)
     if path.suffix in YAML:
         return model_of_keys(read_keys(path), path, srdf)
-    if path.suffix == ".urdf":
-        return model_of(
-            read_text(path),
-            where=str(path),
-            folder=path.parent.resolve(),
-            srdf="" if srdf is None else read_text(srdf),
-        )
+    if path.suffix in ROBOTS:
+        semantics = "" if srdf is None else read_text(srdf)
+        return model_of_file(path, srdf=semantics)
     if str(name) in BUILT_IN:
         return hexapod_model()
     raise unknown(name, BUILT_IN)
+
+
+def model_of_file(path: Path, **more: Any) -> RobotModel:
+    """The robot of a URDF, or of an MJCF, which a name that ends in .xml has unless it is a URDF.
+
+    Arguments:
+        more: arguments of ``model_of``.
+
+    Raises:
+        InvalidInput: in one line, for anything else.
+    """
+    text = read_text(path)
+    mjcf = None if path.suffix == ".urdf" or _is_urdf(text) else read_mjcf(path)
+    return model_of(
+        text if mjcf is None else mjcf.urdf,
+        where=str(path),
+        folder=path.parent.resolve() if mjcf is None else None,
+        mjcf=mjcf,
+        **more,
+    )
+
+
+def _is_urdf(text: str) -> bool:
+    """Tell whether the first element of XML is a robot, as a URDF's is."""
+    first = re.search(r"<([A-Za-z_][\w:.-]*)", re.sub(r"(?s)<!--.*?-->", "", text))
+    return first is not None and first[1] == "robot"
 
 
 def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Robot:
@@ -136,7 +162,7 @@ def unknown(name: str | Path, built_in: Sequence[str]) -> InvalidInput:
     """
     names = ", ".join((*built_in, *(each for each in catalogue() if each not in built_in)))
     return InvalidInput(
-        f"robot: expected {names}, a .urdf file, or a .yaml file that names one, got "
+        f"robot: expected {names}, a .urdf file, an .xml file (MJCF), or a .yaml file that names one, got "
         f"{shown(str(name))}"
     )
 
@@ -163,13 +189,10 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
     urdf = folder / keys.urdf
     semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
     try:
-        text, stands = read_text(urdf), "" if semantics is None else read_text(semantics)
-        return model_of(
-            text,
-            where=str(urdf),
-            folder=urdf.parent.resolve(),
+        return model_of_file(
+            urdf,
             packages=[(folder / each).resolve() for each in keys.packages],
-            srdf=stands,
+            srdf="" if semantics is None else read_text(semantics),
             feet=keys.feet,
             contacts=keys.contacts,
             joints=keys.joints,

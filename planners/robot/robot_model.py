@@ -25,9 +25,18 @@ from ..files.validation import shown
 from ..physics import GRAVITY_M_S2
 from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls, with_same_hulls
+from .joint_limits import hold, limit_doubts, mend_limits
 from .leg import FootContact, Leg, Mount
-from .leg_search import legs_of
-from .plausibility import body_doubts, foot_doubts, leg_doubts, rest_gaps, wrong_links
+from .leg_search import Found, Waist, legs_of
+from .mjcf import Mjcf
+from .plausibility import (
+    body_doubts,
+    foot_doubts,
+    leg_doubts,
+    rest_angles,
+    rest_gaps,
+    wrong_links,
+)
 from .servo import Servo
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
@@ -55,6 +64,8 @@ robot's weight at a leg's length [Nm], and Kd / Kp [s]."""
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
+STANDS = 0.25
+"""Share of its length by which a leg's foot is below its hip, where a robot stands."""
 IDENTITY_DIGITS = 12
 """Number of digits of a digest in a name."""
 
@@ -235,6 +246,18 @@ class RobotModel:
             for subject, text in _torque_doubts(self.legs, self.body)
         )
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Numbers of the file that are hard to believe, one line each."""
+        return tuple(remark.text for remark in self.remarks if remark.kind == "doubt")
+
+    @cached_property
+    def limit_doubts(self) -> tuple[str, ...]:
+        """Joints of legs whose limits were guessed, and why, a line for all of the same."""
+        moved = set(self.joint_names)
+        guessed = [each for each in limit_doubts(self.tree) if each[0] in moved]
+        return self.lines_of(guessed)
+
     def lines_of(self, doubts: Sequence[tuple[str, str]]) -> tuple[str, ...]:
         """Doubts on joints, a line for all joints of the same."""
         return tuple(_joined([(f"joint {name}", text) for name, text in doubts]))
@@ -272,6 +295,7 @@ def model_of(
     posture_rad: Mapping[str, float] | None = None,
     name: str = "",
     root_rpy_rad: Sequence[float] = (),
+    mjcf: Mjcf | None = None,
 ) -> RobotModel:
     """The robot of a URDF's text.
 
@@ -289,27 +313,30 @@ def model_of(
         name: name of the robot, in place of the URDF's.
         root_rpy_rad: roll, pitch and yaw of the root in a frame whose z points up, for a root whose
             own z does not [rad].
+        mjcf: the MJCF that the text was made of, for what a URDF does not say.
 
     Raises:
         InvalidInput: in one line, for a file that is no URDF of a robot with legs and masses.
     """
+    if mjcf is not None:
+        hulls, srdf = mjcf.hulls, srdf or mjcf.srdf
     text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
     root = parsed(text, where)
-    if remove_root_joint(root):
+    mended, in_degrees = mend_limits(root, where)
+    if remove_root_joint(root) or mended:
         text = ElementTree.tostring(root, encoding="unicode")
     if len(root_rpy_rad):
         text = turned(text, root_rpy_rad, where)
         root = parsed(text, where)
-    model = built(text, where)
     try:
         shapes, missing = shapes_of(root, folder, packages)
         shapes, broken = (
             with_hulls(shapes) if hulls is None else (with_known_hulls(shapes, hulls), [])
         )
-        order = [joint.get("name", "") for joint in root.findall("joint")]
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
-        legs_found = legs_of(model, shapes, order, named, contacts)
-        guesses = list(legs_found.guesses)
+        model, legs_found, held = _legs(root, text, shapes, named, contacts)
+        text = ElementTree.tostring(root, encoding="unicode") if held else text
+        guesses = [*held, *legs_found.guesses]
         standing_in = _mounts(model, legs_found.legs, at_rest(model))
         rounded, balls = with_balls(root, legs_found.legs, shapes, standing_in, legs_found.indices)
         if balls:
@@ -318,13 +345,20 @@ def model_of(
             guesses.insert(0, f"balls for {', '.join(balls)}")
         _check_mimics(root, legs_found.legs)
         semantics = parsed(srdf, "srdf") if srdf else None
+        moved = {name for leg in legs_found.legs for name in leg.joint_names}
         gaps = (*legs_found.gaps, *rest_gaps(root, legs_found.legs))
+        gaps = (*(gap for name, gap in in_degrees.items() if name in moved), *gaps)
+        if mjcf is not None:
+            guesses, gaps = [*mjcf.guesses, *guesses], (*mjcf.gaps, *gaps)
         legs, more = _stand(legs_found.legs, posture_rad, semantics)
         body, rest = _weighed(model, legs, root)
         called = checked_name(name or model.name, "name")
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     doubts = [*legs_found.doubts, *_torque_doubts(legs, body), *leg_doubts(legs)]
+    if mjcf is not None:
+        doubts += mjcf.doubts_of(moved)
+    doubts += [(f"joint {name}", why) for name, why in limit_doubts(root) if name in moved]
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
     doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
     mounts = _mounts(model, legs, rest)
@@ -346,6 +380,35 @@ def model_of(
     if not balls:
         vars(made).update(tree=root, built=model)
     return made
+
+
+def _legs(
+    root: Element,
+    text: str,
+    shapes: Sequence[Shape],
+    feet: Mapping[str, str],
+    contacts: Mapping[str, FootContact] | None,
+) -> tuple[Any, Found, list[str]]:
+    """The legs of a URDF, in whose tree joints are held that carry two legs, or that no leg has and
+    that cannot rest at 0.
+
+    Returns:
+        pinocchio's model, the legs, and what was held, one line each.
+    """
+    order, held = [joint.get("name", "") for joint in root.findall("joint")], list[str]()
+    while True:
+        model = built(text, "urdf")
+        try:
+            found = legs_of(model, shapes, order, feet, contacts)
+            angles = {} if found.gaps else rest_angles(root, found.legs)
+            why = "the angle nearest to 0 that it has"
+        except Waist as waist:
+            angles, why = dict.fromkeys(waist.joints, 0.0), "since two legs hang below it"
+        if not angles:
+            return model, found, held
+        held += [f"joint {name} held at {angle:.3g}, {why}" for name, angle in angles.items()]
+        hold(root, angles)
+        text = ElementTree.tostring(root, encoding="unicode")
 
 
 def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:
@@ -380,6 +443,10 @@ def _stand(
                 angles[name] = _angle(
                     value, f"srdf: group_state {shown(state.get('name'))}: joint {shown(name)}"
                 )
+        source = state.get("from", f"the SRDF: {state.get('name')}")
+        if not all(_below(leg, angles) for leg in legs):
+            guesses.append(f"not the posture of {source}, whose feet are not below its hips")
+            state, angles = None, {}
     for pattern, angle in (posture_rad or {}).items():
         angles.update(dict.fromkeys(matching(pattern, names, "posture_rad"), float(angle)))
     stood, unsaid = [], []
@@ -395,8 +462,16 @@ def _stand(
     if unsaid:
         guesses.append(f"posture to stand in, of {', '.join(unsaid)}")
     elif state is not None and not posture_rad:
-        guesses.append(f"posture to stand in, from the SRDF: {state.get('name')}")
+        guesses.append(f"posture to stand in, from {source}")
     return tuple(stood), guesses
+
+
+def _below(leg: Leg, angles: Mapping[str, float]) -> bool:
+    """Tell whether a leg's foot is below its hip in a posture, as far as that says its angles."""
+    if not all(name in angles for name in leg.joint_names):
+        return True
+    foot = leg.chain.feet(np.array([[angles[name] for name in leg.joint_names]]))[0]
+    return float(leg.hip_m[2] - foot[2]) > STANDS * leg.chain.length_m
 
 
 def _angle(text: str, where: str) -> float:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -165,18 +165,18 @@ def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Pat
     mesh = None
     if body.tag == "mesh":
         size, mesh = (
-            _numbers(body.get("scale", "1 1 1"), 3, where),
+            numbers_of(body.get("scale", "1 1 1"), 3, where),
             meshes[body.get("filename", "")],
         )
     else:
         size = [
             x
             for key in SIZES[body.tag]
-            for x in _numbers(body.get(key, ""), 3 if key == "size" else 1, where)
+            for x in numbers_of(body.get(key, ""), 3 if key == "size" else 1, where)
         ]
         if min(size) < 0.0:
             raise InvalidInput(f"{where}: expected sizes of 0 or more, got {min(size):g}")
-    rotation, origin = foothold(element.find("origin"), where)
+    rotation, origin = pose_of(element.find("origin"), where)
     kind: Kind = body.tag  # type: ignore[assignment]
     return Shape(
         link=link,
@@ -189,10 +189,10 @@ def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Pat
     )
 
 
-def foothold(origin: Element | None, where: str) -> tuple[Array, Array]:
+def pose_of(origin: Element | None, where: str) -> tuple[Array, Array]:
     """R and p of a URDF's <origin>, shapes (3, 3), (3,) [m]: roll, pitch, yaw about fixed axes."""
-    place = _numbers("0 0 0" if origin is None else origin.get("xyz", "0 0 0"), 3, where)
-    angles = _numbers("0 0 0" if origin is None else origin.get("rpy", "0 0 0"), 3, where)
+    place = numbers_of("0 0 0" if origin is None else origin.get("xyz", "0 0 0"), 3, where)
+    angles = numbers_of("0 0 0" if origin is None else origin.get("rpy", "0 0 0"), 3, where)
     (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
     turn = np.array(
         [
@@ -204,7 +204,29 @@ def foothold(origin: Element | None, where: str) -> tuple[Array, Array]:
     return read_only(turn, (3, 3), where), read_only(place, (3,), where)
 
 
-def _numbers(text: str, count: int, where: str) -> list[float]:
+def write_pose(element: Element, turn: Array, place: Array) -> None:
+    """Write a pose as a URDF's <origin> below an element: R, shape (3, 3), as roll, pitch and yaw,
+    and p, shape (3,) [m].
+    """
+    level = float(np.hypot(turn[0, 0], turn[1, 0]))
+    pitch = np.arctan2(-turn[2, 0], level)
+    if level > 1e-9:
+        roll, yaw = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
+    else:
+        roll, yaw = 0.0, np.arctan2(-turn[0, 1], turn[1, 1])
+    SubElement(element, "origin", xyz=text_of(place), rpy=text_of([roll, pitch, yaw]))
+
+
+def text_of(values: Iterable[float]) -> str:
+    """Numbers as a URDF has them, to the last bit."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def numbers_of(text: str, count: int, where: str) -> list[float]:
+    """The numbers of a URDF's attribute.
+
+    Raises InvalidInput for any other count of them, and for what is no number.
+    """
     try:
         numbers = [float(part) for part in text.split()]
     except ValueError:

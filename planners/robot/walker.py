@@ -23,7 +23,7 @@ from .foot import Foot, half_sides
 from .model import DEEPEST, Robot
 from .polytope import Polytope
 from .reach_sets import standing_toes
-from .robot_file import model_of_keys, named_robot, read_keys, robot_path, unknown
+from .robot_file import ROBOTS, model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel
 from .single_body import anymal, hexapod_walker, legged_anymal, read_walker
 from .solids import shape_points, solid_shapes
@@ -59,7 +59,7 @@ def named_walker(name: str | Path) -> Robot:
             ceiling_m=keys.ceiling_m,
             inner_m=keys.inner_m,
         )
-    if path.suffix == ".urdf":
+    if path.suffix in ROBOTS:
         return walker_of(named_robot(path))
     if str(name) in BUILT_IN:
         return BUILT_IN[str(name)]()

@@ -69,6 +69,7 @@ class JointReport:
     postures_message: str
     torque_message: str
     unlimited: tuple[str, ...]
+    guessed: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
@@ -94,8 +95,12 @@ class JointReport:
             where=limb,
             limb=limb,
             when=frame,
-            message=self.postures_message,
-            verdict="violated" if self.postures_message else "holds",
+            message=self.postures_message or "; ".join(self.guessed),
+            verdict="violated"
+            if self.postures_message
+            else "not checked"
+            if self.guessed
+            else "holds",
             figures={
                 "error_m": float(self.error_m.max()),
                 "limit_rad": float(self.limit_rad.max()),
@@ -223,6 +228,7 @@ def joint_report(
         postures_message=wrong,
         torque_message=tired,
         unlimited=solver.model.lines_of(solver.model.torque_doubts),
+        guessed=solver.model.limit_doubts,
     )
 
 

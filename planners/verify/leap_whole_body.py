@@ -8,7 +8,7 @@ robots none is published with its curve.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -141,8 +141,9 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         feet, joints, times = self.path.feet, self.kinematics.joints, self.times_s
         off, left = self.off_toes(), self.dips()
         legs = [self.path.feet[leg] for leg in self.kinematics.legs]
-        yield _group("joints", off.values, feet, times, limits.joints_m, feet)
         speed, model = self.speed(), self.kinematics.model
+        bent = _group("joints", off.values, feet, times, limits.joints_m, feet)
+        yield _as_far_as_known(bent, model.limit_doubts)
         fast = _group("joint_speed", speed.values, joints, speed.times_s, limits.joint_speed, legs)
         torque = _group("torque", self.line, joints, times[1:-1], limits.torque, legs)
         known = self.kinematics.velocity_rad_s > 0.0
@@ -198,7 +199,7 @@ def _group(
     )
 
 
-def _as_far_as_known(group: Group, unlimited: list[str]) -> Group:
+def _as_far_as_known(group: Group, unlimited: Sequence[str]) -> Group:
     """A group of joints of which some have no limits: what holds of the others is not checked."""
     if not unlimited or group.verdict == "violated":
         return group

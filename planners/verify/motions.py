@@ -248,7 +248,9 @@ class _Measured:
 
     def joints(self) -> _Worst:
         """Distance of joints beyond their limits, (T, J)."""
-        return _Worst.of(self.kinematics.beyond(self.angles), self.kinematics.joints, self.times_s)
+        why = "; ".join(self.kinematics.model.limit_doubts)
+        beyond = self.kinematics.beyond(self.angles)
+        return _Worst.of(beyond, self.kinematics.joints, self.times_s, why)
 
     def joint_speed(self) -> _Worst:
         """Speed between rows as a share of the limit, (T − 1, J)."""

@@ -45,6 +45,8 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Ro
     rows["torque"] = body.torque(), limits.torque
     swung = body.legs_moment()
     rows["legs_moment"] = swung.size(), limits.legs_moment * measured.moment_scale_nm, swung.rms()
+    if model.limit_doubts:
+        missing["joints"] = "; ".join(model.limit_doubts)
     if unlimited := model.lines_of(model.torque_doubts):
         missing["torque"] = "; ".join(unlimited)
     if np.any(body.kinematics.velocity_rad_s <= 0.0):

@@ -313,12 +313,6 @@ MIMIC = quadruped().replace(
             "feet: expected joints between the base and 'b', all of them are fixed",
         ),
         (MIMIC, {}, "joint 'LF_KFE': expected a joint of its own, it mimics LF_HFE"),
-        (TWO_FEET, {}, "legs: expected one foot a leg, joint 'waist_yaw' carries lc and rc"),
-        (
-            TWO_FEET,
-            {"feet": ["lc", "rc"]},
-            "feet: expected one foot a leg, joint 'waist_yaw' carries lc and rc",
-        ),
         (
             quadruped(),
             {"feet": ["LF_FOOT", "LF_SHANK"]},
@@ -345,7 +339,7 @@ MIMIC = quadruped().replace(
         (
             quadruped().replace('lower="-0.7"', 'lower="-0.7."'),
             {},
-            "expected a URDF: joint [LF_HAA]: lower value (-0.7.) is not a valid float",
+            "joint LF_HAA: lower: expected a number, got '-0.7.'",
         ),
         (snake(150), {}, "expected 500 joints or fewer, 150 of which move, got 151 and 151"),
         (snake(24), {"feet": ["t24"]}, "leg 't24': expected 24 joints or fewer, got 25"),
@@ -381,10 +375,9 @@ def test_a_yaml_file_names_a_urdf_and_corrects_it(tmp_path: Path) -> None:
     assert model.legs[0].joint_names == ("LF_HAA", "LF_HFE", "LF_KFE")
     assert model.legs[2].upper_rad[0] == 0.3
     assert model.legs[1].stance_rad.tolist() == [0.0, 0.6, -1.2]
-    fourth = "joint RH_KFE: rests at 0, beyond its limits, -2.4 to -0.3: make it a fixed joint"
-    assert model.remarks == (
-        Remark(kind="doubt", text=fourth),
-    )  # of a leg that the file does not name
+    (held,) = model.remarks  # of a leg that the file does not name
+    assert held.kind == "guess"
+    assert "RH_KFE held at -0.3" in held.text
 
 
 def test_a_robot_that_lies_on_its_side_is_put_upright(tmp_path: Path) -> None:
@@ -448,20 +441,12 @@ def tail(limits: str, follows: str = "") -> str:
     [
         (tail('<limit lower="-1" upper="1" effort="4" velocity="10"/>'), ""),
         (
-            tail('<limit lower="3" upper="3.3" effort="4" velocity="10"/>'),
-            "joint wag: rests at 0, beyond its limits, 3 to 3.3: make it a fixed joint",
-        ),
-        (
             tail(limit("HAA"), 'joint="LF_HFE" multiplier="4"'),
-            "joint wag: follows LF_HFE, which plans do not: make it a fixed joint",
-        ),
-        (
-            tail(limit("HAA"), 'joint="arm" offset="3"'),
-            "joint wag: rests 3 from arm, which plans do not know: make it a fixed joint",
+            "joint wag: expected a joint of its own or a fixed one, got one that follows LF_HFE",
         ),
         (
             tail(limit("HAA"), 'joint="wag"'),
-            "joint wag: follows wag, which plans do not: make it a fixed joint",
+            "joint wag: expected a joint of its own or a fixed one, got one that follows wag",
         ),
     ],
 )
@@ -473,3 +458,68 @@ def test_joints_that_no_leg_has_rest_where_plans_take_them_to_be(text: str, gap:
         assert Remark(kind="doubt", text=gap) in model.remarks
         with refuses("robot quadruped", "joint wag"):
             model.check_known()
+
+
+@pytest.mark.parametrize(
+    ("limits", "follows"),
+    [
+        ('<limit lower="3" upper="3.3" effort="4" velocity="10"/>', ""),
+        (limit("HAA"), 'joint="arm" offset="3"'),
+    ],
+)
+def test_joints_that_cannot_rest_at_0_are_held_where_they_can(limits: str, follows: str) -> None:
+    model = model_of(tail(limits, follows))
+    assert model.gaps == ()
+    assert any("joint wag held at 3" in remark.text for remark in model.remarks)
+    tail_joint = next(joint for joint in model.tree.findall("joint") if joint.get("name") == "wag")
+    assert tail_joint.get("type") == "fixed"
+    assert model.legs[0].joint_names == model_of(quadruped()).legs[0].joint_names
+
+
+@pytest.mark.parametrize("feet", [(), ("lc", "rc")])
+def test_a_joint_above_two_legs_is_a_waist_and_held(feet: tuple[str, ...]) -> None:
+    model = model_of(TWO_FEET, feet=feet)
+    assert [len(leg.joints) for leg in model.legs] == [3, 3]
+    assert any("waist_yaw held" in remark.text for remark in model.remarks)
+
+
+def limited(lower: str, upper: str) -> str:
+    """A quadruped with these limits of its front left knee, and soft ones."""
+    return quadruped().replace('lower="-2.4" upper="-0.3"', f'lower="{lower}" upper="{upper}"', 1)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "limits", "guessed"),
+    [
+        ("-0.3", "-2.4", (-2.4, -0.3), True),
+        ("0", "0", (-np.pi, np.pi), True),
+        ("-14", "-0.3", (-0.3 - 2.0 * np.pi, -0.3), False),
+        ("-115", "115", (-np.pi, np.pi), True),
+        ("-2.4", "-0.3", (-2.4, -0.3), False),
+    ],
+)
+def test_limits_are_followed_or_said_to_be_guessed(
+    lower: str, upper: str, limits: tuple[float, float], guessed: bool
+) -> None:
+    model = model_of(limited(lower, upper))
+    knee = model.legs[0].joints[2]
+    np.testing.assert_allclose((knee.lower_rad, knee.upper_rad), limits)
+    assert bool(model.limit_doubts) == guessed
+    assert all("LF_KFE" in line for line in model.limit_doubts)
+    again = model_of(model.urdf)  # as a plan's file has it
+    assert again.limit_doubts == model.limit_doubts
+
+
+def test_limits_in_degrees_are_a_persons_to_say() -> None:
+    with refuses("LF_KFE"):
+        model_of(limited("-149", "-17")).check_known()
+    said = {"LF_KFE": JointCorrection(limits_rad=(-2.6, -0.3))}
+    model_of(limited("-149", "-17"), joints=said).check_known()
+
+
+def test_soft_limits_inside_hard_ones_are_kept_to() -> None:
+    soft = '<safety_controller k_velocity="1" soft_lower_limit="-2" soft_upper_limit="-0.5"/>'
+    text = quadruped()
+    at = text.index("</joint>", text.index('name="LF_KFE"'))
+    knee = model_of(text[:at] + soft + text[at:]).legs[0].joints[2]
+    assert (knee.lower_rad, knee.upper_rad) == (-2.0, -0.5)
