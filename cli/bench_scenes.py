@@ -38,7 +38,7 @@ class BenchScenes:
     """Some of l1, mip-highs, mip-scip, two-stage, exact, decoupled; all where there is none."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
     """A robot in place of the published polytopes: anymal (boxes of reach), a .urdf file, or a
-    .yaml file that names one (extra kin)."""
+    .yaml file that names one (extra robots)."""
     reach: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Reach polytopes in place of the scene's own."""
     time_limit_s: float = 60.0

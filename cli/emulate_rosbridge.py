@@ -39,7 +39,9 @@ class EmulateRosbridge:
         try:
             from stancekit.runner.emulators.rosbridge import RosBridge
         except ImportError:
-            raise not_installed("emulate", "websockets", "an emulated rosbridge", "ros") from None
+            raise not_installed(
+                "emulate", "websockets", "an emulated rosbridge", "machines"
+            ) from None
         from .converse import converse
 
         checked_int(self.port, "--port", least=0, most=65535)

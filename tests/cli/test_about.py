@@ -9,6 +9,7 @@ import pytest
 from stancekit.cli.about import DOCUMENTED_S, About
 from stancekit.cli.main import run
 from stancekit.planners.equilibrium import yardstick
+from stancekit.planners.errors import install_command
 from stancekit.runner import computer
 from stancekit.runner.emulators import bus_process
 from stancekit.runner.emulators.bus_process import BusPace
@@ -22,13 +23,13 @@ def test_it_says_what_is_missing_and_the_command_for_it(
     monkeypatch.setattr(yardstick, "yardstick", lambda: 2.0 * DOCUMENTED_S)
     pace = BusPace(time_share=0.5, usual_s=0.001, worst_s=0.03)
     monkeypatch.setattr(bus_process, "bus_pace", lambda: pace)
-    monkeypatch.setattr(computer, "extras", lambda: ["log"])
+    monkeypatch.setattr(computer, "extras", lambda: ["viz"])
     monkeypatch.setattr(
         computer, "versions", lambda extra: {"numpy": "2.0"} if extra is None else {"mcap": None}
     )
     assert run(About()) == 0
     said = capsys.readouterr().out
-    assert 'log        pip install "stancekit[log]"  (without mcap)' in said
+    assert f"viz        {install_command('viz')}  (without mcap)" in said
     assert "CPU-s, 2.00 times the" in said
     assert (
         "emulated at 50% of its pace; answers in 1.0 ms, 30.0 at most, with a period of 20: does NOT keep up"

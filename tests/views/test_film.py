@@ -161,7 +161,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 def test_without_ffmpeg_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with pytest.raises(InvalidInput, match=r'pip install "stancekit\[film\]"$'):
+    with pytest.raises(InvalidInput, match=r'pip install .*\[viz\]"$'):
         write_video(tmp_path / "a.mp4", [np.zeros((20, 20, 3), np.uint8)])
 
 
@@ -375,6 +375,6 @@ def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(
         InvalidInput,
-        match=r'^video: expected MuJoCo for frames, it is not installed: pip install "stancekit\[film\]"$',
+        match=r'^video: expected MuJoCo for frames, it is not installed: pip install .*\[viz\]"$',
     ):
         check_film(tmp_path / "a.mp4")

@@ -224,7 +224,7 @@ def test_without_viser_the_extra_is_named(plan, monkeypatch, tmp_path):
     monkeypatch.setattr(page_module, "import_module", missing)
     with pytest.raises(
         InvalidInput,
-        match=r'page: expected viser for pages, it is not installed: pip install "stancekit\[viz\]"',
+        match=r'page: expected viser for pages, it is not installed: pip install .*\[viz\]"',
     ):
         check_page(tmp_path / "a.html")
 

@@ -131,7 +131,7 @@ def test_ray_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(
         InvalidInput,
-        match=r"""^executor: expected Ray for 'ray', it is not installed: pip install "stancekit\[ray\]"$""",
+        match=r"""^executor: expected Ray for 'ray', it is not installed: pip install .*\[ray\]"$""",
     ):
         gather(executor("ray"), [partial(square, 1)])
 

@@ -143,5 +143,5 @@ def test_that_minari_is_missing_is_said(
     dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InvalidInput, match=r'pip install "stancekit\[datasets\]"$'):
+    with pytest.raises(InvalidInput, match=r'pip install .*\[data\]"$'):
         export(dataset, tmp_path / "out")

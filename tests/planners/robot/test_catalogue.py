@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, install_command
 from stancekit.planners.robot import catalogue as module
 from stancekit.planners.robot.bodies import link_shapes
 from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
@@ -59,7 +59,7 @@ def test_a_provider_that_is_not_installed_is_named_with_the_command(
             read("go1")
         assert str(caught.value) == (
             "robot: expected example-robot-data for the URDF of go1, it is not installed: "
-            'pip install "stancekit[robots]"'
+            f"{install_command('catalogue')}"
         )
 
 

@@ -256,5 +256,5 @@ def test_a_toe_out_of_reach_is_found_with_frame_and_limb(plan: Plan) -> None:
 
 def test_without_pinocchio_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    with pytest.raises(InvalidInput, match=r'pip install "stancekit\[kin\]"'):
+    with pytest.raises(InvalidInput, match=r'pip install .*\[robots\]"'):
         Kinematics(ROBOT)

@@ -18,7 +18,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.reference import p1
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, install_command
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
@@ -442,8 +442,7 @@ def test_a_solver_that_is_not_installed_is_named_with_the_extra(monkeypatch):
     with pytest.raises(InvalidInput) as caught:
         MicpPlanner(solver="scip")
     assert str(caught.value) == (
-        "solver: expected pyscipopt for 'scip', it is not installed: "
-        'pip install "stancekit[exact]"'
+        f"solver: expected pyscipopt for 'scip', it is not installed: {install_command('exact')}"
     )
 
 

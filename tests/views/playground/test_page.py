@@ -122,7 +122,7 @@ def test_without_viser_the_extra_is_named(monkeypatch):
         suppress(StopIteration),
         pytest.raises(
             InvalidInput,
-            match=r'expected viser for pages, it is not installed: pip install "stancekit\[viz\]"',
+            match=r'expected viser for pages, it is not installed: pip install .*\[viz\]"',
         ),
     ):
         served(KeysScenario.of("walls")).__enter__()
