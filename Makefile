@@ -12,7 +12,6 @@ PINS ?= constraints.txt
 BIN := $(VENV)/bin
 DEMO := $(VENV)/.stancekit-demo-installed
 STAMP := $(VENV)/.stancekit-installed
-DOCS := $(VENV)/.stancekit-docs-installed
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
 LINKS := .editable/stancekit
 BENCHMARKS := $(filter-out benchmarks/_%,$(wildcard benchmarks/*.py))
@@ -46,13 +45,13 @@ $(DEMO): pyproject.toml setup.py constraints.txt
 	@echo "setup 3 of 4  [=====     ]  cvxpy, casadi"
 	@$(PIP) install --no-compile -c $(PINS) cvxpy casadi || $(STOPPED)
 	@echo "setup 4 of 4  [========  ]  stancekit, pinocchio, MuJoCo, meshes and pages"
-	@$(PIP) install --no-compile -c $(PINS) --no-build-isolation -e ".[kin,mujoco,terrain,viz]" || $(STOPPED)
+	@$(PIP) install --no-compile -c $(PINS) --no-build-isolation -e ".[robots,terrain,viz]" || $(STOPPED)
 	@touch $@
 
 $(STAMP): $(DEMO)
 	@echo "setup, what tests need: torch, Ray, the other solvers and simulators (the largest download, some minutes)"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,ray,datasets,bullet,film,dynamixel,ros,log]" || $(STOPPED)
-	@echo "setup, what tests need: tools for testing and checking"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[catalogue,data,rl,ray,exact,machines]" || $(STOPPED)
+	@echo "setup, what tests need: tools for testing, checking and the pages"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]" || $(STOPPED)
 	@touch $@
 	@echo "setup done: $(BIN)/stancekit"
@@ -70,14 +69,10 @@ test: lint  ## lint, then every test
 	@echo "pytest"
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
-docs: $(DOCS)  ## build the pages into docs/_build/html: warnings are errors, examples are run
+docs: setup  ## build the pages into docs/_build/html: warnings are errors, examples are run
 	@$(BIN)/python setup.py --quiet links
 	@$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --builder html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
-
-$(DOCS): $(STAMP)
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[docs]" || $(STOPPED)
-	@touch $@
 
 demo: $(DEMO)  ## install what it needs, then plan, judge and simulate a robot over a terrain: out/demo
 	@$(BIN)/stancekit demo --out out/demo

@@ -95,7 +95,7 @@ def plan(
             (2,) [m]; frames, gait and candidates are laid out between them.
         frames: number of key frames M, in place of the course's own.
         robot: robot in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file
-            (extra kin); for a posture problem the robot whose limbs stand, with its other limbs
+            (extra robots); for a posture problem the robot whose limbs stand, with its other limbs
             held as they are when it stands.
         settings: what the plan has to keep and to bear: limits of joints and bodies, a push, a
             wrench, a map of where the robot can stand, and a checkpoint.

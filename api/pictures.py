@@ -119,7 +119,7 @@ def film(
 
     Arguments:
         motion: the motion to show.
-        out: the film, .mp4 (extra film, and a GL library), or the page, .html (extra viz).
+        out: the film, .mp4, which needs a GL library, too, or the page, .html (extra viz).
         executed: ``execution`` of the report of ``simulate`` or ``run``: the robot's own links as
             they moved, and the forces that its feet felt.
         progress: called with frames drawn, and all, of a film.

@@ -53,7 +53,7 @@ def map(
     Arguments:
         terrain: a mesh, a grid or a point cloud in a file, or a ground by its name as
             "stairs:0.5:7".
-        robot: a ``Robot``, a name, a .urdf file, or a .yaml file that names one (extra kin); the
+        robot: a ``Robot``, a name, a .urdf file, or a .yaml file that names one (extra robots); the
             default hexapod where None.
         spacing_m: distance between places, along x and y [m]; typically 0.02 to 0.2.
         headings: number of headings, evenly about the vertical, the first along x; typically 1 to

@@ -1,7 +1,7 @@
 """Measure ANYmal's URDF against configs/robots/anymal.yaml: mass, inertia, and how much of its
 boxes the legs reach.
 
-    pip install "stancekit[kin,robots]"; python benchmarks/anymal_reach.py [anymal.urdf]
+    pip install "stancekit[catalogue]"; python benchmarks/anymal_reach.py [anymal.urdf]
 
 The URDF allows every joint 1.5 turns, which no robot uses: the abduction joint goes .6 rad from the
 stance, hip and knee 1 and 1.4 / .6 rad, so that knees keep their bend; feet stay below the trunk
@@ -50,7 +50,9 @@ def default_path() -> Path:
     """Where example-robot-data keeps the file."""
     spec = importlib.util.find_spec("cmeel")
     if spec is None or spec.origin is None:
-        raise SystemExit("expected example-robot-data (pip install 'stancekit[robots]') or a path")
+        raise SystemExit(
+            "expected example-robot-data (pip install 'stancekit[catalogue]') or a path"
+        )
     return Path(spec.origin).parents[1] / "cmeel.prefix" / URDF
 
 

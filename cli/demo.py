@@ -20,8 +20,8 @@ class Demo:
     and its refusal.
 
     Runs the commands that it shows, and writes their files to a folder: pictures, a plan, and a
-    page that a browser opens. Robot and terrain are files in configs/demo. Needs the extras kin,
-    mujoco, terrain and viz.
+    page that a browser opens. Robot and terrain are files in configs/demo. Needs the extras
+    robots, terrain and viz.
 
       stancekit demo
     """

@@ -57,8 +57,8 @@ class PlanGait:
     """Which way it faces at the end; as at the start, and not asked for, where there is none. It
     turns by the difference, on the spot where --goal is --start."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
-    """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra kin) or has a walker's
-    numbers."""
+    """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra robots), or has a
+    walker's numbers."""
     chart: Annotated[str, tyro.conf.arg(metavar="CHART|FILE.py:NAME")] = "portfolio"
     """In which coordinates to solve: ambient, shear, decoupled, warped, warped-exact, or a chart of
     your own; portfolio tries one after another until the verifier accepts."""
@@ -112,7 +112,7 @@ class PlanGait:
     convergence: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the violation at every iteration."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of the motion (extra film, and a GL library)."""
+    """Film of the motion (extra viz, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page with the motion in 3D, to be opened without a network."""
     json: bool = False

@@ -75,7 +75,7 @@ class LabelPostures:
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Folder of the data set."""
     robot: Annotated[OptionalText, ROBOT] = None
-    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the
+    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra robots); else the
     default hexapod."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as

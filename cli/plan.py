@@ -113,8 +113,8 @@ class PlanCourse:
     tighter, are over --envelope; the one that fits unless named."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
     """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names
-    one (extra kin). Plans use what its legs reach, and joint angles are found for every key frame.
-    Of one posture's file: the robot whose limbs stand."""
+    one (extra robots). Plans use what its legs reach, and joint angles are found for every key
+    frame. Of one posture's file: the robot whose limbs stand."""
     reach: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Folder of reach polytopes (OBJ, as kinematic planners publish them) in place of the limbs'
     own reach."""
@@ -136,7 +136,7 @@ class PlanCourse:
     plan, else with 90 %, else with all of it: what is executed then has something in hand.
     Two-stage only; there is a bound only of plans with all of it."""
     torque_nm: Annotated[OptionalFloat, tyro.conf.arg(metavar="NM")] = None
-    """Plan so that no joint takes more torque, whatever it has [Nm] (extra kin). The plan says
+    """Plan so that no joint takes more torque, whatever it has [Nm] (extra robots). The plan says
     so, and verify holds it to that. Without it, a plan for a robot's file keeps to the file's
     limits."""
     torque_share: float = 0.9
@@ -171,7 +171,7 @@ class PlanCourse:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the plan: .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of the plan's motion (extra film, and a GL library)."""
+    """Film of the plan's motion (extra viz, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page in three dimensions that a browser opens from disk, without a network (extra viz)."""
     json: bool = False

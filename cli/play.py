@@ -53,7 +53,7 @@ class Play:
     """Walk over it, as `stancekit gait`."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME[,FILE|NAME…]")] = None
     """Robots of the page's menu with commas between them, built-in names or .urdf or .yaml files
-    (extra kin); it begins with the first one, and walks with anymal where none is named."""
+    (extra robots); it begins with the first one, and walks with anymal where none is named."""
     frames: OptionalInt = None
     """Number of key frames to begin with, where not the course's own."""
     between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(

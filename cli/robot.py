@@ -86,7 +86,7 @@ class ShowRobot:
         Raises InvalidInput for an option.
         """
         from stancekit.planners.errors import InvalidInput, install_command
-        from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
+        from stancekit.planners.robot.catalogue import catalogue, provider_folder
         from stancekit.planners.robot.robot_file import BUILT_IN, read_keys
 
         for name, value in (("--picture", self.picture), ("--srdf", self.srdf)):
@@ -102,7 +102,7 @@ class ShowRobot:
             return 0
         table = _columns("robot", "URDF from", "")
         for name, source, there in rows:
-            table.add_row(name, source, "" if there else install_command(PROVIDERS[source][1]))
+            table.add_row(name, source, "" if there else install_command("catalogue"))
         out.print(table)
         return 0
 

@@ -140,7 +140,7 @@ class RunMotion:
     """Picture of the tracking, .png, .pdf or .svg; with --log."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Film of what a simulated world had: the robot's own links, and the forces that its feet felt
-    (extras mujoco and viz, and a GL library). A plan's is twice as fast as the world."""
+    (extra viz, and a GL library). A plan's is twice as fast as the world."""
     json: bool = False
     """Print the report as one JSON object."""
 

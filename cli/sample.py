@@ -33,7 +33,7 @@ class Sample:
     """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package
     brings, a YAML file, FILE.py:NAME; or FAMILY:LEVEL with --export."""
     robot: Annotated[OptionalText, ROBOT] = None
-    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the
+    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra robots); else the
     default hexapod."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as

@@ -34,8 +34,8 @@ class Simulate:
     The robot presses with the forces of the plan and follows it by joint positions. It succeeds if
     it does not fall, its centre of mass ends within 3 cm of the plan's and every joint within 0.1
     rad, and no foot slides by more than 2 cm. Nothing is slowed down: `stancekit run` does that, or
-    says what no pace helps with. A film takes longer than the execution. Needs the extras kin and
-    bullet or mujoco.
+    says what no pace helps with. A film takes longer than the execution. Needs the extra robots,
+    and for bullet catalogue.
 
       stancekit plan walls --out plan.json
       stancekit simulate plan.json --picture end.png --video film.mp4
@@ -61,7 +61,7 @@ class Simulate:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the end, .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Film, .mp4, at twice the pace (extra film, and a GL library)."""
+    """Film, .mp4, at twice the pace (extra viz, and a GL library)."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File for what was recorded every 5 ms, .npz."""
     json: bool = False

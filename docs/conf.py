@@ -63,7 +63,7 @@ sphinx_gallery_conf = {
         "from importlib.util import find_spec\n\n"
         "if find_spec('stancekit') is None:\n"
         "    source = next(iter(glob('./stancekit-*.whl')), 'stancekit')\n"
-        "    %pip install -q '{source}[kin,mujoco,terrain,rl,datasets]'"
+        "    %pip install -q '{source}[robots,terrain,rl,data]'"
     ),
     "abort_on_example_error": True,
     "min_reported_time": 1e9,

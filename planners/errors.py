@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import time
+from pathlib import Path
 
 
 class StancekitError(Exception):
@@ -65,8 +67,27 @@ def not_installed(where: str, package: str | None, use: str, extra: str) -> Inva
 
 
 def install_command(extra: str) -> str:
-    """The command that installs an extra, quoted for every shell."""
-    return f'pip install "stancekit[{extra}]"'
+    """The command that installs an extra where it is typed, quoted for every shell: from the
+    checkout that an editable installation follows, or by the package's name.
+    """
+    folder = _checkout()
+    if folder is None:
+        return f'pip install "stancekit[{extra}]"'
+    return f'pip install -e "{"." if folder == Path.cwd() else folder}[{extra}]"'
+
+
+def _checkout() -> Path | None:
+    """The folder that an editable installation follows (PEP 610); None for any other one."""
+    from importlib.metadata import PackageNotFoundError, distribution  # slow to import
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    try:
+        origin = json.loads(distribution("stancekit").read_text("direct_url.json") or "{}")
+    except PackageNotFoundError:
+        return None
+    editable = origin.get("dir_info", {}).get("editable", False)
+    return Path(url2pathname(urlsplit(origin["url"]).path)) if editable else None
 
 
 def check_time(deadline: float) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from packaging.requirements import Requirement
 
-TOOLS = ("dev", "docs")
+TOOLS = ("dev",)
 """Extras for working on the package, which no command needs."""
 
 

@@ -90,7 +90,7 @@ class McapLog(Log):
 
     def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
         if find_spec("mcap") is None:
-            raise not_installed("--log", "mcap", "logs of runs", "log")
+            raise not_installed("--log", "mcap", "logs of runs", "viz")
         self._path, self._clock = Path(path), clock
         self._target = self._place = check_writable(path)
         self._counts, self._channels = dict.fromkeys(TOPICS, 0), dict[str, int]()
@@ -244,7 +244,7 @@ def read_log(path: str | Path) -> Recorded:
         from mcap.records import Channel, Chunk, Footer
         from mcap.records import Message as Raw
     except ImportError:
-        raise not_installed(str(path), "mcap", "logs of runs", "log") from None
+        raise not_installed(str(path), "mcap", "logs of runs", "viz") from None
     messages, topics, whole = list[Message](), dict[int, str](), False
     for record in _records(path):
         if isinstance(record, Footer):

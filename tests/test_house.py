@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from stancekit.planners.errors import not_installed
+from stancekit.planners.errors import install_command, not_installed
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("api", "planners", "runner", "views", "envs", "learners", "cli", "configs")
@@ -398,5 +398,5 @@ def test_one_function_words_what_is_not_installed() -> None:
     error = not_installed("stairs.pcd", "pypcd4", ".pcd clouds", "terrain")
     assert str(error) == (
         "stairs.pcd: expected pypcd4 for .pcd clouds, it is not installed: "
-        'pip install "stancekit[terrain]"'
+        f"{install_command('terrain')}"
     )

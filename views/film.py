@@ -345,7 +345,7 @@ def _mujoco() -> Any:
     try:
         return import_module("mujoco")
     except ImportError:
-        raise not_installed("video", "MuJoCo", "frames", "film") from None
+        raise not_installed("video", "MuJoCo", "frames", "viz") from None
 
 
 @DEFAULT_STYLE

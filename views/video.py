@@ -149,4 +149,4 @@ def _ffmpeg() -> str:
     try:
         return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except (ImportError, RuntimeError):
-        raise not_installed("video", "ffmpeg", "films", "film") from None
+        raise not_installed("video", "ffmpeg", "films", "viz") from None

@@ -182,7 +182,7 @@ def check_arrow() -> None:
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
-        raise not_installed("data set", "pyarrow", "rows", "datasets") from None
+        raise not_installed("data set", "pyarrow", "rows", "data") from None
 
 
 def shard_schema(contacts: int) -> pa.Schema:

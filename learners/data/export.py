@@ -251,7 +251,7 @@ def _minari() -> Any:
             importlib.import_module(name)
         return importlib.import_module("minari")
     except ImportError as error:
-        raise not_installed("export", error.name, "data sets of Minari", "datasets") from None
+        raise not_installed("export", error.name, "data sets of Minari", "data") from None
 
 
 @contextmanager

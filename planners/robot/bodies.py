@@ -1,4 +1,4 @@
-"""Links that are inside each other or inside the terrain, and their depth (coal, extra ``kin``).
+"""Links that are inside each other or inside the terrain, and their depth (coal, extra ``robots``).
 
 Links are the shapes that their file says they collide with, meshes by their convex hulls, and where
 a hull is much larger than its mesh and near to something, by convex parts. Pairs whose boxes some

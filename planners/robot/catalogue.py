@@ -9,11 +9,10 @@ from pathlib import Path
 from ..errors import not_installed
 
 PROVIDERS = {
-    "example-robot-data": ("cmeel.prefix/share/example-robot-data/robots", "robots"),
-    "pybullet": ("pybullet_data", "bullet"),
+    "example-robot-data": "cmeel.prefix/share/example-robot-data/robots",
+    "pybullet": "pybullet_data",
 }
-"""Packages that have URDFs: the folder of the robots in each, and the extra of this package that
-installs it."""
+"""Packages that have URDFs, of the extra ``catalogue``: the folder of the robots in each."""
 
 
 def provider_folder(provider: str) -> Path | None:
@@ -21,7 +20,7 @@ def provider_folder(provider: str) -> Path | None:
     from importlib.metadata import PackageNotFoundError, distribution  # slow to import
 
     try:
-        folder = Path(str(distribution(provider).locate_file(PROVIDERS[provider][0])))
+        folder = Path(str(distribution(provider).locate_file(PROVIDERS[provider])))
     except PackageNotFoundError:
         return None
     return folder if folder.is_dir() else None
@@ -39,7 +38,7 @@ def provided(provider: str, robot: str) -> Path:
     """
     folder = provider_folder(provider)
     if folder is None:
-        raise not_installed("robot", provider, f"the URDF of {robot}", PROVIDERS[provider][1])
+        raise not_installed("robot", provider, f"the URDF of {robot}", "catalogue")
     return folder
 
 

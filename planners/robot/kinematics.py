@@ -1,5 +1,5 @@
-"""Inverse kinematics and joint torques of a robot's legs (extra ``kin``: pinocchio on the URDF of
-``Robot.legs``).
+"""Inverse kinematics and joint torques of a robot's legs (extra ``robots``: pinocchio on the URDF
+of ``Robot.legs``).
 
 Arrays of joints are in the model's order. Feet are found by damped least squares, all legs at once,
 inside the joint limits. Legs that are drawn up begin at closed-form postures and their free joint

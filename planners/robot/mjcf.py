@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from ..errors import InvalidInput, not_installed
-from ..files.arrays import Array
+from ..files.arrays import Array, Index
 from ..files.documents import parse_xml, read_text
 from ..files.validation import shown
 from .hulls import hull_corners
@@ -86,7 +86,7 @@ def read_mjcf(path: Path, name: str = "") -> Mjcf:
     try:
         import mujoco
     except ImportError:
-        raise not_installed(str(path), "mujoco", "MJCF", "mujoco") from None
+        raise not_installed(str(path), "mujoco", "MJCF", "robots") from None
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         touching, absent = _without_what_is_elsewhere(spec, path)
@@ -473,7 +473,7 @@ class _Reader:
         up, middle = data.geom_xmat[g].reshape(3, 3)[2], float(data.geom_xpos[g][2])
         tag, size = self.tags.get(int(self.model.geom_type[g])), self.model.geom_size[g]
         if tag in ("sphere", "capsule"):
-            return middle - float(size[0]) - abs(up[2]) * float(size[1]) * (tag == "capsule")
+            return middle - float(size[0] + abs(up[2]) * size[1] * (tag == "capsule"))
         if tag == "mesh":
             return middle + float(np.min(self._points(g) @ up))
         box = self.model.geom_aabb[g]
@@ -495,7 +495,7 @@ class _Reader:
                     yield two, one
 
 
-def _meet(one: Array, two: Array) -> bool:
+def _meet(one: Index, two: Index) -> bool:
     """Tell whether any of two sets of contype and conaffinity, shapes (K, 2), lets geoms meet."""
     if not len(one) or not len(two):
         return True  # nothing to look at

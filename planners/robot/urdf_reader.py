@@ -178,7 +178,7 @@ def pinocchio() -> Any:
     try:
         import pinocchio as module
     except ImportError:
-        raise not_installed("joints", "pinocchio", "URDFs and joint angles", "kin") from None
+        raise not_installed("joints", "pinocchio", "URDFs and joint angles", "robots") from None
     return module
 
 
@@ -190,7 +190,7 @@ def coal() -> Any:
     try:
         import coal as module
     except ImportError:
-        raise not_installed("bodies", "coal", "collisions", "kin") from None
+        raise not_installed("bodies", "coal", "collisions", "robots") from None
     return module
 
 

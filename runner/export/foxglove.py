@@ -1,4 +1,4 @@
-"""A motion as MCAP (extra ``log``) for Foxglove and ROS 2's tools, with a layout for Foxglove
+"""A motion as MCAP (extra ``viz``) for Foxglove and ROS 2's tools, with a layout for Foxglove
 beside it.
 
 /joint_states is sensor_msgs/msg/JointState in CDR; /tf is foxglove.FrameTransform and /forces
@@ -52,7 +52,7 @@ def write_mcap(moved: Moved, path: Path) -> None:
     try:
         from mcap.writer import Writer
     except ImportError:
-        raise not_installed("foxglove", "mcap", "logs of Foxglove", "log") from None
+        raise not_installed("foxglove", "mcap", "logs of Foxglove", "viz") from None
     table = moved.table
     known = table.known()
     with path.open("wb") as stream:

@@ -1,5 +1,5 @@
-"""A world in PyBullet (extra ``bullet``): the servo's position loop at every step, the patch's μ in
-its contacts.
+"""A world in PyBullet (extra ``catalogue``): the servo's position loop at every step, the patch's μ
+in its contacts.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class BulletWorld(SimulatedWorld):
             import pybullet
         except ImportError:
             raise not_installed(
-                "world", "PyBullet", "bullet (Linux, Python 3.11)", "bullet"
+                "world", "PyBullet", "bullet (Linux, Python 3.11)", "catalogue"
             ) from None
         self._bullet: Any = pybullet
         self.body = simulated_body(  # PyBullet knows no rotors

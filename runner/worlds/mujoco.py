@@ -1,4 +1,4 @@
-"""A world in MuJoCo (extra ``mujoco``): position actuators with the servo's gains, elliptic cones,
+"""A world in MuJoCo (extra ``robots``): position actuators with the servo's gains, elliptic cones,
 the patch's μ.
 """
 
@@ -47,7 +47,7 @@ def mujoco_module() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise not_installed("world", "MuJoCo", "simulations", "mujoco") from None
+        raise not_installed("world", "MuJoCo", "simulations", "robots") from None
     return mujoco
 
 

@@ -9,6 +9,7 @@ import pytest
 from stancekit.cli.about import DOCUMENTED_S, About
 from stancekit.cli.main import run
 from stancekit.planners.equilibrium import yardstick
+from stancekit.planners.errors import install_command
 from stancekit.runner import computer
 
 ROOT = Path(__file__).parents[2]
@@ -18,13 +19,13 @@ def test_it_says_what_is_missing_and_the_command_for_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(yardstick, "yardstick", lambda: 2.0 * DOCUMENTED_S)
-    monkeypatch.setattr(computer, "extras", lambda: ["log"])
+    monkeypatch.setattr(computer, "extras", lambda: ["viz"])
     monkeypatch.setattr(
         computer, "versions", lambda extra: {"numpy": "2.0"} if extra is None else {"mcap": None}
     )
     assert run(About()) == 0
     said = capsys.readouterr().out
-    assert 'log        pip install "stancekit[log]"  (without mcap)' in said
+    assert f"viz        {install_command('viz')}  (without mcap)" in said
     assert "CPU-s, 2.00 times the" in said
 
 

@@ -214,7 +214,7 @@ def test_without_pinocchio_the_extra_is_named(call, plan, monkeypatch):
     code, out, err = call("verify", "plan.json")
     assert (code, out) == (2, "")
     assert err.startswith("stancekit: error: plan.json: course: robot quadruped: ")
-    assert err.endswith('pip install "stancekit[kin]"\n')
+    assert err.endswith('[robots]"\n')
     assert err.count("\n") == 1
 
 

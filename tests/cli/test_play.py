@@ -16,6 +16,7 @@ import pytest
 
 from stancekit.cli.between import Between
 from stancekit.cli.play import Play
+from stancekit.planners.errors import install_command
 from stancekit.planners.problem.course_file import read_course
 from stancekit.views.playground.fixed_scenario import FixedScenario
 from stancekit.views.playground.keys_scenario import KeysScenario
@@ -95,7 +96,7 @@ def test_without_viser_the_package_is_named(stancekit, monkeypatch):
     assert ran.code == 2
     assert ran.err == (
         "stancekit: error: page: expected viser for pages, it is not installed: "
-        'pip install "stancekit[viz]"\n'
+        f"{install_command('viz')}\n"
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from stancekit.cli.console import out
+from stancekit.planners.errors import install_command
 from stancekit.planners.search import micp
 from tests.refusals import assert_names
 
@@ -503,8 +504,7 @@ def test_a_solver_that_is_not_installed_is_named(refusal, monkeypatch):
     )
     said = refusal("solve", "p.json", "--method", "micp", "--solver", "gurobi")
     assert said == (
-        "--solver: expected gurobipy for 'gurobi', it is not installed: "
-        'pip install "stancekit[exact]"'
+        f"--solver: expected gurobipy for 'gurobi', it is not installed: {install_command('exact')}"
     )
 
 

@@ -10,9 +10,9 @@ from stancekit.runner import computer
 
 def test_every_extra_that_commands_need_is_there_with_its_packages() -> None:
     names = computer.extras()
-    assert {"kin", "viz", "mujoco", "datasets"} <= set(names)
+    assert {"robots", "viz", "data"} <= set(names)
     assert not set(computer.TOOLS) & set(names)
-    assert "pin" in computer.versions("kin")
+    assert "pin" in computer.versions("robots")
     assert "numpy" in computer.versions(None)
     assert "pin" not in computer.versions(None)
 
@@ -22,7 +22,7 @@ def test_a_package_that_is_not_installed_has_no_version(monkeypatch: pytest.Monk
         raise PackageNotFoundError(name)
 
     monkeypatch.setattr(computer, "version", version)
-    assert computer.versions("log") == {"mcap": None}
+    assert computer.versions("ray") == {"ray": None}
 
 
 def test_without_a_library_that_draws_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:

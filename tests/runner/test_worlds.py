@@ -21,7 +21,8 @@ from stancekit.runner.worlds.world import Ground, State, World
 from tests.refusals import refuses
 
 pytest.importorskip("pinocchio")
-MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
+MODULES = {"bullet": ("pybullet", "catalogue"), "mujoco": ("mujoco", "robots")}
+"""By world: its module, and the extra that has it."""
 ROBOT = hexapod()
 SHOULDERS = np.array([limb.shoulder_m for limb in ROBOT.limbs])
 TOES = 1.8 * SHOULDERS + [0.0, 0.0, -0.2]
@@ -29,7 +30,7 @@ TOES = 1.8 * SHOULDERS + [0.0, 0.0, -0.2]
 
 @pytest.fixture(params=list(MODULES), scope="module")
 def world(request: pytest.FixtureRequest) -> Iterator[World]:
-    pytest.importorskip(MODULES[request.param])
+    pytest.importorskip(MODULES[request.param][0])
     with make_world(request.param, ROBOT) as made:
         yield made
 
@@ -255,8 +256,8 @@ def test_nothing_is_printed_on_standard_output() -> None:
 def test_a_simulator_that_is_not_installed_is_named_with_its_extra(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, MODULES[name], None)
-    with refuses(f"stancekit[{name}]"):
+    monkeypatch.setitem(sys.modules, MODULES[name][0], None)
+    with refuses(f"[{MODULES[name][1]}]"):
         make_world(name, ROBOT)
 
 

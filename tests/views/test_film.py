@@ -159,7 +159,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 def test_without_ffmpeg_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with refuses("stancekit[film]"):
+    with refuses("[viz]"):
         write_video(tmp_path / "a.mp4", [np.zeros((20, 20, 3), np.uint8)])
 
 
@@ -369,5 +369,5 @@ def test_without_a_gl_library_one_line_names_the_package(tmp_path, monkeypatch, 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with refuses("video", "MuJoCo", "stancekit[film]"):
+    with refuses("video", "MuJoCo", "[viz]"):
         check_film(tmp_path / "a.mp4")

@@ -222,7 +222,7 @@ def test_without_viser_the_extra_is_named(plan, monkeypatch, tmp_path):
         raise ImportError(name)
 
     monkeypatch.setattr(page_module, "import_module", missing)
-    with refuses("viser", "stancekit[viz]"):
+    with refuses("viser", "[viz]"):
         check_page(tmp_path / "a.html")
 
 

@@ -1,1 +1,1 @@
-"""A robot of DYNAMIXEL X-series servos on a bus (extra ``dynamixel``)."""
+"""A robot of DYNAMIXEL X-series servos on a bus (extra ``machines``)."""

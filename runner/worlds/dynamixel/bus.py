@@ -1,4 +1,4 @@
-"""A bus of X-series servos through ``dynamixel-sdk`` (extra ``dynamixel``), Protocol 2.0; faults
+"""A bus of X-series servos through ``dynamixel-sdk`` (extra ``machines``), Protocol 2.0; faults
 name servo and joint.
 
 The SDK's group readers drop the error byte of every answer, so its packet handler is called
@@ -69,7 +69,7 @@ class ServoBus:
         try:
             from dynamixel_sdk import PacketHandler
         except ImportError:
-            raise not_installed("world", "dynamixel-sdk", "a bus of servos", "dynamixel") from None
+            raise not_installed("world", "dynamixel-sdk", "a bus of servos", "machines") from None
         self.port, self.baud, self.ids, self.names = port, baud, list(ids), list(names)
         self.fast, self.retried = False, 0
         self._retries, self._packets, self.latency_ms = retries, PacketHandler(2.0), latency_ms

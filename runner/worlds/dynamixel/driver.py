@@ -1,4 +1,4 @@
-"""A robot of DYNAMIXEL X-series servos as a world (extra ``dynamixel``): targets by sync write,
+"""A robot of DYNAMIXEL X-series servos as a world (extra ``machines``): targets by sync write,
 angles by sync read.
 
 Servos run in current-based position control, so that their current, and with it their torque, is

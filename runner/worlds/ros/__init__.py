@@ -1,1 +1,1 @@
-"""A robot behind a rosbridge (extra ``ros``)."""
+"""A robot behind a rosbridge (extra ``machines``)."""

@@ -32,7 +32,7 @@ def roslibpy() -> Any:
     try:
         import roslibpy as module
     except ImportError:
-        raise not_installed("world", "roslibpy", "robots behind a rosbridge", "ros") from None
+        raise not_installed("world", "roslibpy", "robots behind a rosbridge", "machines") from None
     return module
 
 

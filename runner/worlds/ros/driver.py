@@ -1,5 +1,5 @@
-"""A robot behind a rosbridge as a world (extra ``ros``), driven by a joint trajectory controller of
-ROS 1 or 2.
+"""A robot behind a rosbridge as a world (extra ``machines``), driven by a joint trajectory controller
+of ROS 1 or 2.
 
 ``step`` streams: every period it publishes a trajectory of one point, the target, to be reached
 ``lead_s`` later, on the controller's topic, and each replaces the one before. A lost connection, or

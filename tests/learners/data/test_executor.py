@@ -129,7 +129,7 @@ def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -
 
 def test_ray_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    with refuses("executor"):
+    with refuses("executor", "[ray]"):
         gather(executor("ray"), [partial(square, 1)])
 
 

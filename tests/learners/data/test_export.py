@@ -142,5 +142,5 @@ def test_that_minari_is_missing_is_said(
     dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with refuses("stancekit[datasets]"):
+    with refuses("[data]"):
         export(dataset, tmp_path / "out")

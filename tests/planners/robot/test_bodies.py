@@ -281,7 +281,7 @@ def test_inside_of_a_closed_body_is_solid_and_behind_a_patch_is_its_thickness() 
 
 def test_without_coal_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "coal", None)
-    with refuses("bodies", "coal", "stancekit[kin]"):
+    with refuses("bodies", "coal", "[robots]"):
         bodies([shape("base", "sphere", [0.1])])
 
 

@@ -58,7 +58,7 @@ def test_a_provider_that_is_not_installed_is_named_with_the_command(
     for read in (named_robot, named_walker):
         with pytest.raises(InvalidInput) as caught:
             read("go1")
-        assert_names(str(caught.value), "robot")
+        assert_names(str(caught.value), "robot", "[catalogue]")
 
 
 def test_a_file_of_ones_own_may_name_a_provider(tmp_path: Path) -> None:

@@ -257,5 +257,5 @@ def test_a_toe_out_of_reach_is_found_with_frame_and_limb(plan: Plan) -> None:
 
 def test_without_pinocchio_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    with refuses("pinocchio", "stancekit[kin]"):
+    with refuses("pinocchio", "[robots]"):
         Kinematics(ROBOT)

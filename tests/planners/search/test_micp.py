@@ -441,7 +441,7 @@ def test_a_solver_that_is_not_installed_is_named_with_the_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(InvalidInput) as caught:
         MicpPlanner(solver="scip")
-    assert_names(str(caught.value), "solver")
+    assert_names(str(caught.value), "solver", "[exact]")
 
 
 def test_it_prints_nothing(feasible, capfd):

@@ -120,7 +120,7 @@ def test_without_viser_the_extra_is_named(monkeypatch):
     monkeypatch.setattr(page_module, "import_module", missing)
     with (
         suppress(StopIteration),
-        refuses("viser", "stancekit[viz]"),
+        refuses("viser", "[viz]"),
     ):
         served(KeysScenario.of("walls")).__enter__()
 
