@@ -10,7 +10,7 @@ from importlib.util import find_spec
 
 ASKED = """
 import sys
-from stancekit.cli.docstrings import keep_as_written
+from stancekit.cli.patches import keep_as_written
 {}
 from scipy import ndimage, special, spatial, stats
 from scipy.ndimage import gaussian_filter1d
@@ -20,7 +20,7 @@ print("Array API" in ndimage.gaussian_filter1d.__doc__, "standard deviation" in 
 """
 COPIED = """
 import sys
-from stancekit.cli.docstrings import keep_as_written
+from stancekit.cli.patches import keep_as_written
 keep_as_written()
 from scipy import ndimage, spatial, sparse, interpolate, optimize
 from scipy._lib.array_api_compat import numpy as xp
@@ -34,7 +34,7 @@ print(loaded, missing, hasattr(xp, "_nothing"), *computed)
 
 SOLVERS = """
 import sys
-from stancekit.cli.docstrings import keep_as_written
+from stancekit.cli.patches import keep_as_written
 keep_as_written()
 import cvxpy as cp
 print("MOREAU" in cp.installed_solvers(), {"moreau", "torch"} & sys.modules.keys())
