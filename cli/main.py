@@ -109,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if arguments in ([], ["--help"], ["-h"]):
             print(_overview(), flush=True)
             return
-        from .data_classes import share_methods
+        from .patches import keep_as_written, share_methods
 
         gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
         if alone:
@@ -118,8 +118,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
         sys.exit(0)
-    from .docstrings import keep_as_written
-
     keep_as_written()
     code = run(command)
     try:
@@ -163,6 +161,7 @@ def parse(arguments: Sequence[str]) -> Command:
     import tyro
 
     from .console import complain
+    from .option_texts import flowing, rules
     from .slips import slip
 
     if arguments[0] not in COMMANDS and arguments[0] not in _others():
@@ -176,27 +175,24 @@ def parse(arguments: Sequence[str]) -> Command:
                 f"{arguments[0]} --help"
             )
             sys.exit(2)
-    asks, command = bool({"-h", "--help"} & set(arguments)), _command(arguments[0])
-    for value in (asks, True):  # what is missing is said with the options' texts
-        box, page = io.StringIO(), _Page()
-        try:
-            with redirect_stderr(box), redirect_stdout(page), _texts(told=value):
-                return tyro.cli(
-                    command,
-                    prog=f"stancekit {arguments[0]}",
-                    args=arguments[1:],
-                    config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-                )
-        except SystemExit as end:
-            if not value and "Missing from" in box.getvalue():
-                continue
-            print(page.broken(), end="", flush=True)
-            if end.code:
-                complain(
-                    f"stancekit: error: {slip(box.getvalue())}; see stancekit {arguments[0]} --help"
-                )
-            raise
-    raise AssertionError("one of the two has returned or ended")
+    command, page, box = _command(arguments[0]), _Page(), io.StringIO()
+    try:
+        with redirect_stderr(box), redirect_stdout(page):
+            return tyro.cli(
+                command,
+                prog=f"stancekit {arguments[0]}",
+                description=flowing(command.__doc__ or ""),
+                args=arguments[1:],
+                config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+                registry=rules(),
+            )
+    except SystemExit as end:
+        print(page.broken(), end="", flush=True)
+        if end.code:
+            complain(
+                f"stancekit: error: {slip(box.getvalue())}; see stancekit {arguments[0]} --help"
+            )
+        raise
 
 
 class _Page(io.StringIO):
@@ -228,55 +224,6 @@ class _Page(io.StringIO):
             for line in re.sub(r"\n\n\n+", "\n\n", text).split("\n")
         ]
         return "\n".join(lines) + table + rest
-
-
-@contextmanager
-def _texts(*, told: bool) -> Iterator[None]:
-    """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and
-    breaks them, too.
-
-    Arguments:
-        told: whether they are shown; else they are not read from the source at all, which takes as
-            long as the rest.
-    """
-    from dataclasses import fields, is_dataclass
-    from inspect import cleandoc
-
-    import docstring_parser
-    from tyro._docstrings import parse_docstring_from_object as kept
-
-    plain, whole = docstring_parser.parse_from_object, docstring_parser.parse
-
-    def flowing(*given: Any, **named: Any) -> docstring_parser.Docstring:
-        if not told and is_dataclass(of := given[0]):
-            silent = docstring_parser.Docstring()
-            silent.meta += [
-                docstring_parser.DocstringParam([], "", item.name, None, None, None)
-                for item in fields(of)
-            ]
-            return silent
-        parsed = plain(*given, **named)
-        for each in parsed.params:
-            each.description = " ".join((each.description or "").split())
-        return parsed
-
-    def of_paragraphs(text: str | None, *given: Any, **named: Any) -> docstring_parser.Docstring:
-        paragraphs = re.split(r"\n\s*\n", cleandoc(text or ""))
-        return whole("\n\n".join(map(_flowing, paragraphs)), *given, **named)
-
-    docstring_parser.parse_from_object = flowing
-    docstring_parser.parse = of_paragraphs
-    kept.cache_clear()  # of commands that were run before, in this process
-    try:
-        yield
-    finally:
-        docstring_parser.parse_from_object, docstring_parser.parse = plain, whole
-        kept.cache_clear()
-
-
-def _flowing(paragraph: str) -> str:
-    """The paragraph on one line, unless it is a block of lines of their own."""
-    return paragraph if paragraph.startswith(" ") else " ".join(paragraph.split())
 
 
 def _option(argument: str) -> str:
