@@ -61,7 +61,7 @@ def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
 def proof_from(data: Any, path: str | Path) -> tuple[Problem, Certificate]:
     """The problem and its certificate of a file's content, see ``read_proof``."""
     if not is_proof(data):
-        raise InvalidInput(f"{path}: expected format {FORMAT!r}")
+        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got something else")
     key = SUBJECT[data["format"]]
     keys = ("format", key, "tree", "multipliers")
     if set(data) != set(keys):
@@ -114,5 +114,5 @@ def _table(data: Mapping[str, Any], name: str) -> Array:
         if numbers.ndim != 2:
             raise ValueError
     except (ValueError, TypeError, OverflowError):
-        raise InvalidInput(f"{name}: expected a table of numbers") from None
+        raise InvalidInput(f"{name}: expected a table of numbers, got something else") from None
     return numbers

@@ -136,7 +136,7 @@ class SceneSpec(_Keys):
             if lists or not self.ours.order:
                 raise InvalidInput(
                     f"{where}: expected ours.order and one list of surfaces where any one limb "
-                    "moves"
+                    "moves, got something else"
                 )
         elif not set(phase.moving) <= set(self.limbs) or len(lists) != len(phase.moving):
             raise InvalidInput(
