@@ -32,6 +32,7 @@ OTHERWISE = re.compile(
     r"|^(port|servo|e-stop) |/joint_states|its stamps"  # a device: what it did is what came
     r"|measured .* after|times the |from where it should be|beyond its limit"  # a figure beside its limit
     r"|do not belong|does not point|its entries are|plans do not|rests at|would go|at most$"  # what is wrong
+    r"|line \d+, column \d+|encoding"  # XML that is broken, in its parser's words
     r"|should (have|match)|unknown array|are missing|already|has lost|does not answer|is closed|pressed on|was \w+$"
 )
 """Other ways to say it, in one place."""
