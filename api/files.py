@@ -181,7 +181,9 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
             write_text(path, "".join(json.dumps(one.to_json()) + "\n" for one in problems))
         case Scores():
             if Path(path).suffix != SCORER:
-                raise InvalidInput(f"{path}: expected a name that ends in {SCORER} for scores")
+                raise InvalidInput(
+                    f"{path}: expected a name that ends in {SCORER} for scores, got something else"
+                )
             thing.write(path)
         case _:
             from stancekit.learners.selectors.selector import Learned

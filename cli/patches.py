@@ -1,12 +1,3 @@
-<<<<<<< HEAD:cli/docstrings.py
-"""SciPy without what commands do not need of it: docstrings stay as they are written, and NumPy is
-not loaded whole.
-
-SciPy 1.17 parses the docstring of every public function while it is imported, and writes it anew
-with a table of array libraries in it, which takes longer than the rest of the import. Beside that
-it copies all names of NumPy, and so loads the modules that NumPy loads only when somebody asks for
-them, a compiler for Fortran and helpers of tests among them. What SciPy computes is the same.
-=======
 """The changes that commands make to other packages' inner modules, all of them to begin sooner: what
 is computed is the same, and a process that only imports the package is not touched.
 
@@ -16,14 +7,10 @@ is computed is the same, and a process that only imports the package is not touc
 - SciPy's copy of array-api-compat takes all names of NumPy, and so loads the modules that NumPy
   loads only when somebody asks for them, a compiler for Fortran and helpers of tests among them.
   NumPy is not loaded whole.
-- cvxpy imports every solver to list those that are installed, and Moreau imports torch with its
-  compiler, three quarters of the time that cvxpy takes. Moreau is not loaded to see whether it is
-  there.
 - Up to Python 3.12 ``dataclass`` writes every method of every class as text and compiles it, up to
   six for each of the hundreds of classes that a command imports: a tenth of its time
   (https://github.com/python/cpython/issues/109870, solved in 3.13). How a frozen class refuses to
   be changed, and how it is shown, is the same for all of them but for the names.
->>>>>>> w-answers:cli/patches.py
 """
 
 from __future__ import annotations
@@ -35,11 +22,7 @@ from collections.abc import Callable
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
-<<<<<<< HEAD:cli/docstrings.py
-=======
-from importlib.util import find_spec
 from reprlib import recursive_repr
->>>>>>> w-answers:cli/patches.py
 from types import ModuleType
 from typing import Any
 

@@ -81,7 +81,9 @@ class Verify:
             if getattr(self, option) is not None and not (
                 self.answers is None and self.problems.is_file()
             ):
-                raise InvalidInput(f"--{option}: expected {wanted} file with it")
+                raise InvalidInput(
+                    f"--{option}: expected {wanted} file with it, got something else"
+                )
         if self.answers is None:
             return self._file() if self.problems.is_file() else self._dataset()
         texts = [(text_of(file), str(file)) for file in (self.problems, self.answers)]

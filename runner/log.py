@@ -294,7 +294,9 @@ def _check_message(topic: str, content: Any, where: str) -> None:
     """Raise InvalidInput unless a message is what its topic's are."""
     wanted = TOPICS[topic]
     if not isinstance(content, dict) or not set(wanted) <= set(content):
-        raise InvalidInput(f"{where}: expected an object with {', '.join(wanted)}")
+        raise InvalidInput(
+            f"{where}: expected an object with {', '.join(wanted)}, got something else"
+        )
     for name, kind in wanted.items():
         value: Any = content[name]
         if not isinstance(value, KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):

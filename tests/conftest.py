@@ -90,7 +90,7 @@ def _measured_legs_are_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 @pytest.fixture(scope="session")
-def _heard() -> Iterator[dict[str, bool]]:
+def refusals_met() -> Iterator[dict[str, bool]]:
     """Messages of errors since the test began."""
     messages = dict[str, bool]()
     with heard(messages):
@@ -99,12 +99,12 @@ def _heard() -> Iterator[dict[str, bool]]:
 
 @pytest.fixture(autouse=True)
 def _every_refusal_says_where_what_was_expected_and_what_came(
-    _heard: dict[str, bool],
+    refusals_met: dict[str, bool],
 ) -> Iterator[None]:
     """Fail a test that meets an ``InvalidInput`` of another form."""
-    _heard.clear()
+    refusals_met.clear()
     yield
-    assert_refusals_say(_heard)
+    assert_refusals_say(refusals_met)
 
 
 @pytest.fixture(scope="session")

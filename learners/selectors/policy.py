@@ -290,7 +290,7 @@ class TrainedPolicy:
         check_shapes(path, wanted, tensors)
         if tuple(base.shape) != ((12 * shape.contacts,) if shape.selects else (0,)):
             raise InvalidInput(
-                f"{path}: tensor base: expected the bounds of {shape.contacts} contacts"
+                f"{path}: tensor base: expected the bounds of {shape.contacts} contacts, got something else"
             )
         policy.load_state_dict(
             {name.removeprefix("policy."): value for name, value in tensors.items()}

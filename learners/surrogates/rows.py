@@ -81,7 +81,7 @@ class LabelledBatch:
             )
         except ValueError:
             raise InvalidInput(
-                f"{first.ledger.folder}: expected patches of as many corners each"
+                f"{first.ledger.folder}: expected patches of as many corners each, got something else"
             ) from None
         batch = PostureBatch(like=like, vertices_m=vertices, normals=normals, friction=friction)
         values = np.array(margins)

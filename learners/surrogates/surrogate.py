@@ -293,14 +293,18 @@ class Surrogate:
         wanted = {"ranges", "likeness.edges", "likeness.counts"}
         wanted |= {f"calibration.{kind}" for kind in KINDS}
         if set(rest) != wanted or any(rest[f"calibration.{kind}"].ndim != 1 for kind in KINDS):
-            raise InvalidInput(f"{path}: expected the tensors {', '.join(sorted(wanted))}")
+            raise InvalidInput(
+                f"{path}: expected the tensors {', '.join(sorted(wanted))}, got something else"
+            )
         if rest["ranges"].ndim != 3 or rest["ranges"].shape[:2] != (2, len(like.contacts)):
-            raise InvalidInput(f"{path}: tensor ranges: expected two rows per contact")
+            raise InvalidInput(
+                f"{path}: tensor ranges: expected two rows per contact, got something else"
+            )
         edges, counts = (rest[f"likeness.{name}"].double().numpy() for name in ("edges", "counts"))
         columns = rest["ranges"][0].numel() + 1
         if edges.shape != (columns, BINS - 1) or counts.shape != (len(KINDS), columns, BINS):
             raise InvalidInput(
-                f"{path}: tensors likeness.*: expected {columns} histograms per class"
+                f"{path}: tensors likeness.*: expected {columns} histograms per class, got something else"
             )
         every = [edges, counts, *(rest[name].double().numpy() for name in wanted)]
         if not all(np.isfinite(each).all() for each in every) or (counts < 0.0).any():

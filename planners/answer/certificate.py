@@ -136,9 +136,13 @@ class Certificate:
         Raises InvalidInput.
         """
         if not isinstance(data, Mapping) or set(data) != {"tree", "multipliers"}:
-            raise InvalidInput("certificate: expected an object with the keys tree and multipliers")
+            raise InvalidInput(
+                "certificate: expected an object with the keys tree and multipliers, got something else"
+            )
         try:
             tree, multipliers = plain_numbers(data["tree"]), plain_numbers(data["multipliers"])
         except (TypeError, ValueError, OverflowError):
-            raise InvalidInput("certificate: expected two tables of numbers") from None
+            raise InvalidInput(
+                "certificate: expected two tables of numbers, got something else"
+            ) from None
         return cls.from_arrays(tree, multipliers)

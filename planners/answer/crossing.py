@@ -52,7 +52,7 @@ class Crossing:
                 isinstance(part, Plan) and part.problem.is_posture
             ):
                 raise InvalidInput(
-                    f"crossing {self.name}: parts[{k}]: expected a plan of key frames or of a leap"
+                    f"crossing {self.name}: parts[{k}]: expected a plan of key frames or of a leap, got something else"
                 )
 
     def __repr__(self) -> str:

@@ -227,7 +227,7 @@ def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Ele
         depth -= 1
 
     def declared(*_: Any) -> None:
-        raise InvalidInput("expected XML without a document type and entities")
+        raise InvalidInput("expected XML without a document type and entities, got something else")
 
     parser = ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = (

@@ -125,7 +125,9 @@ def answer_from_json(data: Any, problem: Problem) -> Plan | Certificate | None:
     try:
         arrays = {name: plain_numbers(data[name]) for name in names}
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
+        raise InvalidInput(
+            f"{', '.join(names)}: expected lists of numbers, got something else"
+        ) from None
     return Plan.of_posture(problem, **arrays)
 
 

@@ -74,9 +74,9 @@ def read_crossing(path: str | Path) -> Crossing:
         raise InvalidInput(f"{path}: digest mismatch: the file was changed after it was written")
     name, parts, refusal = data["name"], data["parts"], data["refusal"]
     if not isinstance(name, str) or not isinstance(refusal, str):
-        raise InvalidInput(f"{path}: name, refusal: expected text")
+        raise InvalidInput(f"{path}: name, refusal: expected text, got something else")
     if not isinstance(parts, list) or not 0 < len(parts) <= MOST_PARTS:
-        raise InvalidInput(f"{path}: parts: expected 1 to {MOST_PARTS} parts")
+        raise InvalidInput(f"{path}: parts: expected 1 to {MOST_PARTS} parts, got something else")
     read = tuple(_part(part, f"{path}: parts[{k}]") for k, part in enumerate(parts))
     proof = None if data["proof"] is None else proof_from(data["proof"], f"{path}: proof")[1]
     try:

@@ -311,7 +311,9 @@ def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
     for key, name in OF_POINTS.items():
         if not points[0].get(key):
             if any(point.get(key) for point in points):
-                raise InvalidInput(f"{where}: points: expected {key} in all of them or in none")
+                raise InvalidInput(
+                    f"{where}: points: expected {key} in all of them or in none, got something else"
+                )
             continue
         arrays[name] = np.array(
             [

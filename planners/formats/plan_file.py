@@ -302,7 +302,7 @@ def _header(data: Any, path: Path) -> dict[str, Any]:
             isinstance(part.get(n), kind) for n, kind in wanted.items()
         ):
             raise InvalidInput(
-                f"{path}: {key}: expected an object with {', '.join(wanted) or 'any keys'}"
+                f"{path}: {key}: expected an object with {', '.join(wanted) or 'any keys'}, got something else"
             )
     return dict(data)
 

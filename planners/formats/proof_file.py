@@ -108,5 +108,5 @@ def _table(data: Mapping[str, Any], name: str) -> Array:
         if numbers.ndim != 2:
             raise ValueError
     except (ValueError, TypeError, OverflowError):
-        raise InvalidInput(f"{name}: expected a table of numbers") from None
+        raise InvalidInput(f"{name}: expected a table of numbers, got something else") from None
     return numbers

@@ -80,7 +80,7 @@ def check_name(path: str | Path) -> Path:
     """
     path = Path(path)
     if path.suffix != ".json" or not path.stem:
-        raise InvalidInput(f"{path}: expected a name that ends in .json")
+        raise InvalidInput(f"{path}: expected a name that ends in .json, got something else")
     check_writable(path)
     return path
 

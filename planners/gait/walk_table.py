@@ -208,7 +208,8 @@ def _samples(arrays: Mapping[str, Array], robot: Robot) -> dict[str, Any]:
     missing = [name for name in shapes if name not in arrays and name != "stands"]
     if unknown or missing:
         raise InvalidInput(
-            f"{(missing or unknown)[0]}: " + ("expected this array" if missing else "unknown array")
+            f"{(missing or unknown)[0]}: "
+            + ("expected this array, got none" if missing else "unknown array")
         )
     arrays_of_walk = {
         name: read_only(arrays[name], shape, name)

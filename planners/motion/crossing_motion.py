@@ -176,5 +176,7 @@ def plans_of(crossing: Crossing) -> list[Plan]:
     plans = [part for part in crossing.parts if isinstance(part, Plan)]
     for plan in plans:
         if plan.problem.uncarried:
-            raise InvalidInput(f"crossing {crossing.name}: expected climbs in which limbs carry")
+            raise InvalidInput(
+                f"crossing {crossing.name}: expected climbs in which limbs carry, got something else"
+            )
     return plans

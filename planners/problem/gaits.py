@@ -99,7 +99,7 @@ class FootPhases:
         edges = np.concatenate([[0.0], switches, [self.duration_s]])
         if len(switches) % 2 or not np.all(np.diff(edges) > 0.0):
             raise InvalidInput(
-                f"switches_s: expected pairs of increasing times within 0 … {self.duration_s:g} s"
+                f"switches_s: expected pairs of increasing times within 0 … {self.duration_s:g} s, got something else"
             )
 
     @property

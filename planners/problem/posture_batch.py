@@ -72,10 +72,10 @@ class PostureBatch:
         for wrong, text in (
             (
                 np.abs(np.vecdot(self.normals, self.normals) - 1.0) > 1e-12,
-                "normal: expected a unit vector",
+                "normal: expected a unit vector, got another length",
             ),
-            (along, "shear_reference: expected a direction not along the normal"),
-            (self.friction < 0.0, "friction: expected 0 or more"),
+            (along, "shear_reference: expected a direction not along the normal, got that"),
+            (self.friction < 0.0, "friction: expected 0 or more, got less"),
         ):
             if wrong.any():
                 raise InvalidInput(f"{self._where(int(wrong.argmax()))}.{text}")

@@ -733,7 +733,9 @@ class Problem:
             )
         placed = {(foothold.frame, foothold.limb) for foothold in self.footholds}
         if len(placed) != len(self.footholds):
-            raise InvalidInput("placements: expected each limb at most once a frame")
+            raise InvalidInput(
+                "placements: expected each limb at most once a frame, got something else"
+            )
         wanted = {(0, name) for name in names} | {
             (k, name) for k, lifted in enumerate(self.lifts) for name in lifted
         }
@@ -784,7 +786,7 @@ def _check_bounds(low: Array, high: Array, where: str) -> None:
     if np.any(low[1:] > 0.0) or np.any(high < np.maximum(low, 0.0)):
         raise InvalidInput(
             f"{where}force_min, force_max: expected bounds that admit forces along the normals "
-            "alone"
+            "alone, got something else"
         )
 
 

@@ -211,7 +211,9 @@ class StandingMap:
             }
             write_bytes(path, json.dumps(record, allow_nan=False).encode())
         else:
-            raise InvalidInput(f"{path}: expected a name that ends in .npz or .json")
+            raise InvalidInput(
+                f"{path}: expected a name that ends in .npz or .json, got something else"
+            )
 
     @classmethod
     def read(cls, path: str | Path) -> StandingMap:

@@ -165,7 +165,9 @@ def _checked(vertices: Any, faces: Any) -> Triangles:
     points = read_only(vertices, (None, 3), "vertices")
     whole = faces.ndim == 2 and faces.shape[1] == 3 and faces.dtype.kind == "i"
     if not whole or not np.all((faces >= 0) & (faces < len(points))):
-        raise InvalidInput(f"faces: expected corners of {len(points)} vertices by index")
+        raise InvalidInput(
+            f"faces: expected corners of {len(points)} vertices by index, got something else"
+        )
     return Triangles(vertices_m=points, faces=faces.astype(np.int64))
 
 

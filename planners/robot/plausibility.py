@@ -61,10 +61,12 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
         )
     except ValueError:
         raise InvalidInput(
-            f"{where}: expected numbers for the mass and the moments of inertia"
+            f"{where}: expected numbers for the mass and the moments of inertia, got something else"
         ) from None
     if not np.isfinite([mass, *entries]).all():
-        raise InvalidInput(f"{where}: expected a finite mass and finite moments of inertia")
+        raise InvalidInput(
+            f"{where}: expected a finite mass and finite moments of inertia, got something else"
+        )
     xx, xy, xz, yy, yz, zz = entries
     moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     return mass, pose_of(inertial.find("origin"), where)[1], moments

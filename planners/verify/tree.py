@@ -215,26 +215,34 @@ class Forest:
             node = stack.pop()
             if kind == 0:
                 if i or j or first or second:
-                    raise InvalidInput(f"{where}: expected zeros in a leaf")
+                    raise InvalidInput(f"{where}: expected zeros in a leaf, got something else")
                 leaves.append(node)
             elif kind == 1:
                 if first or second:
-                    raise InvalidInput(f"{where}: expected zeros after a choice")
+                    raise InvalidInput(
+                        f"{where}: expected zeros after a choice, got something else"
+                    )
                 stack += self._chosen(node, self._candidate(i, j, where))
             elif kind == 2:
                 stack += self._cut(node, self._candidate(i, j, where), first, second, where)
             elif kind == 3:
                 if second:
-                    raise InvalidInput(f"{where}: expected a zero after a force")
+                    raise InvalidInput(
+                        f"{where}: expected a zero after a force, got something else"
+                    )
                 stack += self._split(node, i, j, first, where)
             elif kind == 4:
                 if j or first or second:
-                    raise InvalidInput(f"{where}: expected zeros after a least step")
+                    raise InvalidInput(
+                        f"{where}: expected zeros after a least step, got something else"
+                    )
                 stack += self._parted(node, i, where)
             else:
                 raise InvalidInput(f"{where}: expected kind 0, 1, 2, 3 or 4, got {kind:g}")
         if stack:
-            raise InvalidInput(f"tree: expected {len(stack)} more nodes or more after {len(tree)}")
+            raise InvalidInput(
+                f"tree: expected {len(stack)} more nodes or more after {len(tree)}, got none"
+            )
         if len(leaves) != len(rows):
             raise InvalidInput(
                 f"multipliers: expected a row for each of {len(leaves)} leaves, got {len(rows)}"

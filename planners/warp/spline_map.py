@@ -246,7 +246,7 @@ class SplineMap:
     def to_file(self, path: str | Path) -> None:
         """Write the map as .npz, whole or not at all."""
         if Path(path).suffix != ".npz":
-            raise InvalidInput(f"{path}: expected a name that ends in .npz")
+            raise InvalidInput(f"{path}: expected a name that ends in .npz, got something else")
         box = io.BytesIO()
         np.savez_compressed(box, **self.to_arrays())  # type: ignore[arg-type]
         write_bytes(path, box.getvalue())
@@ -281,7 +281,7 @@ class SplineMap:
         """
         data = dict(arrays)
         if str(data.pop("format", "")) != FORMAT:
-            raise InvalidInput(f"expected format {FORMAT}")
+            raise InvalidInput(f"expected format {FORMAT}, got something else")
         snap = {key[5:]: data.pop(key) for key in list(data) if key.startswith("snap_")}
         names = {"control_m", "domain_m", "height_m", "fade_m", *TEXTS}
         if set(data) != names:

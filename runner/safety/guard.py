@@ -191,7 +191,7 @@ class SafeWorld:
         Raises InvalidInput before ``reset``.
         """
         if self._last is None:
-            raise InvalidInput("world: expected reset before anything else")
+            raise InvalidInput("world: expected reset before anything else, got no reset")
         return self._last
 
     @property

@@ -170,7 +170,7 @@ class DynamixelWorld(HardwareWorld):
             self.relax()
             return
         if not self._open:
-            raise InvalidInput("world: expected reset before torque")
+            raise InvalidInput("world: expected reset before torque, got no reset")
         try:
             self._switch_on()
         except HardwareFault as fault:

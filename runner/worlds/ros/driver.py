@@ -134,7 +134,7 @@ class RosWorld(HardwareWorld):
             self.relax()
             return
         if not self._open:
-            raise InvalidInput("world: expected reset before torque")
+            raise InvalidInput("world: expected reset before torque, got no reset")
         self._robot.wake(1.0 / self.rate_hz)
         try:
             self._arm()
@@ -191,7 +191,7 @@ class RosWorld(HardwareWorld):
                 not succeed: a trouble on the way, or ``hold``, cancels it.
         """
         if not self.armed:
-            raise InvalidInput("world: expected torque(True) before run_trajectory")
+            raise InvalidInput("world: expected torque(True) before run_trajectory, got no torque")
         times = read_only(times_s, (None,), "times_s")
         angles = read_only(angles_rad, (len(times), len(self.joints)), "angles_rad")
         self._check_trajectory(times, angles)

@@ -159,7 +159,7 @@ def test_numbers_that_are_no_archive_are_refused_even_under_right_sums(text, mes
         (lambda a: a["toes_m"].__setitem__((0, 0), np.nan), "toes_m"),
         (lambda a: a.pop("forces_n"), "forces_n"),
         (lambda a: a.update(more=np.zeros(1)), "more"),
-        (lambda a: a.update(com_m=np.array([None], dtype=object)), "plan.npz"),
+        (lambda a: a.update(com_m=np.array([None], dtype=object)), "arrays"),
         (lambda a: a["com_m"].__setitem__((0, 0), 0.001), "digest"),
     ],
 )

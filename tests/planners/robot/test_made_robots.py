@@ -218,7 +218,7 @@ def test_what_no_robot_has_is_a_doubt_that_names_the_link(
 
 
 def test_what_cannot_be_read_as_a_robot_is_refused_with_its_link(tmp_path: Path) -> None:
-    with refuses("LF_shank", "-0.1"):
+    with refuses("LF_shank", "-0.15 kg"):
         read("shanks-of-negative-mass", tmp_path / "a")
     with refuses("LF_HFE"):
         read("knees-that-mimic", tmp_path / "b")
@@ -251,7 +251,7 @@ def test_a_joint_that_flies_between_two_links_is_named(kind: str, tmp_path: Path
     loose = f'<link name="pack"/><joint name="strap" type="{kind}"><parent link="trunk"/><child link="pack"/></joint>'
     carried = Made(name="carried", urdf=quadruped().replace("</robot>", f"{loose}</robot>"))
     legless = Made(name="legless", urdf=quadruped().replace('type="revolute"', f'type="{kind}"', 1))
-    for made, joint in ((carried, "strap"), (legless, "LF_")):
+    for made, joint in ((carried, "strap"), (legless, "LF_HAA")):
         with refuses(joint):
             named_robot(made.write(tmp_path))
 

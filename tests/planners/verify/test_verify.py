@@ -857,8 +857,8 @@ def test_a_clear_miss_is_refuted_where_a_hairs_breadth_is_not():
             3,
             "candidate",
         ),
-        ([[np.nan, 0, 0, 0, 0]], 1, "tree"),
-        ([[3, 0, 0, np.inf, 0]], 1, "tree"),
+        ([[np.nan, 0, 0, 0, 0]], 1, "certificate"),
+        ([[3, 0, 0, np.inf, 0]], 1, "certificate"),
     ],
 )
 def test_a_malformed_tree_is_rejected_with_its_reason(tree, rows, name):

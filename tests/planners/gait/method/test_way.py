@@ -12,6 +12,7 @@ from stancekit.planners.gait.method.checkpoint import CUT, DONE, ROUND, Checkpoi
 from stancekit.planners.gait.method.portfolio import Attempts, default_attempts
 from stancekit.planners.gait.method.way import guided, pieces_of, plan_walk
 from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.problem.candidates import NoPlace
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -145,7 +146,7 @@ def test_a_walk_without_a_way_says_how_far_it_came(monkeypatch):
 )
 def test_a_walk_from_or_to_a_solid_is_refused_at_once(start, goal, name):
     task = Walk.over(level((1.8, 2.2, -0.8, 0.9)), goal, start_xy_m=start, duration_s=10.0)
-    with refuses(name):
+    with refuses(name, kind=NoPlace):
         planned(task)
 
 
