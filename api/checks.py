@@ -15,6 +15,7 @@ from stancekit.planners.answer.report import or_null
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json
+from stancekit.planners.files.validation import shown
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.ground import Ground
@@ -123,6 +124,8 @@ def check_file(
             "file "
             "of their answers (stancekit solve PROBLEMS --certificate --out ANSWERS)"
         )
+        if isinstance(data, dict):
+            wanted += f", got format {shown(data.get('format'))}"
         raise InvalidInput(f"{name}: {wanted}")
     if tolerance != TOLERANCE:
         raise InvalidInput(

@@ -89,7 +89,7 @@ def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message)
     [
         (
             {"timings_s": [[0.3]]},
-            "leap leap-0: timings_s[0]: expected 3 durations, one per phase, got 1",
+            "leap leap-hard-0: timings_s[0]: expected 3 durations, one per phase, got 1",
         ),
         (
             {"duration_s": 2.0},
@@ -102,7 +102,7 @@ def test_options_without_a_use_are_refused(stancekit, drawn, arguments, message)
         ),
         (
             {"footholds": []},
-            "leap leap-0: footholds: expected one of LF in phase 0, where it begins to stand",
+            "leap leap-hard-0: footholds: expected one of LF in phase 0, where it begins to stand",
         ),
         (
             {"distribution": "none"},

@@ -103,7 +103,7 @@ def test_scenes_are_those_of_the_class_to_the_last_bit(whole: Path) -> None:
     assert arrays["vertices_m"].shape == (5, 8, 8, 3, 3)
     for number, leap in enumerate(tries.leaps()):
         drawn = leap_class("leap-hard").draw(
-            np.random.default_rng([PLAN.seed, number]), f"leap-3-{number}"
+            np.random.default_rng([PLAN.seed, number]), f"leap-hard-3-{number}"
         )
         assert leap_to_json(leap) == leap_to_json(drawn) == leap_to_json(tries.leap(number))
         for j, foothold in enumerate(drawn.footholds):
