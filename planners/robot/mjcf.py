@@ -18,10 +18,11 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from ..errors import InvalidInput, not_installed
-from ..files.arrays import Array, Index
+from ..files.arrays import Array
 from ..files.documents import parse_xml, read_text
 from ..files.validation import shown
 from .hulls import hull_corners
+from .separation import Index
 from .shapes import shape_elements, text_of, write_pose
 
 KEY_FRAMES = ("stand", "standing", "home", "default", "init")
