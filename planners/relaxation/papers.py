@@ -90,13 +90,12 @@ def p1(scaled: Scaled, box: Envelope, *, soft: bool, axes: Axes = "contact") -> 
         InvalidInput: for soles.
     """
     plan, products, terms = coupled(scaled, axes)
-    margin = cp.Variable(1, name="margin") if soft else 0.0
-    return Model(
-        cost=margin[0] if soft else plan.objective(),
-        terms={**terms, **mccormick(products.parts, box, margin=margin)},
-        plan=plan,
-        products=products,
-    )
+    if not soft:
+        terms |= mccormick(products.parts, box)
+        return Model(cost=plan.objective(), terms=terms, plan=plan, products=products)
+    margin = cp.Variable(1, name="margin")
+    terms |= mccormick(products.parts, box, margin=margin)
+    return Model(cost=margin[0], terms=terms, plan=plan, products=products)
 
 
 def p1_of_modes(
