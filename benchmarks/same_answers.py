@@ -152,14 +152,18 @@ def labels_of(name: str) -> Any:
 
 
 def stream_of() -> Any:
-    """Every command that a run in memory sends, of a host that is not tried for its haste."""
+    """Every command that a run in memory sends, of a host that is not tried for its haste; why
+    there is nothing to run.
+    """
+    found = asked("plan", "walls", frames=2)
+    if found.solution is None:
+        return {"message": found.message}
     world = inner("tests.emulators.memory_world", "MemoryWorld")()
     patient = inner("tests.emulators.memory_world", "PATIENT")
     settings = inner("stancekit.runner.settings", "RunSettings")(limits=patient)
     accepted = inner("stancekit.runner.acceptance", "Accepted")
-    plan = asked("plan", "walls", frames=2).solution
     runner = inner("stancekit.runner.run", "Runner")(world, settings=settings, dry=False)
-    runner.run(accepted.verified(plan, "walls"))
+    runner.run(accepted.verified(found.solution, "walls"))
     return {"targets_rad": [targets for _, targets in world.commands]}
 
 

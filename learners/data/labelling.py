@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import math
 import time
 from collections import Counter
@@ -50,8 +49,6 @@ INNER = (
     "body, which proves nothing of the robot"
 )
 """Note on a data set whose legs are half-spaces, see ``planners.robot.contact_robot``."""
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -19,10 +19,8 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan, software
 from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.scenes import LabelledScene
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.projection.project import Projection
-from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from ..data.executor import Executor
 from ..data.labelling import label
@@ -35,7 +33,6 @@ from .experiment import Experiment
 
 Progress = Callable[[str, int, int], None]
 OnProgress = Callable[[str], Callable[[int, int], None]]
-Key = TypeVar("Key")
 SHARD_SIZE = 125
 
 
@@ -55,26 +52,6 @@ class ClassResult:
     learned: Mapping[str, Learned]
     test: Dataset
     fresh: tuple[str, ...]
-
-    @property
-    def best_envelopes(self) -> tuple[str, EnvelopeSet]:
-        """Name and envelopes of the fixed selector with the best balanced P1 share.
-
-        Raises InvalidInput without any.
-        """
-        learned = {name: item.selector for name, item in self.learned.items()}
-        fixed = {
-            name: selector.envelopes
-            for name, selector in learned.items()
-            if isinstance(selector, FixedSelector)
-        }
-        if not fixed:
-            raise InvalidInput("methods: expected one or more that learn envelopes, got none")
-        best = max(
-            (score for score in self.scores if score.selector in fixed),
-            key=lambda score: score.balanced,
-        )
-        return best.selector, fixed[best.selector]
 
 
 class _Row(BaseModel):

@@ -8,7 +8,7 @@ Hessian; a portfolio has phases, and is in the tables alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,6 @@ COLOURED = tuple(METHODS[method].label for method in DRAWN)
 """A method has the same colour in every picture, whatever was measured."""
 AROUND = ("ripple", "cone", "pit", "pit-84", "pit-87")
 """Terrains whose tasks go all around."""
-
-Draw = Callable[..., Any]
 
 
 def draw(rows: Iterable[Row], folder: Path) -> list[Path]:

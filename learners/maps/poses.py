@@ -29,7 +29,6 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.terrain.footholds import Footholds
 
 Index = NDArray[np.intp]
-LARGEST_M = 1e4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -46,11 +46,6 @@ def allowed(count: int, error: float, doubt: float) -> int:
     return low
 
 
-def rows_needed(error: float, doubt: float) -> int:
-    """The fewest rows of a class by which an error can be held at all."""
-    return math.ceil(math.log(doubt) / math.log1p(-error))
-
-
 def threshold(scores: Array, error: float, doubt: float) -> float:
     """The least threshold that new scores like these exceed with a probability of at most
     ``error``; inf where there are too few.

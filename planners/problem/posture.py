@@ -16,7 +16,6 @@ from .wrench import checked_wrench
 
 FORMAT = "stancekit/posture/1"
 TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (Lin et al. §II)
-UP = (0.0, 0.0, 1.0)
 THREE_LEGS = ("RF", "RR", "LM")
 MAX_TILT_RAD = float(np.deg2rad(30.0))
 """Of the problem classes of Lin et al. §IV-A: a tripod of the hexapod's legs; how far a patch leans

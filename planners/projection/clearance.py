@@ -44,7 +44,6 @@ from ..terrain.obstacles import Obstacles
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-T = TypeVar("T")
 APART_M = 0.03
 """Moments are looked at so far apart: a third of those that are judged."""
 NEAR_M = 0.02

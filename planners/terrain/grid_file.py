@@ -17,9 +17,6 @@ from .elevation import ElevationMap
 from .heightfield import MOST_POINTS
 from .import_options import ImportOptions
 
-POINTS = (3,)
-"""Columns of an array that may be points as well as heights."""
-
 
 def read_grid(path: Path, options: ImportOptions, name: str) -> ElevationMap:
     """The heights of a file on a square grid of ``spacing_m`` with its middle at the offset; NaN

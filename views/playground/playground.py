@@ -4,7 +4,6 @@ that asks of limbs.
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -31,7 +30,6 @@ from .scenario import Scenario
 from .session import Session
 from .tables import limb_table, loads, solver_of, summary, verdict
 
-log = logging.getLogger(__name__)
 TITLE, PICK = "Stancekit playground", "pick a surface"
 
 
