@@ -157,8 +157,8 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
         ),
         (("walls", "--envelope", "none"), "none: expected a file, found nothing there"),
         (
-            ("walls", "--relaxation", "envelope"),
-            "--relaxation: expected --envelope FILE with envelope, got none",
+            ("walls", "--relaxation", "p1"),
+            "--relaxation: expected --envelope FILE with p1, got none",
         ),
         (
             ("walls", "--relaxation", "foo"),

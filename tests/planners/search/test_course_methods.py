@@ -27,7 +27,7 @@ def test_every_planner_is_made_by_its_name(drawn):
             "relaxation: expected one of p1, joint, coned, lift",
         ),
         (
-            {"name": "two-stage", "relaxation": "envelope"},
+            {"name": "two-stage", "relaxation": "p1"},
             "envelopes: expected an envelope for the relaxation p1",
         ),
         (
