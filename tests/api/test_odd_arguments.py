@@ -115,8 +115,8 @@ CALLS: dict[str, tuple[Any, dict[str, Any]]] = {
         stancekit.sample,
         {"problems": "wall-3", "count": 1, "robot": None, "terrain": None, "rng": 0},
     ),
-    "verify": (stancekit.verify, {"problem": None, "answer": None}),
-    "explain": (stancekit.explain, {"problem": None, "certificate": None}),
+    "verify": (stancekit.verify, {"subject": None}),
+    "explain": (stancekit.explain, {"subject": None}),
     "load": (stancekit.load, {"path": "none"}),
     "save": (stancekit.save, {"thing": None, "path": "none/none"}),
 }

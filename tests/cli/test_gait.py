@@ -396,7 +396,7 @@ URDF = """<robot name="cart"><link name="body"/>{}</robot>""".format(
 )
 ROBOT = """urdf: cart.urdf
 feet: [F0, F1, F2]
-posture_rad: [0, 0, 0]
+posture_rad: {"j*": 0}
 trunk_half_m: [0.1, 0.1, 0.1]
 """
 

@@ -158,7 +158,7 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
         ),
         (("walls", "--envelope", "none"), "none"),
         (
-            ("walls", "--relaxation", "envelope"),
+            ("walls", "--relaxation", "p1"),
             "--relaxation",
         ),
         (

@@ -167,10 +167,7 @@ def _robots(folder: Path) -> None:
     measured = {
         "urdf": "robot.urdf",
         "feet": [f"{name}_foot" for name in ("LF", "RF", "LR", "RR")],
-        "steps": 5,
-        "voxel_m": 0.06,
-        "ranges_rad": [[1.0, 1.0]] * 4,
-        "posture_rad": [0.0, 0.5, 0.0, 1.2] * 6,
+        "posture_rad": {"*_hip": 0.5, "*_knee": 1.2},
         "trunk_half_m": [0.1, 0.1, 0.05],
         "name": "measured",
     }

@@ -22,7 +22,7 @@ def test_every_planner_is_made_by_its_name(drawn):
     for arguments, named in (
         ({"name": "best"}, "planner"),
         ({"name": "two-stage", "relaxation": "boxes"}, "relaxation"),
-        ({"name": "two-stage", "relaxation": "envelope"}, "envelopes"),
+        ({"name": "two-stage", "relaxation": "p1"}, "envelopes"),
         ({"name": "two-stage", "relaxation": "lift", "envelopes": learned}, "envelopes"),
         ({"name": "nlp", "relaxation": "lift"}, "relaxation"),
         ({"name": "exact", "envelopes": learned}, "envelopes"),
