@@ -15,7 +15,7 @@ from ..files.arrays import Array
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M
 from .import_options import ImportOptions
-from .inside_out import ROOM_M, turned
+from .inside_out import ROOM_M, one_sided, turned
 from .obstacles import fan
 from .patch import Patch
 from .raster import raised
@@ -62,6 +62,13 @@ class TriangleMesh:
                 raise InvalidInput(
                     f"{name}: crop_m: expected some of the mesh inside, got none of it"
                 )
+        triangles, rooms = one_sided(corners, triangles)
+        if rooms:
+            warnings.warn(
+                f"{name}: {rooms} closed parts that are given from both sides were taken for "
+                "solids; crop the ceiling off a room",
+                stacklevel=2,
+            )
         triangles, count, middle = turned(corners, triangles)
         if middle is not None:
             place = ", ".join(f"{value + 0.0:.3g}" for value in middle.round(6))
