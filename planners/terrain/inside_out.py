@@ -69,9 +69,7 @@ def turned(
     return triangles, count, inside_out(corners, triangles) if wrong is not None else None
 
 
-def one_sided(
-    corners: Array, triangles: NDArray[np.int_]
-) -> tuple[NDArray[np.int_], int]:
+def one_sided(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.int_], int]:
     """Triangles, each once, without the inner side of what is given from both sides, and how many
     solids of these have room inside.
 
@@ -83,9 +81,7 @@ def one_sided(
         triangles: by corners' numbers, shape (T, 3).
     """
     first = np.arange(3)[None] + triangles.argmin(axis=1)[:, None]
-    _, once = np.unique(
-        np.take_along_axis(triangles, first % 3, axis=1), axis=0, return_index=True
-    )
+    _, once = np.unique(np.take_along_axis(triangles, first % 3, axis=1), axis=0, return_index=True)
     triangles = triangles[np.sort(once)]
     _, face, sides = np.unique(
         np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True

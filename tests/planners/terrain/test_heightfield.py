@@ -183,8 +183,7 @@ HOLED = np.where(np.eye(5) > 0, np.nan, 0.0)
         ),
         (
             lambda: HeightField(1e3 * FOUR, FOUR, LEVEL),
-            "terrain: x_m: expected 200 m or less from end to end, got 3000 m; "
-            "a file in millimetres is read with unit_m=0.001",
+            "terrain: x_m: expected 200 m or less from end to end, got 3000 m",
         ),
         (
             lambda: HeightField.from_array(HOLED, name="holed"),
