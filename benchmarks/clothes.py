@@ -44,6 +44,8 @@ PIECE_M, DIGITS = 0.05, 3
 SPACING_M = 0.02
 """Of a grid [m]."""
 FRICTION = 0.9
+LIMIT_S = 600.0
+"""Of a plan [s]: so long that a loaded machine changes nothing."""
 SHIPPED = ("hexapod", "configs/demo/ant.yaml", "a1", "aliengo", "laikago", "spirit40", "vision60")
 DRAWN = 12
 QUICK = {
@@ -259,6 +261,7 @@ def plan(ground: Ground, path: Any, robot: str | None, *, shift: Array | None = 
         "start_xy_m": ground.start + moved,
         "goal_xy_m": ground.goal + moved,
         "robot": robot,
+        "time_limit_s": LIMIT_S,
     }
     begin = time.process_time()
     with warnings.catch_warnings():
@@ -334,7 +337,7 @@ def by_command(ground: Ground, robot: str | None, folder: Path) -> Row:
     mesh_of(ground).export(path, digits=12)
     start, goal = (",".join(map(str, place)) for place in (ground.start, ground.goal))
     words = [str(path), f"--start={start}", f"--goal={goal}", f"--friction={ground.friction}"]
-    words += ["--robot", robot] if robot else []
+    words += ["--time-limit-s", str(LIMIT_S), *(["--robot", robot] if robot else [])]
     begin = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-m", "stancekit.cli.main", "plan", *words, "--json"],
@@ -409,6 +412,7 @@ def far(distance_m: float, ground: Ground, robot: str | None, folder: Path) -> R
     return as_file(".obj", ground, robot, folder, change=change, shift=by)
 
 
+PLAIN = Cloth(name="plain", same=FIGURES, ask=partial(as_file, ".obj"))
 AWAY_M = np.array([3.0, -2.0, 0.5])
 CLOTHES = (
     *(
@@ -505,10 +509,9 @@ def pairs(asked: ClothesOptions) -> Iterator[Row]:
             return kept.rows[key]
         return kept.add(key, cloth.ask(ground, who[name], asked.folder))
 
-    plain = Cloth(name="plain", same=FIGURES, ask=partial(as_file, ".obj"))
     for ground in over.values():
         for name in who:
-            first = answer(plain, ground, name)
+            first = answer(PLAIN, ground, name)
             for cloth in clothes.values():
                 row = answer(cloth, ground, name)
                 yield {
