@@ -70,7 +70,7 @@ class Places:
         spacing, named = SPACING * least_m, names_ground(str(path))
         terrain = named_surface(str(path)) if named else read_terrain(path)
         if isinstance(terrain, TriangleMesh):
-            terrain.check_size(1.0)
+            terrain.check_size()
             limits = FootholdLimits(
                 slope_rad=float(np.arccos(STEEP)), margin_m=0.0, width_m=2.0 * least_m
             )

@@ -5,7 +5,9 @@ Places of the centre of mass are the nodes of a lattice. At a node every toe, as
 needs a foothold close by, all at about one height, and no surface may be where the standing robot
 is: its footprint, the hull of its joints, feet and base seen from above, is kept clear of
 everything between its belly and its top (the Minkowski sum of a surface and the mirrored footprint,
-Lozano-Pérez, 1983). Ways are longer where footholds are rare and where solids are near.
+Lozano-Pérez, 1983). Heights at a node are measured from the slope of the ground there: a plane is
+as free as level ground, however steep. Ways are longer where footholds are rare and where solids
+are near.
 """
 
 from __future__ import annotations
@@ -55,7 +57,10 @@ UPRIGHT = 0.3
 """Surfaces whose normals are steeper than this have one height at a place."""
 BELLY, TOP = 0.4, 0.5
 """Solids are in the way from so far below the centre of mass on, in heights of the body over its
-toes, and up to so far above it, where nobody knows the robot's links."""
+toes, or from the lowest point of a trunk that is higher, and up to so far above it, where nobody
+knows the robot's links."""
+ALIKE_M = 5e-3
+"""Heights of a border that differ by less are one to people [m]."""
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 TRIES = 32
 """So many straight parts are tried from a node of a way on."""
@@ -93,28 +98,30 @@ class Footprint:
         """
         reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
         down = float(np.abs(toes_m[:, 2]).mean())
-        points, high = [toes_m], TOP * down
+        points, low, high = [toes_m], -BELLY * down, TOP * down
         try:
             from ..robot.bodies import link_shapes
             from ..robot.kinematics import Kinematics
 
             known = Kinematics(robot)
             angles = known.solve(np.zeros(3), np.zeros(3), toes_m).angles
-            chains = known.chains(angles).reshape(-1, 3)
+            chains, trunk = known.chains(angles).reshape(-1, 3), np.zeros((0, 3))
             for shape, corners in link_shapes(known.model)[0]:
                 if known.model.mounts[shape.link].leg is None:
                     mount = known.model.mounts[shape.link]
                     at = corners @ shape.rotation.T + shape.origin_m
-                    chains = np.vstack([chains, at @ mount.rotation.T + mount.origin_m])
-            points.append(chains - robot.source.origin_m)
+                    trunk = np.vstack([trunk, at @ mount.rotation.T + mount.origin_m])
+            points.append(np.vstack([chains, trunk]) - robot.source.origin_m)
             high = float(points[1][:, 2].max())
+            if len(trunk):
+                low = max(low, float(points[1][len(chains) :, 2].min()))
         except InvalidInput:  # nobody knows its legs, or pinocchio is not there
             pass
         flat = np.concatenate(points)[:, :2]
         return cls(
             toes_m=toes_m,
             hull_m=_hull(flat),
-            low_m=-BELLY * down,
+            low_m=low,
             high_m=high,
             names=tuple(limb.name for limb in robot.limbs),
             reach_m=reach,
@@ -142,6 +149,25 @@ class Footprint:
             names=tuple(foot.name for foot in robot.feet),
             reach_m=high,
         )
+
+    @property
+    def down_m(self) -> float:
+        """Height of the centre of mass over the toes in the mean [m]."""
+        return float(np.abs(self.toes_m[:, 2]).mean())
+
+    @property
+    def free_m(self) -> float:
+        """Height over the ground below which nothing is in its way [m]."""
+        return self.down_m + self.low_m
+
+    def level(self, z: Array, slope: Array) -> Array:
+        """Height of the body over the plane of the ground through the middle of all toes, moved
+        along this plane to below the body, shape (…) [m].
+
+        Arguments:
+            slope: gradient of the plane, shape (…, 2).
+        """
+        return z - slope @ self.toes_m[:, :2].mean(axis=0)
 
     @property
     def radius_m(self) -> float:
@@ -248,9 +274,11 @@ class _Lattice:
 
     Arguments:
         z_m: height of the body there, NaN where it cannot stand, shape (n, m).
+        slope: gradient of the ground there, from which heights are measured, shape (n, m, 2).
         worth: cost of a way there by its length.
         missing: index of a toe that lacks a foothold, −1 for none.
         apart: truth values, True if footholds are too far above or below each other.
+        apart_m: height by which they are too far apart, and so that of a step [m].
         room: number of the first of ``ROOMS`` that there is not, by which surface, −1 for none.
         layered: whether footholds are above each other.
         heights_m: heights of the ground at the nodes, for a terrain of heights.
@@ -259,9 +287,11 @@ class _Lattice:
     corner_m: Array
     spacing_m: float
     z_m: Array
+    slope: Array
     worth: Array
     missing: NDArray[np.int_]
     apart: NDArray[np.bool_]
+    apart_m: float
     room: NDArray[np.int_]
     by: NDArray[np.int_]
     layered: bool
@@ -291,10 +321,11 @@ class _Lattice:
         low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
         spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
         shape = np.ceil((high - low) / spacing).astype(int) + 1
-        top, bottom = _rastered(standing, low, spacing, shape)
-        layered = bool(np.nanmax(top - bottom, initial=0.0) > apart * reach)
-        stood = cls._stood(bottom if lowest else top, low, spacing, footprint, apart)
-        blocked, by = _room(surfaces, footprint, stood["z_m"], low, spacing)
+        heights, slopes = _rastered(standing, low, spacing, shape)
+        layered = bool(np.nanmax(heights[0] - heights[1], initial=0.0) > apart * reach)
+        k = int(lowest)
+        stood = cls._stood(heights[k], slopes[k], low, spacing, footprint, apart)
+        blocked, by = _room(surfaces, footprint, stood["z_m"], stood["slope"], low, spacing)
         return cls(
             **stood | _worth(stood["worth"], blocked), by=by, layered=layered, surfaces=surfaces
         )
@@ -311,13 +342,15 @@ class _Lattice:
         ]
         xy = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
         ground, slope = heights.height_and_gradient(xy.reshape(-1, 2))
-        ground = ground.reshape(xy.shape[:2])
-        steep = np.linalg.norm(slope, axis=1).reshape(ground.shape) > friction
-        stood = cls._stood(np.where(steep, np.nan, ground), low, spacing, footprint, apart)
+        ground, slope = ground.reshape(xy.shape[:2]), slope.reshape(xy.shape)
+        held = np.where(np.linalg.norm(slope, axis=-1) > friction, np.nan, ground)
+        stood = cls._stood(held, slope, low, spacing, footprint, apart)
+        body = footprint.level(stood["z_m"], stood["slope"])
         blocked = np.full(ground.shape, -1)
         for number in reversed(range(len(ROOMS))):
-            highest = _highest(ground, footprint.grown(ROOMS[number][0]), spacing)
-            blocked[highest > stood["z_m"] + footprint.low_m] = number
+            hull = footprint.grown(ROOMS[number][0])
+            highest = _highest(ground, hull, spacing, stood["slope"])
+            blocked[highest > body + footprint.low_m] = number
         none = np.full(ground.shape, -1)
         return cls(
             **stood | _worth(stood["worth"], blocked),
@@ -329,33 +362,49 @@ class _Lattice:
 
     @staticmethod
     def _stood(
-        heights: Array, low: Array, spacing: float, footprint: Footprint, apart: float
+        heights: Array,
+        gradients: Array,
+        low: Array,
+        spacing: float,
+        footprint: Footprint,
+        apart: float,
     ) -> dict[str, Any]:
-        """Places where the robot can stand, of footholds' heights at the nodes."""
+        """Places where the robot can stand, of footholds' heights and gradients at the nodes.
+
+        The slope of the ground at a node is that of the plane nearest to all toes' footholds, as
+        much of it as these footholds themselves rise: on both sides of a step they are level.
+        """
         from scipy.ndimage import distance_transform_edt  # slow to import
 
         reach, toes = footprint.reach_m, footprint.toes_m
         away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
         aside = spacing * away / (ASIDE * reach)
         close = np.where(aside <= 1.0, heights[tuple(nearest)], np.nan)
+        shifts = np.round(toes[:, :2] / spacing).astype(int)
         each, costs = [], []
-        for toe in toes:
-            shift = np.round(toe[:2] / spacing).astype(int)
+        for toe, shift in zip(toes, shifts, strict=True):
             each.append(_moved(close, shift, np.nan) - toe[2])
             costs.append(_moved(aside, shift, 1.0))
         levels = np.array(each)
         lacking = np.where(np.isnan(levels).any(axis=0), np.isnan(levels).argmax(axis=0), -1)
         z = levels.mean(axis=0)
-        uneven = np.abs(levels - z).max(axis=0) > apart * reach
-        z[uneven] = np.nan
+        arms = spacing * (shifts - shifts.mean(axis=0))
+        own = [_moved(gradients[(*nearest, k)], shift, 0.0) for shift in shifts for k in range(2)]
+        own = np.array(own).reshape(len(toes), 2, *z.shape).mean(axis=0)
+        slope, share = _slope(own, arms, levels - z)
+        rise = np.einsum("nmk,tk->tnm", slope * share[..., None], arms)
+        uneven = np.abs(levels - z - rise).max(axis=0) > apart * reach
+        z[uneven], slope[uneven] = np.nan, 0.0
         worth = 1.0 + (RARE - 1.0) * np.clip(np.mean(costs, axis=0), 0.0, 1.0)
         return {
             "corner_m": low,
             "spacing_m": spacing,
             "z_m": z,
+            "slope": slope,
             "worth": worth,
             "missing": lacking,
             "apart": uneven,
+            "apart_m": apart * reach,
             "footprint": footprint,
         }
 
@@ -456,7 +505,7 @@ class _Lattice:
                 rises = np.abs(np.diff(self.z_m[rows]))
                 length = float(np.linalg.norm(places[end] - places[at]))
                 cost = length * float(np.mean(0.5 * (worth[rows][1:] + worth[rows][:-1])))
-                good = free[rows].all() and bool((rises <= self.spacing_m).all())
+                good = free[rows].all() and bool((rises <= self._rise(self.spacing_m)).all())
                 if end == at + 1 or (good and cost <= (1.0 + 1e-9) * (spent[end] - spent[at])):
                     break
             points = np.column_stack([self.corner_m + self.spacing_m * line, self.z_m[rows]])
@@ -509,7 +558,7 @@ class _Lattice:
             number = int(self.by[tuple(at)])
             raise NoPlace(
                 f"{name}: expected room for the robot about ({place[0]:g}, {place[1]:g}), got a "
-                f"{self._named(number, place, float(self.z_m[tuple(at)]))}; {nearest}"
+                f"{self._named(number, place)}; {nearest}"
             )
         lacking = int(self.missing[tuple(at)]) if inside else 0
         names = self.footprint.names
@@ -522,7 +571,7 @@ class _Lattice:
 
     def _solid_at(self, place: Array) -> float | None:
         """Height of the solid that stands on the ground over a place [m]."""
-        ground = self._ground(place)
+        ground = self._ground(place, place)
         over = list[tuple[float, int]]()
         for number, patch in enumerate(self.surfaces):
             flat = patch.vertices_m[:, :2]
@@ -533,8 +582,9 @@ class _Lattice:
             ):
                 continue
             normals, offsets = half_planes(flat)
-            top = float(patch.vertices_m[:, 2].max())
-            if np.all(normals @ place < offsets) and top > ground - self.footprint.low_m * 0.5:
+            away = place - patch.centre_m[:2]
+            top = float(patch.centre_m[2] - away @ patch.normal[:2] / patch.normal[2])
+            if np.all(normals @ place < offsets) and top > ground + self.footprint.free_m:
                 over.append((top, number))
         if not over:
             return None
@@ -551,33 +601,35 @@ class _Lattice:
                 return None
         return top - ground
 
-    def _ground(self, place: Array) -> float:
-        """Height of the lowest ground that faces up about a place, as most of the terrain has it
-        [m].
+    def _ground(self, place: Array, at: Array) -> float:
+        """Height of the ground at a place, as its slope goes on from the node that is nearest to
+        another and can be stood at [m].
         """
-        down = float(np.abs(self.footprint.toes_m[:, 2]).mean())
-        known = np.isfinite(self.z_m)
-        gaps = np.linalg.norm(self._places() - place, axis=-1)
-        gaps[~known] = np.inf
-        return float(self.z_m.ravel()[int(gaps.argmin())]) - down
+        away = at - self._places()
+        gaps = np.linalg.norm(place - self._places(), axis=-1)
+        gaps[~np.isfinite(self.z_m)] = np.inf
+        node = np.unravel_index(int(gaps.argmin()), gaps.shape)
+        level = self.footprint.level(self.z_m[node], self.slope[node])
+        return float(level - self.footprint.down_m + self.slope[node] @ away[node])
 
-    def _named(self, number: int, place: Array, body_z: float) -> str:
-        """Words for a surface: wall or bar, where, and how high."""
-        ground = body_z - float(np.abs(self.footprint.toes_m[:, 2]).mean())
+    def _named(self, number: int, place: Array) -> str:
+        """Words for a surface: wall or bar, where near a place, and how high over the ground
+        there.
+        """
         if self.heights_m is not None:
             off = np.linalg.norm(self._places() - place, axis=-1)
             i, j = np.unravel_index(
                 np.where(off < self.footprint.radius_m, self.heights_m, -np.inf).argmax(), off.shape
             )
             near = self.corner_m + self.spacing_m * np.array([i, j])
-            return f"wall at ({near[0]:.2g}, {near[1]:.2g}), {self.heights_m[i, j] - ground:.2g} m high"
-        patch = self.surfaces[number]
-        low, high = float(patch.vertices_m[:, 2].min()), float(patch.vertices_m[:, 2].max())
-        near = _nearest_on(patch.vertices_m[:, :2], place)
-        at = f"at ({near[0] + 0.0:.2g}, {near[1] + 0.0:.2g})"
+            return f"wall at {_at(near)}, {_m(self.heights_m[i, j] - self._ground(place, near))} m high"
+        near, low, high = _top_near(self.surfaces[number], place, self.footprint.radius_m)
+        ground = self._ground(place, near)
         if low > ground + 0.02:
-            return f"bar {at}, {low - ground:.2g} to {high - ground:.2g} m above the ground"
-        return f"wall {at}, {high - ground:.2g} m high"
+            return (
+                f"bar at {_at(near)}, {_m(low - ground)} to {_m(high - ground)} m above the ground"
+            )
+        return f"wall at {_at(near)}, {_m(high - ground)} m high"
 
     def _refusal(self, start: Array, goal: Array, ends: list[int]) -> str:
         """Refusal that says what is in the way, where every way is barred."""
@@ -596,7 +648,7 @@ class _Lattice:
             rises = np.abs(np.diff(known.ravel()[through]))
             node = through[int(rises.argmax())]
             place = self._point(node)[:2]
-            return f"{head}: a step or slope of more than 45 degrees at ({place[0]:.2g}, {place[1]:.2g})"
+            return f"{head}: a step or slope of more than 45 degrees at {_at(place)}"
         i, j = np.unravel_index(node, free.shape)
         place = self.corner_m + self.spacing_m * np.array([i, j])
         at = through.index(node)
@@ -610,37 +662,35 @@ class _Lattice:
         around = float(np.linalg.norm(self._places()[region] - place, axis=-1).max(initial=0.0))
         beyond = f"no way round within {around:.2g} m"
         if np.isfinite(self.z_m[i, j]):
-            what = self._named(int(self.by[i, j]), place, float(self.z_m[i, j]))
+            what = self._named(int(self.by[i, j]), place)
             return f"{head}: {what}: {beyond}{self._widest(ends, width)}"
         if self.missing[i, j] >= 0:
             toe = place + self.footprint.toes_m[int(self.missing[i, j]), :2]
-            message = f"no footholds within {ASIDE * self.footprint.reach_m:.2g} m of ({toe[0]:.2g}, {toe[1]:.2g})"
-            wall = self._wall_near(toe, float(known[i, j]))
+            message = f"no footholds within {_m(ASIDE * self.footprint.reach_m)} m of {_at(toe)}"
+            wall = self._wall_near(toe)
             return f"{head}: {wall or 'hole or border: ' + message}: {beyond}{self._widest(ends, width) if wall else ''}"
-        wall = self._wall_near(place, float(known[i, j]))
-        step = f"step at ({place[0]:.2g}, {place[1]:.2g}) that is higher than the legs can take"
+        wall = self._wall_near(place)
+        step = f"step at {_at(place)} that is higher than the legs can take"
         return f"{head}: {wall or step}: {beyond}{self._widest(ends, width) if wall else ''}"
 
-    def _wall_near(self, place: Array, body_z: float) -> str:
+    def _wall_near(self, place: Array) -> str:
         """The highest solid over the ground that is near to a place, for people; empty for none."""
-        ground = body_z - float(np.abs(self.footprint.toes_m[:, 2]).mean())
+        free, radius = self.footprint.free_m, self.footprint.radius_m
         if self.heights_m is not None:
             off = np.linalg.norm(self._places() - place, axis=-1)
-            highest = self.heights_m[off < self.footprint.radius_m].max(initial=-np.inf)
-            return self._named(-1, place, body_z) if highest > ground - self.footprint.low_m else ""
+            highest = self.heights_m[off < radius].max(initial=-np.inf)
+            return self._named(-1, place) if highest > self._ground(place, place) + free else ""
         result = list[tuple[float, int]]()
         for number, patch in enumerate(self.surfaces):
-            low, high = patch.vertices_m[:, 2].min(), patch.vertices_m[:, 2].max()
-            if (
-                high < ground - self.footprint.low_m
-                or low > body_z + self.footprint.high_m
-                or patch.normal[2] > 0.99
-            ):
-                continue
             near = _nearest_on(patch.vertices_m[:, :2], place)
-            if np.linalg.norm(near - place) < self.footprint.radius_m:
-                result.append((float(high - low), number))
-        return self._named(max(result)[1], place, body_z) if result else ""
+            if np.linalg.norm(near - place) >= radius:
+                continue
+            near, low, high = _top_near(patch, place, radius)
+            ground = self._ground(place, near)
+            below = low < ground + self.footprint.down_m + self.footprint.high_m
+            if high > ground + free and below:
+                result.append((float(np.ptp(patch.vertices_m[:, 2])), number))
+        return self._named(max(result)[1], place) if result else ""
 
     def _widest(self, ends: list[int], width: float) -> str:
         """Width of the widest gap, where a narrower robot would have a way; empty where none would.
@@ -648,9 +698,13 @@ class _Lattice:
         Arguments:
             width: width of this robot across its way [m].
         """
+        from scipy.ndimage import distance_transform_edt  # slow to import
+
         low, high = 0.0, 1.0
-        heights = np.where(np.isfinite(self.z_m), self.z_m, np.nanmedian(self.z_m))
+        near = tuple(distance_transform_edt(np.isnan(self.z_m), return_indices=True)[1])
         corners, places = self._border, self._places()
+        slope = self.slope[near]
+        heights = self.z_m[near] + np.vecdot(slope, places - places[near])
 
         def passes(scale: float) -> bool:
             from scipy.ndimage import label  # slow to import
@@ -665,25 +719,32 @@ class _Lattice:
                     self.surfaces,
                     self.footprint,
                     heights,
+                    slope,
                     self.corner_m,
                     self.spacing_m,
                     rooms=(0.0,),
                     scale=scale,
                 )
             else:
-                high_m = _highest(self.heights_m, self.footprint.grown(0.0, scale), self.spacing_m)
-                blocked = np.where(high_m > heights + self.footprint.low_m, 0, -1)
+                hull = self.footprint.grown(0.0, scale)
+                high_m = _highest(self.heights_m, hull, self.spacing_m, slope)
+                body = self.footprint.level(heights, slope)
+                blocked = np.where(high_m > body + self.footprint.low_m, 0, -1)
             parts = np.asarray(label(inside & (blocked != 0))[0]).ravel()
             return bool(parts[ends[0]] == parts[ends[1]] > 0)
 
-        if not passes(1e-3):
+        if not passes(1e-3) or passes(1.0):
             return ""
         for _ in range(GAPS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if passes(middle) else (low, middle)
         if low * width < self.spacing_m:
             return ""
-        return f"; the robot is {width:.2g} m wide across it, and the widest gap about {low * width:.2g} m"
+        return f"; the robot is {_m(width)} m wide across it, and the widest gap about {_m(low * width)} m"
+
+    def _rise(self, ahead_m: float) -> float:
+        """Rise of the body over so far ahead that is no wall: that of 45 degrees, or of a step [m]."""
+        return max(ahead_m, self.apart_m)
 
     def _graph(self, z: Array, worth: Array) -> Any:
         """Ways between neighbouring nodes, by what they cost."""
@@ -695,7 +756,7 @@ class _Lattice:
             here, there = _pair(z.shape, step)
             rise = np.abs(z[there] - z[here])
             flat = self.spacing_m * float(np.hypot(*step))
-            good = rise <= flat  # not steeper than 45 degrees
+            good = rise <= self._rise(flat)
             ones.append(index[here][good])
             others.append(index[there][good])
             cost = np.hypot(flat, rise) * 0.5 * (worth[here] + worth[there])
@@ -714,10 +775,29 @@ def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
     return {"worth": worth, "room": blocked}
 
 
+def _slope(own: Array, arms: Array, levels: Array) -> Array:
+    """Gradient of the plane nearest to all toes' footholds, as much of it as the ground itself has,
+    shape (n, m, 2).
+
+    Arguments:
+        own: gradient of the ground below the toes in the mean, shape (2, n, m).
+        arms: places of the toes about their middle, shape (N, 2) [m].
+        levels: heights of the footholds about their mean, shape (N, n, m) [m].
+    """
+    own = np.moveaxis(own, 0, -1)
+    fit = np.linalg.pinv(arms, rcond=0.1)
+    along = np.einsum("kt,tnm->nmk", fit, levels)
+    along += own @ (np.eye(2) - fit @ arms).T  # across toes in one line
+    squares = np.vecdot(along, along)
+    share = np.clip(np.vecdot(own, along) / np.where(squares > 0.0, squares, 1.0), 0.0, 1.0)
+    return np.nan_to_num(along), np.nan_to_num(share)
+
+
 def _room(
     surfaces: Sequence[Patch],
     footprint: Footprint,
     z: Array,
+    slope: Array,
     low: Array,
     spacing: float,
     rooms: Sequence[float] = _ROOMS_M,
@@ -728,34 +808,59 @@ def _room(
 
     Arguments:
         z: height of the body, shape (n, m).
+        slope: gradient of the ground below it, shape (n, m, 2).
         scale: factor on the footprint.
     """
     blocked, by = np.full(z.shape, -1), np.full(z.shape, -1)
     if not np.isfinite(z).any():
         return blocked, by
+    z = footprint.level(z, slope)
     lowest, highest = float(np.nanmin(z)) + footprint.low_m, float(np.nanmax(z)) + footprint.high_m
     spans = [(patch.vertices_m[:, 2].min(), patch.vertices_m[:, 2].max()) for patch in surfaces]
     order = sorted(range(len(surfaces)), key=lambda i: spans[i][1] - spans[i][0])
-    near = [i for i in order if spans[i][1] > lowest and spans[i][0] < highest]
+    hulls = [-footprint.grown(room, scale) for room in rooms]
+    radii = [float(np.linalg.norm(hull, axis=1).max()) for hull in hulls]
+    most = max(radii) * float(np.linalg.norm(slope, axis=-1).max())
+    near = [i for i in order if spans[i][1] > lowest - most and spans[i][0] < highest + most]
     for number in reversed(range(len(rooms))):
-        hull = -footprint.grown(rooms[number], scale)
-        radius = float(np.linalg.norm(hull, axis=1).max())
         for i in near:
-            window, within = _covered(surfaces[i], hull, low, spacing, z.shape)
-            body = z[window]
-            bottom, top = spans[i]
+            window = _window(surfaces[i], hulls[number], low, spacing, z.shape)
+            body, ground = z[window], slope[window]
+            bottom, top = _span(surfaces[i], ground, window, low, spacing)
             normal = surfaces[i].normal
             if abs(normal[2]) > UPRIGHT:
-                steep = radius * float(np.hypot(*normal[:2]) / abs(normal[2]))
+                steep = radii[number] * np.linalg.norm(ground + normal[:2] / normal[2], axis=-1)
                 plane = _plane(surfaces[i], window, low, spacing)
                 bottom, top = np.maximum(plane - steep, bottom), np.minimum(plane + steep, top)
-            hit = within & (top > body + footprint.low_m) & (bottom < body + footprint.high_m)
-            blocked[window][hit], by[window][hit] = number, i
+            hit = (top > body + footprint.low_m) & (bottom < body + footprint.high_m)
+            if hit.any():
+                hit &= _covered(surfaces[i], hulls[number], window, low, spacing)
+                blocked[window][hit], by[window][hit] = number, i
     return blocked, by
 
 
-def _highest(heights: Array, hull: Array, spacing: float) -> Array:
-    """The highest of the heights below a hull about every node, shape (n, m) [m]."""
+def _span(
+    patch: Patch, slope: Array, window: tuple[slice, slice], low: Array, spacing: float
+) -> tuple[Array, Array]:
+    """The lowest and the highest of a surface's corners, moved along the slope of the ground at
+    each node of a window to that node [m].
+    """
+    corners = patch.vertices_m
+    if not slope.any():
+        return corners[:, 2].min(), corners[:, 2].max()
+    bottom, top = np.full(slope.shape[:2], np.inf), np.full(slope.shape[:2], -np.inf)
+    for corner in corners:
+        over = corner[2] - slope @ corner[:2]
+        np.minimum(bottom, over, out=bottom)
+        np.maximum(top, over, out=top)
+    fallen = np.vecdot(slope, _xy(window, low, spacing))
+    return bottom + fallen, top + fallen
+
+
+def _highest(heights: Array, hull: Array, spacing: float, slope: Array) -> Array:
+    """The highest of the heights below a hull about every node, moved along the slope of the ground
+    there to that node, shape (n, m) [m].
+    """
     from scipy.ndimage import maximum_filter  # slow to import
 
     size = int(np.ceil(np.linalg.norm(hull, axis=1).max() / spacing))
@@ -764,32 +869,49 @@ def _highest(heights: Array, hull: Array, spacing: float) -> Array:
     mask = np.all(
         np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1
     )
-    return np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
+    highest = np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
+    leaning = slope.any(axis=-1)
+    if not leaning.any():
+        return highest
+    i, j = np.nonzero(leaning)
+    padded, over = np.pad(heights, size, mode="edge"), np.full(len(i), -np.inf)
+    for k, m in np.argwhere(mask):
+        fallen = slope[i, j] @ (spacing * np.array([k - size, m - size]))
+        np.maximum(over, padded[i + k, j + m] - fallen, out=over)
+    highest[i, j] = over
+    return highest
+
+
+def _window(
+    patch: Patch, hull: Array, low: Array, spacing: float, shape: tuple[int, ...]
+) -> tuple[slice, slice]:
+    """Nodes about the sum of a surface, from above, and a hull."""
+    flat = patch.vertices_m[:, :2]
+    corners = flat.min(axis=0) + hull.min(axis=0), flat.max(axis=0) + hull.max(axis=0)
+    first = np.clip(np.ceil((corners[0] - low) / spacing).astype(int), 0, shape)
+    last = np.clip(np.floor((corners[1] - low) / spacing).astype(int) + 1, first, shape)
+    return slice(first[0], last[0]), slice(first[1], last[1])
 
 
 def _covered(
-    patch: Patch, hull: Array, low: Array, spacing: float, shape: tuple[int, ...]
-) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
-    """Nodes of a window that are in the sum of a surface, from above, and a hull."""
+    patch: Patch, hull: Array, window: tuple[slice, slice], low: Array, spacing: float
+) -> NDArray[np.bool_]:
+    """Tell which nodes of a window are in the sum of a surface, from above, and a hull."""
     area = _hull((patch.vertices_m[:, None, :2] + hull).reshape(-1, 2))
-    first = np.clip(np.ceil((area.min(axis=0) - low) / spacing).astype(int), 0, shape)
-    last = np.clip(np.floor((area.max(axis=0) - low) / spacing).astype(int) + 1, first, shape)
-    window = (slice(first[0], last[0]), slice(first[1], last[1]))
-    xy = low + spacing * np.stack(
-        np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]), indexing="ij"),
-        axis=-1,
-    )
     normals, offsets = half_planes(area)
-    return window, np.all(xy @ normals.T <= offsets, axis=-1)
+    return np.asarray(np.all(_xy(window, low, spacing) @ normals.T <= offsets, axis=-1))
+
+
+def _xy(window: tuple[slice, slice], low: Array, spacing: float) -> Array:
+    """Places of a window's nodes, shape (n, m, 2) [m]."""
+    axes = [np.arange(part.start, part.stop) for part in window]
+    return np.asarray(low + spacing * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
 
 
 def _plane(patch: Patch, window: tuple[slice, slice], low: Array, spacing: float) -> Array:
     """Heights of a surface's plane over a window of nodes [m]."""
-    axes = [np.arange(part.start, part.stop) for part in window]
-    xy = low + spacing * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return np.asarray(
-        patch.centre_m[2] - (xy - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
-    )
+    about = _xy(window, low, spacing) - patch.centre_m[:2]
+    return np.asarray(patch.centre_m[2] - about @ patch.normal[:2] / patch.normal[2])
 
 
 def _hull(points: Array) -> Array:
@@ -809,13 +931,46 @@ def _nearest_on(polygon: Array, place: Array) -> Array:
     return np.asarray(points[int(np.linalg.norm(points - place, axis=1).argmin())])
 
 
+def _top_near(patch: Patch, place: Array, radius_m: float) -> tuple[Array, float, float]:
+    """The highest point of a surface's border near a place, from above, shape (2,), of several the
+    nearest, and the lowest and the highest height of the border there [m].
+
+    Arguments:
+        radius_m: points this much farther away than the nearest are near, too.
+    """
+    starts, ends = patch.vertices_m, np.roll(patch.vertices_m, -1, axis=0)
+    count = int(np.ceil(np.linalg.norm(ends - starts, axis=1).max() / 0.01)) + 1
+    points = (starts + np.linspace(0.0, 1.0, count)[:, None, None] * (ends - starts)).reshape(-1, 3)
+    away = np.linalg.norm(points[:, :2] - place, axis=1)
+    points = points[away <= away.min() + radius_m]
+    points = points[points[:, 2] >= points[:, 2].max() - ALIKE_M]
+    top = points[np.linalg.norm(points[:, :2] - place, axis=1).argmin()]
+    run = ends - starts
+    share = np.vecdot(top[:2] - starts[:, :2], run[:, :2]) / np.maximum(
+        np.vecdot(run[:, :2], run[:, :2]), 1e-12
+    )
+    levels = starts + np.clip(share, 0.0, 1.0)[:, None] * run
+    there = np.linalg.norm(levels[:, :2] - top[:2], axis=1) < ALIKE_M
+    return top[:2], float(levels[there, 2].min()), float(top[2])
+
+
+def _at(place: Array) -> str:
+    """A place in words, to 1 cm."""
+    return f"({_m(place[0])}, {_m(place[1])})"
+
+
+def _m(value: float) -> str:
+    """A length in words, to 1 cm."""
+    return f"{round(float(value), 2) + 0.0:g}"
+
+
 def _rastered(
     patches: Sequence[Patch], low: Array, spacing: float, shape: Array
 ) -> tuple[Array, Array]:
     """The height of the highest and of the lowest of patches at every node, NaN where there is
-    none, shape (n, m) [m].
+    none, shape (2, n, m) [m], and their gradients, shape (2, n, m, 2).
     """
-    top, bottom = np.full(tuple(shape), -np.inf), np.full(tuple(shape), np.inf)
+    heights, slopes = np.full((2, *shape), np.nan), np.zeros((2, *shape, 2))
     for patch in patches:
         if patch.normal[2] < 1e-3:
             continue
@@ -824,16 +979,15 @@ def _rastered(
             np.floor((flat.min(axis=0) - low) / spacing),
             np.ceil((flat.max(axis=0) - low) / spacing) + 1.0,
         )
-        i, j = np.arange(int(i0), int(i1)), np.arange(int(j0), int(j1))
-        xy = low + spacing * np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1)
+        window = (slice(int(i0), int(i1)), slice(int(j0), int(j1)))
         normals, offsets = half_planes(flat)
-        inside = np.all(xy @ normals.T <= offsets + 1e-9, axis=-1)
-        z = patch.centre_m[2] - (xy - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
-        window = np.ix_(i, j)
-        top[window] = np.maximum(top[window], np.where(inside, z, -np.inf))
-        bottom[window] = np.minimum(bottom[window], np.where(inside, z, np.inf))
-    top, bottom = (np.where(np.isfinite(each), each, np.nan) for each in (top, bottom))
-    return top, bottom
+        inside = np.all(_xy(window, low, spacing) @ normals.T <= offsets + 1e-9, axis=-1)
+        z, slope = _plane(patch, window, low, spacing), -patch.normal[:2] / patch.normal[2] + 0.0
+        for k, sign in enumerate((1.0, -1.0)):
+            known = heights[k][window]
+            new = inside & ~(sign * z <= sign * known)
+            known[new], slopes[k][window][new] = z[new], slope
+    return heights, slopes
 
 
 def _moved(values: Array, shift: NDArray[np.int_], beyond: float) -> Array:

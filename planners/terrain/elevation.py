@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array, read_only
 from .heightfield import FEWEST, MOST_POINTS, WIDEST_M, HeightField
-from .import_options import Holes
+from .import_options import OTHER_UNIT, Holes
 
 LAYER_M = 0.05
 """Points of a cell this far below its highest one are of the surface seen from above [m]."""
@@ -63,7 +63,7 @@ class ElevationMap:
             if lines[-1] - lines[0] > WIDEST_M:
                 raise InvalidInput(
                     f"{self.name}: {axis}: expected {WIDEST_M:g} m or less from end to end, got "
-                    f"{lines[-1] - lines[0]:g} m; a file in millimetres is read with unit_m=0.001"
+                    f"{lines[-1] - lines[0]:g} m; {OTHER_UNIT}"
                 )
         heights = np.array(self.heights_m, dtype=np.float64)
         if heights.shape != (len(self.x_m), len(self.y_m)):
@@ -85,7 +85,7 @@ class ElevationMap:
             raise InvalidInput(
                 f"{self.name}: expected heights within {WIDEST_M:g} m, got "
                 f"{np.nanmax(heights) - np.nanmin(heights):g} "
-                "m from lowest to highest; a file in millimetres is read with unit_m=0.001"
+                f"m from lowest to highest; {OTHER_UNIT}"
             )
         if (far := float(np.nanmax(np.abs(heights)))) > HIGHEST_M:
             raise InvalidInput(f"{self.name}: expected heights up to {HIGHEST_M:g} m, got {far:g}")
@@ -124,7 +124,7 @@ class ElevationMap:
             raise InvalidInput(
                 f"{name}: expected points within {WIDEST_M:g} m, no farther than {LARGEST:g} m "
                 f"away, got {wide:g} m "
-                f"from end to end, {far:g} m away; a file in millimetres is read with unit_m=0.001"
+                f"from end to end, {far:g} m away; {OTHER_UNIT}"
             )
         if not spacing_m > far / FARTHEST:
             raise InvalidInput(

@@ -2,7 +2,8 @@
 polygon.
 
 No manifold is asked for: an edge may be of one triangle, of three, or of two that face opposite
-ways, and what covers the same place twice counts once.
+ways, and what covers the same place twice counts once. Triangles that lean because their corners
+were rounded are of one plane, too, where it is within the millimetre that bodies have anyway.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ COPLANAR_RAD = 1e-3
 """Triangles whose normals differ by less may be of one facet [rad]."""
 FLAT_M = 2e-4
 """No corner of a facet is farther off its plane [m]."""
+ROUNDED_M = 1e-3
+"""Nor is a corner of one that neighbours make up whose corners were rounded [m]."""
 SNAP_M = 1e-8
 """Corners of a facet are moved by up to half of this to fit each other [m]."""
 CRACK_M = 2e-5
@@ -161,6 +164,9 @@ def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> li
     for group in sorted(groups, key=lambda group: -float(area[group].sum())):
         first = int(group[np.argmax(area[group])])
         plane = Plane.through(corners[first, 0], normals[first])
+        if np.abs(plane.height(corners[group])).max() > FLAT_M:  # rounded
+            middle, normal, _ = _planes(*(each.sum(axis=0) for each in _moments(corners[group])))
+            plane = Plane.through(middle, normal * np.sign(normal @ normals[first]))
         flat = plane.flat(corners[group])
         polygon = shapely.polygons(flat)
         polygon = polygon[0] if len(group) == 1 else _united(polygon)
@@ -170,13 +176,17 @@ def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> li
 
 
 def _united(triangles: Any) -> Any:
-    """The union of triangles in one plane, cracks between them closed where they spoil it."""
+    """The union of triangles in one plane, cracks between them closed where they spoil it, and
+    notches of corners that were rounded.
+    """
     shapely = shapely_module()
     whole = shapely.union_all(triangles, grid_size=SNAP_M)
     if whole.geom_type != "Polygon" or len(whole.interiors):
         closed = whole.buffer(CRACK_M, join_style="mitre").buffer(-CRACK_M, join_style="mitre")
         whole = closed if closed.area > 0.0 else whole
-    return whole.simplify(SNAP_M)
+    whole = whole.simplify(SNAP_M)
+    notched = whole.convex_hull.area - whole.area > SNAP_M
+    return whole.simplify(ROUNDED_M) if notched else whole
 
 
 def _joined(
@@ -200,7 +210,77 @@ def _joined(
         labels[left[fits]] = count + group[fits]
         left, count = left[~fits], count + number
     labels[left] = count + np.arange(len(left))
+    labels = _unrounded(labels, corners, normals, edge_pairs(triangles))
     return _merged_planes(labels, corners, normals, area)
+
+
+def _unrounded(
+    labels: NDArray[np.int_], corners: Array, normals: Array, pairs: NDArray[np.int_]
+) -> NDArray[np.int_]:
+    """Labels with neighbouring groups as one whose corners are all within ``ROUNDED_M`` of one
+    plane: again and again two groups that fit each other better than any other of their neighbours.
+
+    Arguments:
+        pairs: triangles that share an edge, shape (K, 2).
+    """
+    if not len(pairs):
+        return labels
+    labels, about = np.unique(labels, return_inverse=True)[1], corners.mean(axis=(0, 1))
+    number = int(labels.max(initial=-1)) + 1
+    sums = [np.zeros((number, *each.shape[1:])) for each in _moments(corners - about)]
+    for total, each in zip(sums, _moments(corners - about), strict=True):
+        np.add.at(total, labels, each)
+    up, tried = np.zeros((number, 3)), np.zeros(0, dtype=np.int_)
+    np.add.at(up, labels, normals)
+    pairs = pairs[np.vecdot(normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0.5]
+    while True:
+        key = np.sort(labels[pairs], axis=1) @ [number, 1]
+        key = np.setdiff1d(key[labels[pairs[:, 0]] != labels[pairs[:, 1]]], tried)
+        one, other = np.divmod(key, number)
+        middle, normal, rms = _planes(*(total[one] + total[other] for total in sums))
+        best = np.full(number, np.inf)
+        np.minimum.at(best, one, rms)
+        np.minimum.at(best, other, rms)
+        both = np.flatnonzero((rms <= np.minimum(best[one], best[other])) & (rms < ROUNDED_M))
+        both = both[np.unique(one[both], return_index=True)[1]]
+        both = both[np.unique(other[both], return_index=True)[1]]
+        both = both[~np.isin(one[both], other[both])]
+        if not len(both):
+            return np.asarray(labels)
+        pair = np.full(number, -1)
+        pair[one[both]] = pair[other[both]] = np.arange(len(both))
+        mine = np.flatnonzero(pair[labels] >= 0)
+        of = both[pair[labels[mine]]]
+        off = np.abs(np.vecdot(corners[mine] - about - middle[of][:, None], normal[of][:, None]))
+        facing = np.vecdot(normals[mine], normal[of]) * np.sign(np.vecdot(up[one[of]], normal[of]))
+        worst = np.zeros(len(both))
+        np.maximum.at(worst, pair[labels[mine]], np.where(facing > 0.5, off.max(axis=1), np.inf))
+        tried = np.concatenate([tried, key[rms >= ROUNDED_M], key[both[worst > ROUNDED_M]]])
+        one, other = one[both[worst <= ROUNDED_M]], other[both[worst <= ROUNDED_M]]
+        for total in (*sums, up):
+            total[one] += total[other]
+        whose = np.arange(number)
+        whose[other] = one
+        labels = whose[labels]
+        tried = tried[~np.isin(np.stack(np.divmod(tried, number)), [one, other]).any(axis=0)]
+
+
+def _moments(triangles: Array) -> tuple[Array, Array, Array]:
+    """Number, sum and sum of the products of the corners of each of T triangles, shapes (T,),
+    (T, 3), (T, 3, 3).
+    """
+    products = np.einsum("tki,tkj->tij", triangles, triangles)
+    return np.full(len(triangles), 3.0), triangles.sum(axis=1), products
+
+
+def _planes(count: Array, total: Array, products: Array) -> tuple[Array, Array, Array]:
+    """Middle, unit normal and rms of the planes nearest to points with these moments, shapes
+    (..., 3), (..., 3), (...).
+    """
+    middle = total / count[..., None]
+    spread = products / count[..., None, None] - middle[..., None] * middle[..., None, :]
+    squares, axes = np.linalg.eigh(spread)
+    return middle, axes[..., 0], np.sqrt(np.maximum(squares[..., 0], 0.0))
 
 
 def _merged_planes(

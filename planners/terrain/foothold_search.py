@@ -83,7 +83,7 @@ def read_footholds(
 
     terrain = read_terrain(path, options)
     if isinstance(terrain, TriangleMesh):
-        terrain.check_size(options.unit_m)
+        terrain.check_size()
     return footholds_of(terrain, limits, friction)
 
 

@@ -292,8 +292,7 @@ def _grid_lines(lines: Array, where: str) -> Array:
     if lines[-1] - lines[0] > WIDEST_M:
         raise InvalidInput(
             f"{where}: expected {WIDEST_M:g} m or less from end to end, got "
-            f"{lines[-1] - lines[0]:g} m; "
-            "a file in millimetres is read with unit_m=0.001"
+            f"{lines[-1] - lines[0]:g} m"
         )
     return lines
 

@@ -29,6 +29,8 @@ MOST_TRIANGLES = 200_000
 """Most triangles of a mesh, unless it is said otherwise."""
 WIDEST_M = 200.0
 """No terrain of a legged robot spans more [m]; one that does is a file in millimetres."""
+OTHER_UNIT = "see unit_m, the length of the file's unit"
+"""Hint for sizes that no terrain has: which unit it is they do not tell."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,6 +21,9 @@ OFF = 1e-3
 """Distance of a sample from its triangle, as a share of the root of the triangle's area."""
 ROOM_M = 0.4
 """A solid that is narrower along an axis has no room inside for a robot [m]."""
+FLAT = 1e-6
+"""A surface is flat where the sum of its areas as vectors is shorter than that of their lengths by
+no larger a share."""
 SAMPLES = 3
 """Triangles of a piece, its largest ones, that are looked at."""
 FINEST, MOST_ENTRIES = 512, 4_000_000
@@ -64,6 +67,53 @@ def turned(
                 count += 1
         triangles = np.where(narrow[:, None], triangles[:, ::-1], triangles)
     return triangles, count, inside_out(corners, triangles) if wrong is not None else None
+
+
+def one_sided(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.int_], int]:
+    """Triangles, each once, without the inner side of what is given from both sides, and how many
+    solids of these have room inside.
+
+    A surface that is closed keeps the side that looks out; one that is open and not flat the side
+    that looks up; a flat sheet both.
+
+    Arguments:
+        corners: each given once, shape (V, 3) [m].
+        triangles: by corners' numbers, shape (T, 3).
+    """
+    first = np.arange(3)[None] + triangles.argmin(axis=1)[:, None]
+    _, once = np.unique(np.take_along_axis(triangles, first % 3, axis=1), axis=0, return_index=True)
+    triangles = triangles[np.sort(once)]
+    _, face, sides = np.unique(
+        np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    face = face.reshape(-1)
+    both = np.flatnonzero(sides[face] == 2)
+    if not len(both):
+        return triangles, 0
+    edges = triangles[both][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    owner, ahead = np.repeat(np.arange(len(both)), 3), edges[:, 0] < edges[:, 1]
+    key = edges.min(axis=1) * len(corners) + edges.max(axis=1)
+    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    of_two = np.flatnonzero(uses[edge] == 4)
+    order = np.lexsort((face[both][owner[of_two]], ahead[of_two], edge[of_two]))
+    one, other, ahead_one, ahead_other = owner[of_two[order]].reshape(-1, 4).T
+    piece = _joined(
+        np.concatenate([one, other]), np.concatenate([ahead_other, ahead_one]), len(both)
+    )
+    spread = corners[triangles[both]]
+    doubles = np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
+    areas = np.bincount(piece, np.linalg.norm(doubles, axis=1))
+    sums = np.stack([np.bincount(piece, each) for each in doubles.T], axis=1)
+    closed = _balanced(piece[owner], edge, np.where(ahead, 1, -1))
+    flat = np.linalg.norm(sums, axis=1) > (1.0 - FLAT) * areas
+    volume = np.bincount(piece, _volumes(corners, triangles[both]))
+    inner = np.where(closed, volume < 0.0, ~flat & (sums[:, 2] < 0.0))
+    rooms = 0
+    for number in np.flatnonzero(closed & (volume > ROOM_M**3)):
+        rooms += bool(np.ptp(spread[piece == number].reshape(-1, 3), axis=0).min() >= ROOM_M)
+    left = np.ones(len(triangles), dtype=bool)
+    left[both[inner[piece]]] = False
+    return triangles[left], rooms
 
 
 def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:

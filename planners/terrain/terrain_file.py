@@ -56,7 +56,7 @@ def read_terrain(
     if kind == "grid" and path.suffix.lower() in SUFFIXES_OF["mesh"]:
         seen = mesh_file.read_corners(path, max(options.most_triangles, MOST_SEEN))
         mesh = TriangleMesh.as_given(*seen, options, label)
-        mesh.check_size(options.unit_m)
+        mesh.check_size()
         return mesh.from_above(options.spacing_m).with_holes(options.holes)
     if kind == "grid":
         return grid_file.read_grid(path, options, label).with_holes(options.holes)

@@ -14,8 +14,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M
-from .import_options import ImportOptions
-from .inside_out import ROOM_M, turned
+from .import_options import OTHER_UNIT, ImportOptions
+from .inside_out import ROOM_M, one_sided, turned
 from .obstacles import fan
 from .patch import Patch
 from .raster import raised
@@ -62,6 +62,13 @@ class TriangleMesh:
                 raise InvalidInput(
                     f"{name}: crop_m: expected some of the mesh inside, got none of it"
                 )
+        triangles, rooms = one_sided(corners, triangles)
+        if rooms:
+            warnings.warn(
+                f"{name}: {rooms} closed parts that are given from both sides were taken for "
+                "solids; crop the ceiling off a room",
+                stacklevel=2,
+            )
         triangles, count, middle = turned(corners, triangles)
         if middle is not None:
             place = ", ".join(f"{value + 0.0:.3g}" for value in middle.round(6))
@@ -111,24 +118,18 @@ class TriangleMesh:
         """Corners of the triangles, shape (T, 3, 3) [m]."""
         return np.asarray(self.corners_m[self.triangles])
 
-    def check_size(self, unit_m: float) -> None:
-        """Raise InvalidInput for a mesh that nobody walks on.
-
-        Arguments:
-            unit_m: what its file's unit was taken for.
-        """
+    def check_size(self) -> None:
+        """Raise InvalidInput for a mesh that nobody walks on."""
         size = float(np.ptp(self.corners_m, axis=0).max())
         if size > LARGEST_M:
             raise InvalidInput(
                 f"{self.name}: expected a terrain of at most {LARGEST_M:g} m from end to end, got "
-                f"{size:g} m; a file "
-                f"in millimetres is read with unit_m: {0.001 * unit_m:g}"
+                f"{size:g} m; {OTHER_UNIT}"
             )
         if size < SMALLEST_MESH_M:
             raise InvalidInput(
                 f"{self.name}: expected a terrain of at least {SMALLEST_MESH_M:g} m from end to "
-                f"end, got {size:g} m; "
-                "see unit_m"
+                f"end, got {size:g} m; {OTHER_UNIT}"
             )
 
     def from_above(self, spacing_m: float) -> ElevationMap:
@@ -187,7 +188,7 @@ def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:
             raise InvalidInput(
                 f"{name}: expected {WIDEST_M:g} m or less along {'xy'[axis]}, got "
                 f"{high[axis] - low[axis]:g} m; "
-                "a mesh in millimetres is read with unit_m=0.001"
+                f"{OTHER_UNIT}"
             )
     edge = 1e-9 * (high - low)  # the outermost nodes lie just within the mesh
     counts = np.floor((high - low - 2.0 * edge)[:2] / spacing + 1e-6).astype(int) + 1

@@ -42,6 +42,8 @@ FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = (
 scale), radius."""
 FALLING = ("steps.progress_m", "steps.least_toe_m", "steps.least_rotation_rad")
 """Limits that have to fall."""
+SIDES = 64
+"""Of the pyramids around friction cones by which it asks whether feet slip."""
 BISECTIONS = 30
 MOST_GRIP, MOST_LENGTH, COURSE_BISECTIONS = 3.0, 2.0, 12
 """For courses it looks no further than these (friction, to one part in 4,096; m or rad)."""
@@ -184,7 +186,12 @@ def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanat
 
 
 def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation:
-    """The reason of the leaf whose Lagrangian is the least."""
+    """The reason of the leaf whose Lagrangian is the least, unless feet slip wherever they are."""
+    slip = _slip(course, numbers)
+    if slip is not None:
+        where = slip.parameter.removeprefix("friction everywhere, for ")
+        reason = f"feet slip at {where}: friction everywhere would have to {_change(slip)}"
+        return Explanation(relaxations=(slip,), message=f"infeasible: {reason}")
     values, empty = least_lagrangians(numbers, leaves)
     value = np.where(empty, np.inf, values[1])
     weakest, groups = int(value.argmin()), int(np.sum(~empty))
@@ -204,6 +211,53 @@ def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation
             reason += f", or {slippery[0].parameter} to {_change(slippery[0])}"
     many = f" (refuted for each of {groups} groups of choices)" if groups > 1 else ""
     return Explanation(relaxations=tuple(relaxations), message=f"infeasible: {reason}{many}")
+
+
+def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
+    """Least friction everywhere with which the feet of every stance could bear the weight, whatever
+    the moments; None where it is there, or where no friction would do.
+
+    The forces of the feet are in the sum of the cones of all their candidates, and the weight has
+    to be, too.
+    """
+    if course.wrench is not None or numbers.force_min[0, :, 0].min(initial=0.0) < 0.0:
+        return None
+    turn = 2.0 * np.pi / SIDES * np.arange(SIDES)
+    around = np.stack([np.cos(turn), np.sin(turn)])
+    least, worst = 0.0, None
+
+    def bears(candidates: NDArray[np.bool_], grip: float) -> bool:
+        from scipy.optimize import nnls  # slow to import
+
+        n, y, z = np.moveaxis(numbers.frames[0, candidates], -1, 0)
+        friction = (numbers.friction[0, candidates] + grip) / np.cos(np.pi / SIDES)
+        shear = np.tensordot(around, np.stack([y, z]), axes=(0, 0))
+        edges = (n + friction[:, None] * shear).reshape(-1, 3).round(9)
+        return bool(nnls(np.unique(edges, axis=0).T, np.array([0.0, 0.0, 1.0]))[1] < 1e-7)
+
+    for stance in course.stances:
+        holds = numbers.schedule.holds[stance.frame, list(stance.limbs)]
+        under = np.isin(numbers.candidate, holds)
+        if not under.any() or bears(under, least):
+            continue
+        low, high = least, MOST_GRIP
+        if not bears(under, high):
+            return None
+        for _ in range(COURSE_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if bears(under, middle) else (middle, high)
+        least, worst = low, stance
+    if worst is None:
+        return None
+    names = ", ".join(course.robot.limb_names[i] for i in worst.limbs)
+    now = float(numbers.friction[0].max())
+    return Relaxation(
+        parameter=f"friction everywhere, for frame {worst.frame} on {names}",
+        leg="",
+        now=now,
+        needed=now + least,
+        unit="",
+    )
 
 
 def _change(one: Relaxation) -> str:

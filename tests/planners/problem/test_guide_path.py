@@ -1,6 +1,7 @@
 """Guide paths against ways that are known in closed form, and what they say where there is none."""
 
 import math
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -176,6 +177,94 @@ def test_the_same_question_has_the_same_answer():
     block = (1.8, 2.2, -0.8, 0.8, 0.0, 1.0)
     one, other = (path(over([LEVEL], block), (0, 0), (4, 0)) for _ in range(2))
     np.testing.assert_array_equal(one.points_m, other.points_m)
+
+
+def profile(*points) -> Terrain:
+    """Planes between points (x, z), on which toes may stand; upright ones are only in the way."""
+    surfaces = []
+    for (a, h), (b, g) in pairwise(points):
+        corners = [(a, -2.5, h), (b, -2.5, g), (b, 2.5, g), (a, 2.5, h)]
+        normal = np.array([h - g, 0.0, b - a]) / math.hypot(b - a, g - h)
+        surfaces.append(patch(corners, normal, (0, 1, 0)))
+    return Terrain(
+        patches=tuple(surfaces), footing=tuple(each.normal[2] > 0.5 for each in surfaces)
+    )
+
+
+@pytest.mark.parametrize("degrees", [5, 12, 20, 25, 30, 33])
+@pytest.mark.parametrize(
+    "goal", [(1.5, 0.0), (-1.5, 0.0), (0.0, 1.2)], ids=["up", "down", "across"]
+)
+def test_a_plane_is_ground_however_steep_it_is(degrees, goal):
+    k = math.tan(math.radians(degrees))
+    found = path(profile((-3.0, -3.0 * k), (3.0, 3.0 * k)), (0, 0), goal)
+    assert len(found.points_m) == 2
+    np.testing.assert_allclose(
+        found.points_m[:, 2] - k * found.points_m[:, 0], HEIGHT_M, atol=k * LATTICE_M
+    )
+
+
+@pytest.mark.parametrize("degrees", [12, 25, 30])
+def test_a_ramp_between_two_flats_is_no_wall(degrees):
+    top = 0.7 * math.tan(math.radians(degrees))
+    terrain = profile((-1.5, 0.0), (0.4, 0.0), (1.1, top), (3.0, top))
+    found = path(terrain, (0, 0), (2, 0))
+    assert found.length_m < 1.2 * math.hypot(2.0, top)
+    np.testing.assert_allclose(found.points_m[[0, -1], 2], [HEIGHT_M, top + HEIGHT_M], atol=1e-9)
+
+
+def numbers(message: str, what: str) -> list[float]:
+    """The numbers of the first part of a message that begins so."""
+    return [float(each) for each in re.findall(r"-?\d+(?:\.\d+)?", message.split(what)[1])]
+
+
+@pytest.mark.parametrize("degrees", [0, 15, 25])
+def test_a_wall_on_a_slope_is_named_with_its_height_over_the_ground_there(degrees):
+    k = math.tan(math.radians(degrees))
+    slope = profile((-3.0, -3.0 * k), (5.0, 5.0 * k))
+    wall = box(1.9, 2.1, -2.5, 2.5, -3.0 * k, 2.0 * k + 0.8)
+    terrain = Terrain(
+        patches=(*slope.patches, *wall), footing=(*slope.footing, *(False for _ in wall))
+    )
+    with pytest.raises(PlanningFailed) as refused:
+        path(terrain, (0, 0), (4, 0))
+    x, _, high, *_ = numbers(str(refused.value), "wall at ")
+    assert x == pytest.approx(1.9, abs=0.01)
+    assert high == pytest.approx(2.0 * k + 0.8 - 1.9 * k, abs=0.01)
+    assert "widest gap" not in str(refused.value)
+
+
+def test_two_toes_on_a_wall_make_no_slope():
+    top = floor(1.0, 4.0, -2.5, 2.5, 1.0)
+    side = patch([(1, -2.5, 0), (1, -2.5, 1), (1, 2.5, 1), (1, 2.5, 0)], (-1, 0, 0), (0, 0, 1))
+    terrain = Terrain(patches=(LEVEL, side, top), footing=(True, False, True))
+    with pytest.raises(PlanningFailed) as refused:
+        path(terrain, (-0.4, 0), (3, 0))
+    assert numbers(str(refused.value), "wall at ")[2] == pytest.approx(1.0, abs=0.01)
+
+
+def test_risers_that_the_legs_can_step_are_steps():
+    levels = [(0.3 * k, 0.1 * k) for k in range(-4, 12)]
+    stairs = [point for x, z in levels for point in ((x, z), (x + 0.3, z))]
+    found = path(profile(*stairs), (0, 0), (2, 0))
+    assert found.length_m < 1.3 * math.hypot(2.0, 0.66)
+
+
+@pytest.mark.parametrize("degrees", [0, 20, 30])
+def test_walks_go_straight_up_a_slope_of_heights_and_are_barred_by_a_wall_on_it(degrees):
+    k = math.tan(math.radians(degrees))
+    x, y = np.linspace(-1.0, 5.0, 121), np.linspace(-1.0, 1.0, 41)
+    ends = np.array([[0.0, 0.0], [4.0, 0.0]])
+
+    def slope(wall):
+        high = k * x + np.where(np.abs(x - 2.0) < 0.2, wall, 0.0)
+        return HeightField(x_m=x, y_m=y, heights_m=high[:, None] + 0.0 * y)
+
+    found, straight = guide_over(slope(0.0), footprint(), ends, 0.9)
+    assert straight
+    assert found.length_m == pytest.approx(4.0 * math.hypot(1.0, k), rel=0.01)
+    with pytest.raises(PlanningFailed, match="wall at"):
+        guide_over(slope(1.0), footprint(), ends, 0.9)
 
 
 def heights(block: float) -> HeightField:

@@ -21,7 +21,7 @@ KINDS = ("stl", "obj", "ply")
 
 def read_mesh(path, *, friction, **named):
     mesh = read_terrain(path, ImportOptions(**named))
-    mesh.check_size(named.get("unit_m", 1.0))
+    mesh.check_size()
     return tuple(
         facet.plane.patch(piece, friction)
         for facet in facets_of(mesh)
@@ -157,9 +157,12 @@ def test_a_course_on_a_mesh_beside_its_file(saved, tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_mesh_in_millimetres_is_recognised_by_its_size(kind, saved):
-    path = saved(trimesh.creation.box((1000.0, 2000.0, 500.0)), kind)
-    assert_names(refusal(path), path.name)
+@pytest.mark.parametrize("side_m", [2000.0, 60.0])
+def test_a_mesh_that_is_too_large_is_told_of_units_and_of_none_alone(kind, side_m, saved):
+    path = saved(trimesh.creation.box((0.5 * side_m, side_m, 0.25 * side_m)), kind)
+    message = refusal(path)
+    assert_names(message, path.name, f"{side_m:g} m", "unit_m")
+    assert "millimetres" not in message
 
 
 def test_a_mesh_smaller_than_a_foot_is_refused(saved):

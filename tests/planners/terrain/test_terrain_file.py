@@ -159,13 +159,13 @@ def many(path):
             "mm.stl",
             lambda p: trimesh.creation.box((900, 900, 90)).export(p),
             {},
-            "is read with unit_m: 0.001",
+            "see unit_m",
         ),
         (
             "mm.npy",
             lambda p: np.save(p, 1000.0 * np.eye(9)),
             {},
-            "m from lowest to highest; a file in millimetres",
+            "m from lowest to highest; see unit_m",
         ),
         (
             "out.stl",

@@ -1,0 +1,561 @@
+"""One question in all its clothes: the same robot, ground and places, written another way, have to
+get the same answer.
+
+    python benchmarks/clothes.py --quick
+    python benchmarks/clothes.py --folder out/clothes
+    python benchmarks/clothes.py --quick --against ../before
+
+A row a pair: a ground, a robot and a cloth beside the plain question, which is the ground's mesh as
+an OBJ file and the robot's own file, asked of ``stancekit.plan``. Rows are kept in the folder, one
+a line, and an interrupted run goes on there. At the end there is a table of what differs by cloth.
+Equal is: the same status, and for cloths that lose nothing the same objective to six digits. Where
+both refuse, the pair counts only if a refusal is right. Places, turns and sizes are printed, and
+not counted. --against: another checkout, in which `python setup.py links` was run; the same pairs
+are asked there first.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from math import cos, pi, radians, sin, tan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from _bench import ROOT, Lines, Options, Row, launch, of_checkout, tally
+
+import stancekit
+from stancekit.planners.files.arrays import Array
+
+HALF_M = 1.2
+"""Half of a ground's width across the way [m]."""
+PIECE_M, DIGITS = 0.05, 3
+"""Side of the triangles that a mesh is cut into, and decimals of a metre of what is rounded."""
+SPACING_M = 0.02
+"""Of a grid [m]."""
+FRICTION = 0.9
+LIMIT_S = 600.0
+"""Of a plan [s]: so long that a loaded machine changes nothing."""
+SHIPPED = ("hexapod", "configs/demo/ant.yaml", "a1", "aliengo", "laikago", "spirit40", "vision60")
+DRAWN = 12
+QUICK = {
+    "grounds": "flat,slope20,slope30,ramp25,steps,stairs,wall,door",
+    "robots": "hexapod,ant",
+}
+FIGURES, VERDICT, PRINTED = "figures", "verdict", "printed"
+"""What has to be the same: status and objective; status; nothing, the row is printed."""
+
+
+# ------------------------------------------------------------------------------------------------------------
+# grounds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """Triangles, shape (T, 3, 3) [m], two places, and whether a robot that is large enough gets
+    from one to the other.
+    """
+
+    name: str
+    triangles: Array
+    start: tuple[float, float] = (0.0, 0.0)
+    goal: tuple[float, float] = (0.6, 0.0)
+    passable: bool = True
+    friction: float = FRICTION
+
+
+def quad(*corners: tuple[float, float, float]) -> Array:
+    """Two triangles."""
+    a, b, c, d = map(np.array, corners)
+    return np.array([[a, b, c], [a, c, d]], dtype=float)
+
+
+def extruded(*pieces: list[tuple[float, float]]) -> Array:
+    """Profiles (x, z) that go on across the way."""
+    return np.concatenate(
+        [
+            quad((a, -HALF_M, h), (b, -HALF_M, g), (b, HALF_M, g), (a, HALF_M, h))
+            for piece in pieces
+            for (a, h), (b, g) in pairwise(piece)
+        ]
+    )
+
+
+def box(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> Array:
+    """A closed box."""
+    made = trimesh.creation.box(bounds=[[x0, y0, z0], [x1, y1, z1]])
+    return np.asarray(made.triangles, dtype=float)
+
+
+def grounds() -> Iterator[Ground]:
+    """Grounds, the plainest first."""
+    floor = [(-1.0, 0.0), (1.6, 0.0)]
+    yield Ground(name="flat", triangles=extruded(floor))
+    for degrees in (5, 10, 15, 20, 25, 30, 33):
+        k = tan(radians(degrees))
+        yield Ground(name=f"slope{degrees}", triangles=extruded([(-1.0, -k), (1.6, 1.6 * k)]))
+    for degrees in (20, 30):
+        k = tan(radians(degrees))
+        up = extruded([(-1.2, -1.2 * k), (1.2, 1.2 * k)])
+        yield Ground(name=f"down{degrees}", triangles=up, goal=(-0.6, 0.0))
+        yield Ground(name=f"across{degrees}", triangles=up, goal=(0.0, 0.5))
+    k = tan(radians(25))
+    ramp = [(-1.0, 0.0), (0.4, 0.0), (0.8, 0.4 * k), (2.4, 0.4 * k)]
+    yield Ground(name="ramp25", triangles=extruded(ramp), goal=(1.3, 0.0))
+    ridge = [(-1.0, 0.0), (0.3, 0.0), (0.8, 0.15), (1.3, 0.0), (2.4, 0.0)]
+    yield Ground(name="ridge", triangles=extruded(ridge), goal=(1.5, 0.0))
+    steps = [(-1.0, 0.0), (0.3, 0.0), (0.3, 0.06), (1.0, 0.06), (1.0, 0.0), (2.2, 0.0)]
+    yield Ground(name="steps", triangles=extruded(steps), goal=(0.8, 0.0))
+    stairs = [(-1.0, 0.0), (0.25, 0.0)]
+    for k in range(1, 5):
+        stairs += [(0.3 * k - 0.05, 0.06 * k), (0.3 * k + 0.25, 0.06 * k)]
+    stairs += [(2.6, 0.24)]
+    yield Ground(name="stairs", triangles=extruded(stairs), goal=(0.9, 0.0))
+    stones = [
+        box(x, x + 0.26, y, y + 0.26, -0.3, 0.02 * ((i + 2 * j) % 3))
+        for i, x in enumerate(np.arange(-1.0, 1.6, 0.3).tolist())
+        for j, y in enumerate(np.arange(-1.2, 1.1, 0.3).tolist())
+    ]
+    yield Ground(name="stones", triangles=np.concatenate(stones))
+    gap = extruded([(-1.0, 0.0), (0.4, 0.0)], [(0.46, 0.0), (1.8, 0.0)])
+    yield Ground(name="gap", triangles=gap, goal=(0.8, 0.0))
+    trench = [(-1.0, 0.0), (0.4, 0.0), (0.4, -0.3), (0.48, -0.3), (0.48, 0.0), (1.8, 0.0)]
+    yield Ground(name="trench", triangles=extruded(trench), goal=(0.8, 0.0))
+    lines = np.linspace(-1.2, 1.2, 13)
+    cells = [
+        quad(*((x, y, 0.15 * (x * x + y * y)) for x, y in ((a, c), (b, c), (b, d), (a, d))))
+        for a, b in pairwise(lines.tolist())
+        for c, d in pairwise(lines.tolist())
+    ]
+    yield Ground(name="bowl", triangles=np.concatenate(cells), goal=(0.5, 0.0))
+    plain = extruded([(-1.0, 0.0), (2.6, 0.0)])
+    barred = box(0.9, 1.0, -HALF_M, HALF_M, 0.0, 0.8)
+    yield Ground(
+        name="wall",
+        triangles=np.concatenate([plain, barred]),
+        goal=(1.8, 0.0),
+        passable=False,
+    )
+    door = [box(0.9, 1.0, sign * 0.7, sign * HALF_M, 0.0, 0.8) for sign in (1.0, -1.0)]
+    yield Ground(name="door", triangles=np.concatenate([plain, *door]), goal=(1.8, 0.0))
+    beams = [
+        box(-1.0, 1.6, y - 0.08, y + 0.08, -0.3, 0.0) for y in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)
+    ]
+    yield Ground(name="beams", triangles=np.concatenate(beams))
+    for degrees in (12, 25):
+        k = tan(radians(degrees))
+        yield Ground(
+            name=f"ice{degrees}",
+            triangles=extruded([(-1.0, -k), (1.6, 1.6 * k)]),
+            passable=False,
+            friction=0.6 * k,
+        )
+
+
+# ------------------------------------------------------------------------------------------------------------
+# robots
+
+
+def drawn(seed: int) -> str:
+    """A robot as a URDF: 3 to 8 legs of 2 to 6 joints about a ring, 0.1 to 2 m from foot to foot."""
+    rng = np.random.default_rng(seed)
+    legs, joints = 3 + seed % 6, 2 + seed % 5
+    size = 0.1 * 20.0 ** rng.uniform()
+    mass = 12.0 * size**3 / 0.5**3
+    text = _link("base", mass, f'<cylinder radius="{0.2 * size:.6g}" length="{0.1 * size:.6g}"/>')
+    kinds = {2: "pp", 3: "ypp", 4: "yppp", 5: "yrppp", 6: "yrpppp"}[joints]
+    pitches = kinds.count("p")
+    bend = {2: (-0.5, 1.7), 3: (-0.5, 1.0, 0.7), 4: (-0.5, 0.6, 0.6, 0.5)}[pitches]
+    for leg in range(legs):
+        ahead = 2.0 * pi * (leg + 0.5) / legs
+        parent, at, turn = "base", (0.22 * size * cos(ahead), 0.22 * size * sin(ahead)), ahead
+        place = f"{at[0]:.6g} {at[1]:.6g} 0"
+        for number, kind in enumerate(kinds):
+            bends = kinds[:number].count("p")
+            length = (0.35 if kind == "p" else 0.04) * size * (2.0 / pitches if kind == "p" else 1)
+            name, axis = f"leg{leg}_{number}", {"y": "0 0 1", "r": "1 0 0", "p": "0 1 0"}[kind]
+            rest = bend[bends] if kind == "p" else 0.0
+            text += (
+                f'<joint name="{name}" type="revolute"><parent link="{parent}"/>'
+                f'<child link="{name}_link"/><origin xyz="{place}" rpy="0 {rest:g} {turn:.6g}"/>'
+                f'<axis xyz="{axis}"/><limit lower="-0.9" upper="0.9" '
+                f'effort="{90.0 * mass * size:.6g}" velocity="10"/></joint>'
+            )
+            shape = f'<box size="{0.8 * length:.6g} {0.03 * size:.6g} {0.03 * size:.6g}"/>'
+            text += _link(f"{name}_link", 0.02 * mass, shape, 0.5 * length)
+            parent, place, turn = f"{name}_link", f"{length:.6g} 0 0", 0.0
+        text += (
+            f'<joint name="foot{leg}" type="fixed"><parent link="{parent}"/>'
+            f'<child link="foot{leg}_link"/><origin xyz="{place}"/></joint>'
+        )
+        text += _link(f"foot{leg}_link", 0.005 * mass, f'<sphere radius="{0.03 * size:.6g}"/>')
+    return f'<?xml version="1.0"?><robot name="drawn{seed}">{text}</robot>'
+
+
+def _link(name: str, mass: float, shape: str, along: float = 0.0) -> str:
+    inertia = 0.4 * mass * max(along, 0.02) ** 2
+    at = f'<origin xyz="{along:.6g} 0 0"/>'
+    return (
+        f'<link name="{name}"><inertial>{at}<mass value="{mass:.6g}"/><inertia ixx="{inertia:.6g}" '
+        f'ixy="0" ixz="0" iyy="{inertia:.6g}" iyz="0" izz="{inertia:.6g}"/></inertial>'
+        f"<collision>{at}<geometry>{shape}</geometry></collision></link>"
+    )
+
+
+def robots(folder: Path) -> dict[str, str | None]:
+    """What ``stancekit.plan`` takes for a robot, by name."""
+    found: dict[str, str | None] = {}
+    for name in SHIPPED:
+        path = ROOT / name
+        found[path.stem] = None if name == "hexapod" else str(path) if path.suffix else name
+    for seed in range(DRAWN):
+        path = folder / f"drawn{seed}.urdf"
+        path.write_text(drawn(seed), encoding="utf-8")
+        found[path.stem] = str(path)
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------------
+# clothes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cloth:
+    """One way of writing a question down.
+
+    Arguments:
+        same: what has to be the same of its answer.
+        ask: the answer for a ground, a robot and a folder.
+    """
+
+    name: str
+    same: str
+    ask: Callable[[Ground, str | None, Path], Row]
+
+
+Change = Callable[[trimesh.Trimesh], trimesh.Trimesh]
+
+
+def mesh_of(ground: Ground) -> trimesh.Trimesh:
+    """The ground with welded corners."""
+    corners, number = np.unique(
+        ground.triangles.reshape(-1, 3).round(9), axis=0, return_inverse=True
+    )
+    return trimesh.Trimesh(corners, number.reshape(-1, 3), process=False)
+
+
+def plan(ground: Ground, path: Any, robot: str | None, *, shift: Array | None = None) -> Row:
+    """The answer of the library."""
+    moved = np.zeros(2) if shift is None else shift
+    asked: dict[str, Any] = {
+        "start_xy_m": ground.start + moved,
+        "goal_xy_m": ground.goal + moved,
+        "robot": robot,
+        "time_limit_s": LIMIT_S,
+    }
+    begin = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            answer = stancekit.plan(path, **asked)
+            row = {"status": answer.status.value, "message": answer.message}
+            if answer.status.value == "feasible":
+                row["objective"] = float(answer.objective)
+        except stancekit.StancekitError as error:
+            row = {"status": "refused", "message": f"{type(error).__name__}: {error}"}
+    return {**row, "cpu_s": round(time.process_time() - begin, 2)}
+
+
+def footholds_of(ground: Ground, path: Path, robot: str | None, **options: Any) -> Any:
+    """What ``stancekit.terrain`` returns of a file."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return stancekit.terrain(path, friction=ground.friction, robot=robot, **options)
+
+
+def as_file(
+    suffix: str,
+    ground: Ground,
+    robot: str | None,
+    folder: Path,
+    *,
+    change: Change | None = None,
+    shift: Array | None = None,
+    **options: Any,
+) -> Row:
+    """A mesh of this kind, changed, and the options of ``stancekit.terrain`` that undo it."""
+    mesh, path = mesh_of(ground), folder / f"{ground.name}{suffix}"
+    mesh = mesh if change is None else change(mesh)
+    mesh.export(path, **({"digits": 12} if suffix == ".obj" else {}))
+    try:
+        footholds = footholds_of(ground, path, robot, **options)
+    except stancekit.StancekitError as error:
+        return {"status": "refused", "message": f"{type(error).__name__}: {error}", "cpu_s": 0.0}
+    return plan(ground, footholds, robot, shift=shift)
+
+
+def as_grid(ground: Ground, robot: str | None, folder: Path) -> Row:
+    """The heights of the upper side on a grid, NaN where there is none or a bottom far below."""
+    low, high = (getattr(ground.triangles, name)(axis=(0, 1)) for name in ("min", "max"))
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    count = (2.0 * half[:2] / SPACING_M + 1e-6).astype(int)
+    lines = [middle[k] + SPACING_M * (np.arange(n) - 0.5 * (n - 1)) for k, n in enumerate(count)]
+    heights = np.full(tuple(count), np.nan)
+    for a, b, c in ground.triangles:
+        u, v = b - a, c - a
+        double = u[0] * v[1] - u[1] * v[0]
+        if abs(double) < 1e-12:
+            continue
+        x, y = lines[0][:, None] - a[0], lines[1][None] - a[1]
+        s, t = (x * v[1] - y * v[0]) / double, (u[0] * y - u[1] * x) / double
+        inside = (s >= -1e-9) & (t >= -1e-9) & (s + t <= 1.0 + 1e-9)
+        heights = np.where(inside, np.fmax(heights, a[2] + s * u[2] + t * v[2]), heights)
+    path = folder / f"{ground.name}.npy"
+    np.save(path, heights)
+    try:
+        footholds = footholds_of(
+            ground, path, robot, kind="grid", spacing_m=SPACING_M, offset_m=(*middle[:2], 0.0)
+        )
+    except stancekit.StancekitError as error:
+        return {"status": "refused", "message": f"{type(error).__name__}: {error}", "cpu_s": 0.0}
+    return plan(ground, footholds, robot)
+
+
+def by_command(ground: Ground, robot: str | None, folder: Path) -> Row:
+    """The command on the mesh, in a process of its own."""
+    path = folder / f"{ground.name}.obj"
+    mesh_of(ground).export(path, digits=12)
+    start, goal = (",".join(map(str, place)) for place in (ground.start, ground.goal))
+    words = [str(path), f"--start={start}", f"--goal={goal}", f"--friction={ground.friction}"]
+    words += ["--time-limit-s", str(LIMIT_S), *(["--robot", robot] if robot else [])]
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "stancekit.cli.main", "plan", *words, "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    spent = round(time.perf_counter() - begin, 2)
+    try:
+        record = json.loads(done.stdout.splitlines()[-1])
+    except (IndexError, ValueError):
+        return {"status": "refused", "message": done.stderr.strip()[-300:], "wall_s": spent}
+    row = {"status": record["status"], "message": record.get("message", ""), "wall_s": spent}
+    if record["status"] == "feasible":
+        row["objective"] = record["objective"]
+    return row
+
+
+def moved(by: Array, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The mesh elsewhere."""
+    return trimesh.Trimesh(mesh.vertices + by, mesh.faces, process=False)
+
+
+def scaled(factor: float, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The mesh in another unit."""
+    return trimesh.Trimesh(factor * mesh.vertices, mesh.faces, process=False)
+
+
+def lying(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The mesh with y up: its x, y and z are the world's y, z and x."""
+    return trimesh.Trimesh(mesh.vertices[:, [1, 2, 0]], mesh.faces, process=False)
+
+
+def twice(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Every face from both sides."""
+    faces = np.concatenate([mesh.faces, mesh.faces[:, ::-1]])
+    return trimesh.Trimesh(mesh.vertices, faces, process=False)
+
+
+def cut(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Faces cut in small ones."""
+    side = max(PIECE_M, 0.04 * float(np.ptp(mesh.vertices, axis=0).max()))
+    corners, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, side)
+    return trimesh.Trimesh(*_welded(corners, faces), process=False)
+
+
+def rounded(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Small faces whose corners are rounded to a millimetre."""
+    small = cut(mesh)
+    return trimesh.Trimesh(small.vertices.round(DIGITS), small.faces, process=False)
+
+
+def _welded(corners: Array, faces: Array) -> tuple[Array, Array]:
+    corners, number = np.unique(corners.round(9), axis=0, return_inverse=True)
+    return corners, number.reshape(-1)[faces]
+
+
+def mirrored(ground: Ground, robot: str | None, folder: Path) -> Row:
+    """Left is right."""
+    flipped = ground.triangles[:, ::-1] * np.array([1.0, -1.0, 1.0])
+    return as_file(".obj", _replaced(ground, flipped), robot, folder)
+
+
+def _replaced(ground: Ground, triangles: Array) -> Ground:
+    return Ground(**{**vars(ground), "triangles": triangles})
+
+
+def far(distance_m: float, ground: Ground, robot: str | None, folder: Path) -> Row:
+    """The world's origin elsewhere."""
+    by = distance_m * np.array([1.0, -0.7])
+    change = partial(moved, np.append(by, 0.0))
+    return as_file(".obj", ground, robot, folder, change=change, shift=by)
+
+
+PLAIN = Cloth(name="plain", same=FIGURES, ask=partial(as_file, ".obj"))
+AWAY_M = np.array([3.0, -2.0, 0.5])
+CLOTHES = (
+    *(
+        Cloth(
+            name=suffix[1:],
+            same=FIGURES if suffix == ".off" else VERDICT,
+            ask=partial(as_file, suffix),
+        )
+        for suffix in (".stl", ".ply", ".off", ".glb", ".dae")
+    ),
+    Cloth(
+        name="millimetres",
+        same=FIGURES,
+        ask=partial(as_file, ".obj", change=partial(scaled, 1000.0), unit_m=0.001),
+    ),
+    Cloth(name="y up", same=FIGURES, ask=partial(as_file, ".obj", change=lying, up="y")),
+    Cloth(
+        name="offset",
+        same=VERDICT,
+        ask=partial(as_file, ".obj", change=partial(moved, AWAY_M), offset_m=tuple(-AWAY_M)),
+    ),
+    Cloth(name="twice", same=VERDICT, ask=partial(as_file, ".obj", change=twice)),
+    Cloth(name="cut", same=VERDICT, ask=partial(as_file, ".obj", change=cut)),
+    Cloth(name="rounded", same=VERDICT, ask=partial(as_file, ".obj", change=rounded)),
+    Cloth(name="grid", same=VERDICT, ask=as_grid),
+    Cloth(name="command", same=FIGURES, ask=by_command),
+    Cloth(name="mirrored", same=PRINTED, ask=mirrored),
+    Cloth(name="1 m away", same=PRINTED, ask=partial(far, 1.0)),
+    Cloth(name="1000 m away", same=PRINTED, ask=partial(far, 1000.0)),
+)
+
+
+# ------------------------------------------------------------------------------------------------------------
+# pairs
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClothesOptions(Options):
+    """What is asked."""
+
+    folder: Path = Path("out/clothes")
+    """Rows are kept here."""
+    quick: bool = False
+    """Eight grounds and two robots."""
+    grounds: str = ""
+    """Names with commas between them; all where it is empty."""
+    robots: str = ""
+    """Names with commas between them; all where it is empty."""
+    clothes: str = ""
+    """Names with commas between them; all where it is empty."""
+    against: Path | None = None
+    """Another checkout, asked first."""
+
+
+def chosen(names: str, every: Mapping[str, Any]) -> dict[str, Any]:
+    """What is named, or all."""
+    if wrong := set(filter(None, names.split(","))) - set(every):
+        sys.exit(f"expected some of {', '.join(every)}, got {', '.join(sorted(wrong))}")
+    return {name: each for name, each in every.items() if not names or name in names.split(",")}
+
+
+def alike(cloth: Cloth, plain: Row, row: Row) -> bool:
+    """Tell whether two answers are the same, as far as they have to be."""
+    if plain["status"] != row["status"]:
+        return False
+    if cloth.same != FIGURES or "objective" not in plain:
+        return True
+    return bool(np.isclose(plain["objective"], row["objective"], rtol=1e-6, atol=1e-9))
+
+
+def judged(ground: Ground, cloth: Cloth, plain: Row, row: Row) -> str:
+    """A word for a pair."""
+    if cloth.same == PRINTED:
+        return "printed"
+    if not alike(cloth, plain, row):
+        return "differs"
+    if ground.passable and plain["status"] in ("refused", "infeasible"):
+        return "both refuse"
+    return "equal"
+
+
+def pairs(asked: ClothesOptions) -> Iterator[Row]:
+    """Every pair, asked or kept."""
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    kept = Lines(asked.folder / "answers.jsonl")
+    names = {key: getattr(asked, key) or (QUICK[key] if asked.quick else "") for key in QUICK}
+    over = chosen(names["grounds"], {ground.name: ground for ground in grounds()})
+    who = chosen(names["robots"], robots(asked.folder))
+    clothes = chosen(asked.clothes, {cloth.name: cloth for cloth in CLOTHES})
+
+    def answer(cloth: Cloth, ground: Ground, name: str) -> Row:
+        key = f"{ground.name} {name} {cloth.name}"
+        if key in kept.rows:
+            return kept.rows[key]
+        return kept.add(key, cloth.ask(ground, who[name], asked.folder))
+
+    for ground in over.values():
+        for name in who:
+            first = answer(PLAIN, ground, name)
+            for cloth in clothes.values():
+                row = answer(cloth, ground, name)
+                yield {
+                    "ground": ground.name,
+                    "robot": name,
+                    "cloth": cloth.name,
+                    "is": judged(ground, cloth, first, row),
+                    "plain": first["status"],
+                    "dressed": row["status"],
+                    "cpu_s": [first.get("cpu_s"), row.get("cpu_s")],
+                    "says": row["message"],
+                }
+
+
+def line(row: Row) -> str:
+    """A row for people."""
+    head = f"{row['ground']:10} {row['robot']:10} {row['cloth']:12} {row['is']:12}"
+    said = f" {row['says'][:110]}" if row["is"] == "differs" else ""
+    return f"{head} {row['plain']} / {row['dressed']}{said}"
+
+
+def main(asked: ClothesOptions) -> int:
+    """Ask, print, and count; 1 where a pair that counts differs."""
+    if asked.against is not None:
+        words = [word for word in sys.argv[1:] if not word.startswith("--against")]
+        words = [word for word in words if word != str(asked.against)]
+        folder = asked.folder / "before"
+        subprocess.run(
+            [sys.executable, __file__, *words, "--folder", str(folder)],
+            env=of_checkout(asked.against.resolve()),
+            check=False,
+        )
+    rows = list[Row]()
+    for row in pairs(asked):
+        asked.say(row, line)
+        rows.append(row)
+    for cloth in dict.fromkeys(row["cloth"] for row in rows):
+        mine = [row["is"] for row in rows if row["cloth"] == cloth]
+        print(f"{cloth:12} {tally(mine)}", file=sys.stderr)
+    counts = Counter(row["is"] for row in rows)
+    total = counts["equal"] + counts["differs"] + counts["both refuse"]
+    print(f"{counts['equal']} of {total} pairs are equal: {dict(counts)}", file=sys.stderr)
+    return int(counts["differs"] > 0)
+
+
+if __name__ == "__main__":
+    launch(main, ClothesOptions, __doc__)

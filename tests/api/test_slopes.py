@@ -1,0 +1,47 @@
+"""Slopes and steps as questions to the library: planned, or refused for the friction that they
+need.
+"""
+
+import numpy as np
+import pytest
+
+import stancekit
+
+
+def slope(folder, degrees):
+    """The file of one tilted plane, 4 m wide."""
+    k, path = np.tan(np.radians(degrees)), folder / f"slope{degrees}.obj"
+    corners = [(x, y, k * x) for x, y in ((-2, -2), (2, -2), (2, 2), (-2, 2))]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    path.write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4", ""]))
+    return path
+
+
+def planned(terrain, goal, friction=None):
+    """The answer for the hexapod."""
+    if friction is not None:
+        terrain = stancekit.terrain(terrain, friction=friction)
+    return stancekit.plan(terrain, start_xy_m=(0.0, 0.0), goal_xy_m=goal)
+
+
+@pytest.mark.parametrize(("degrees", "goal"), [(20, (0.6, 0.0)), (25, (-0.4, 0.0))])
+def test_slopes_are_planned(degrees, goal, tmp_path):
+    answer = planned(slope(tmp_path, degrees), goal, 0.9)
+    assert answer.status.value == "feasible"
+    assert answer.report.accepted
+
+
+def test_stairs_whose_risers_the_legs_can_step_are_planned_from_a_tread():
+    assert planned("stairs:0.3:7", (0.3, 0.0)).status.value == "feasible"
+
+
+@pytest.mark.parametrize(("degrees", "friction"), [(12, 0.15), (25, 0.3)])
+def test_a_slope_that_friction_forbids_names_friction_and_how_much_it_needs(
+    degrees, friction, tmp_path
+):
+    answer = planned(slope(tmp_path, degrees), (0.6, 0.0), friction)
+    assert answer.status.value == "infeasible"
+    first = stancekit.explain(answer).relaxations[0]
+    assert first.parameter.startswith("friction everywhere")
+    assert first.now == pytest.approx(friction)
+    assert 0.99 * np.tan(np.radians(degrees)) < first.needed <= np.tan(np.radians(degrees))

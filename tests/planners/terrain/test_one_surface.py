@@ -1,0 +1,112 @@
+"""One surface has the same footholds however it is cut into triangles, rounded, or given twice."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.import_options import ImportOptions
+from stancekit.planners.terrain.mesh_footholds import mesh_footholds
+from stancekit.planners.terrain.triangle_mesh import TriangleMesh
+
+trimesh = pytest.importorskip("trimesh")
+QUAD = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def footholds(corners, triangles):
+    """Footholds of a mesh as it is read."""
+    mesh = TriangleMesh.of(np.asarray(corners), np.asarray(triangles), ImportOptions(), "it")
+    return mesh_footholds(mesh, FootholdLimits(), 0.8)
+
+
+def plane(degrees, turn_rad=0.0):
+    """A tilted rectangle of 1.5 m by 1 m, turned about z, as two triangles."""
+    x, y = np.array([-0.75, 0.75, 0.75, -0.75]), np.array([-0.5, -0.5, 0.5, 0.5])
+    corners = np.column_stack([x, y, np.tan(np.radians(degrees)) * x])
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    return corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), QUAD
+
+
+def cut(corners, triangles, side_m):
+    """The same in small triangles."""
+    corners, triangles = trimesh.remesh.subdivide_to_size(corners, triangles, side_m)
+    _, first, number = np.unique(corners.round(9), axis=0, return_index=True, return_inverse=True)
+    return corners[first], number.reshape(-1)[triangles]
+
+
+@pytest.mark.parametrize("degrees", [0, 12, 30])
+@pytest.mark.parametrize("turn_rad", [0.0, 0.5236])
+@pytest.mark.parametrize("digits", [9, 4, 3])
+def test_a_plane_in_small_triangles_is_one_foothold_to_a_millimetre(degrees, turn_rad, digits):
+    whole = footholds(*plane(degrees, turn_rad))
+    corners, triangles = cut(*plane(degrees, turn_rad), 0.1)
+    assert len(triangles) > 400
+    found = footholds(corners.round(digits), triangles)
+    assert len(found.pieces) == len(whole.pieces) == 1
+    assert found.area_m2 == pytest.approx(whole.area_m2, rel=3e-3)
+    np.testing.assert_allclose(
+        found.pieces[0].patch.normal, whole.pieces[0].patch.normal, atol=2e-3
+    )
+    off = (corners - found.surfaces[0].centre_m) @ found.surfaces[0].normal
+    assert np.abs(off).max() < 1.5e-3
+
+
+def test_a_plane_as_two_triangles_or_four_thousand():
+    whole, fine = footholds(*plane(15)), footholds(*cut(*plane(15), 0.04))
+    assert fine.pieces[0].samples > 4000
+    assert len(fine.pieces) == 1
+    assert fine.area_m2 == pytest.approx(whole.area_m2, rel=1e-6)
+
+
+def test_two_planes_that_meet_stay_two():
+    x = np.repeat([-1.0, 0.0, 1.0], 2)
+    corners = np.column_stack([x, np.tile([-0.5, 0.5], 3), 0.02 * np.abs(x)])
+    triangles = [[0, 2, 3], [0, 3, 1], [2, 4, 5], [2, 5, 3]]
+    small = cut(corners, triangles, 0.1)
+    for digits in (9, 3):
+        found = footholds(small[0].round(digits), small[1])
+        leans = sorted(piece.patch.normal[0] for piece in found.pieces if piece.area_m2 > 0.1)
+        assert leans == pytest.approx([-0.02, 0.02], abs=2e-3)
+
+
+def boxes(*bounds):
+    """A floor and closed boxes on it."""
+    made = [trimesh.creation.box(bounds=each) for each in bounds]
+    floor = trimesh.Trimesh([[-1, -1, 0], [2.5, -1, 0], [2.5, 1, 0], [-1, 1, 0]], QUAD)
+    return trimesh.util.concatenate([floor, *made])
+
+
+@pytest.mark.parametrize("order", ["front first", "back first", "mixed", "twice alike"])
+def test_faces_given_twice_are_one_surface(order):
+    mesh = boxes([[0.5, -0.8, 0.0], [0.9, 0.8, 0.08]], [[1.2, -0.8, 0.0], [1.6, 0.8, 0.12]])
+    once, faces = footholds(mesh.vertices, mesh.faces), mesh.faces
+    back = faces[:, ::-1]
+    both = {
+        "front first": [faces, back],
+        "back first": [back, faces],
+        "mixed": [back[::2], faces[1::2], faces[::2], back[1::2]],
+        "twice alike": [faces, np.roll(faces, 1, axis=1)],
+    }[order]
+    double = footholds(mesh.vertices, np.concatenate(both))
+    assert len(double.pieces) == len(once.pieces)
+    assert double.area_m2 == pytest.approx(once.area_m2, rel=1e-6)
+
+
+def test_a_solid_with_room_inside_that_is_given_from_both_sides_is_told():
+    mesh = trimesh.creation.box(bounds=[[0, 0, 0], [2, 2, 1]])
+    with pytest.warns(UserWarning, match="both sides"):
+        found = footholds(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:, ::-1]]))
+    assert [round(float(piece.patch.centre_m[2]), 6) for piece in found.pieces] == [1.0]
+
+
+def test_a_sheet_that_is_given_from_both_sides_has_ground_below():
+    sheet = trimesh.Trimesh([[0, -0.5, 1], [1, -0.5, 1], [1, 0.5, 1], [0, 0.5, 1]], QUAD)
+    mesh = trimesh.util.concatenate([boxes(), sheet])
+    both = np.concatenate([mesh.faces, mesh.faces[:, ::-1]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = footholds(mesh.vertices, both)
+    heights = [float(piece.patch.centre_m[2]) for piece in found.pieces]
+    assert found.area_m2 > 3.5 * 2.0
+    assert max(heights) == pytest.approx(1.0)
