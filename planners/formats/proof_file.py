@@ -19,6 +19,7 @@ from ..files.documents import read_json
 from ..files.writing import write_text
 from ..problem import Problem
 from ..problem.leap import Leap
+from ..problem.passage import Passage
 from ..problem.posture import FORMAT as POSTURE
 from ..verify import check_certificate, explain
 from .file_check import FileCheck
@@ -50,15 +51,15 @@ def proof_content(certificate: Certificate, where: str | Path) -> dict[str, Any]
     return {"format": FORMAT, "subject": subject.to_json(), **certificate.to_json()}
 
 
-def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
-    """The problem, and its certificate, of what ``write_proof`` wrote, now or in the older format.
+def read_proof(path: str | Path) -> tuple[Problem | Passage, Certificate]:
+    """The problem or the passage, and its certificate, of what ``write_proof`` wrote, now or in the older format.
 
     Raises InvalidInput in one line for anything else.
     """
     return proof_from(read_json(path), path)
 
 
-def proof_from(data: Any, path: str | Path) -> tuple[Problem, Certificate]:
+def proof_from(data: Any, path: str | Path) -> tuple[Problem | Passage, Certificate]:
     """The problem and its certificate of a file's content, see ``read_proof``."""
     if not is_proof(data):
         raise InvalidInput(f"{path}: expected format {FORMAT!r}")
@@ -70,8 +71,9 @@ def proof_from(data: Any, path: str | Path) -> tuple[Problem, Certificate]:
             f"{path}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}"
         )
     message = data[key]
+    of_passage = isinstance(message, Mapping) and message.get("format") == Passage.FORMAT
     try:
-        problem = Problem.from_json(message)
+        problem = Passage.from_json(message) if of_passage else Problem.from_json(message)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {key}: {error}") from None
     try:
@@ -88,7 +90,7 @@ def check_proof_file(path: str | Path) -> FileCheck:
     """
     subject, certificate = read_proof(path)
     proof = check_certificate(certificate)
-    of_course = not subject.is_posture
+    of_course = isinstance(subject, Passage) or not subject.is_posture
     name = subject.name if of_course else f"posture on {', '.join(subject.legs)}"
     reason = explain(certificate).message if proof.accepted else proof.message
     kind: Literal["no-plan", "no-posture"] = "no-plan" if of_course else "no-posture"

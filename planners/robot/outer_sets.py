@@ -20,7 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import lru_cache, reduce
 from itertools import permutations
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,6 +37,9 @@ from .robot_model import RobotModel
 from .shapes import Shape
 from .solids import shape_points, solid_shapes
 from .urdf_reader import base_joint, pinocchio
+
+if TYPE_CHECKING:
+    from .model import Robot
 
 VERSION = "outer-sets/1"
 MOST = 250
@@ -94,18 +97,23 @@ def outer_sets(robot: RobotModel) -> OuterSets:
 
 
 def outward_m(robot: RobotModel) -> float:
-    """Largest distance of the centre of mass from the trunk, 0 where it stays within [m].
+    """Largest distance of the centre of mass from the trunk; where it stays within, less the least
+    distance from the trunk's border [m].
 
     The trunk is the largest upright box in one of the shapes of the base's own links, the one that
-    the centre stays closest to; without a shape there is none, and the distance is infinite.
+    the centre stays deepest in; without a shape there is none, and the distance is infinite.
     """
-    sets, least = outer_sets(robot), np.inf
-    axes = np.vstack([np.eye(3), -np.eye(3)])
+    sets, axes = outer_sets(robot), np.vstack([np.eye(3), -np.eye(3)])
     spans = sets.com_m[[int(np.argmax(sets.normals @ axis)) for axis in axes]]
-    for box in _boxes(robot):
-        beyond = np.maximum(np.maximum(spans[:3] - box[1], spans[3:] + box[0]), 0.0)
-        least = min(least, float(np.linalg.norm(beyond)))
-    return least
+    return min((_beyond(box, -spans[3:], spans[:3]) for box in _boxes(robot)), default=np.inf)
+
+
+def _beyond(box: Array, low: Array, high: Array) -> float:
+    """Distance of the farthest point between two corners from a box; below 0 where all are inside
+    [m].
+    """
+    beyond = np.maximum(high - box[1], box[0] - low)
+    return float(beyond.max() if beyond.max() <= 0.0 else np.linalg.norm(np.maximum(beyond, 0.0)))
 
 
 def contact_radii_m(robot: RobotModel) -> Array:
@@ -313,3 +321,63 @@ def _box(shape: Shape, robot: RobotModel) -> Array | None:
     except QhullError:
         return None
     return Polytope(normals=faces[:, :3], offsets_m=-faces[:, 3]).largest_box()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """Numbers that hold a robot in any posture, tilted and turned in any way.
+
+    Arguments:
+        feet: number of its feet.
+        reach_m: largest distance of a contact from the centre of mass [m].
+        apart_m: largest distance of contacts of two feet [m].
+        sole_m: distance from the centre of a foot's place within which the foot may touch; 0 of a
+            ball, which touches where it is placed [m].
+        outward_m: largest distance of the centre of mass from the trunk; where it stays within,
+            less the least distance from the trunk's border; inf where no trunk is known [m].
+    """
+
+    feet: int
+    reach_m: float
+    apart_m: float
+    sole_m: float
+    outward_m: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> Extent:
+        """The extent of a robot; that of one without legs of its own as its limbs' balls have it, its
+        centre of mass at the body's origin.
+
+        Raises InvalidInput for a robot from a file with joints whose range nobody knows.
+        """
+        count = len(robot.limbs)
+        if robot.source.own:
+            model = robot.source.own_model()
+            model.check_known()
+            sets, radii = outer_sets(model), contact_radii_m(model)
+            stated = [leg.contact is not None for leg in model.legs]
+            return cls(
+                feet=count,
+                reach_m=float((sets.reach_m + radii).max()),
+                apart_m=float((sets.apart_m + radii[:, None] + radii).max()),
+                sole_m=float(np.where(stated, radii, 0.0).max()),
+                outward_m=outward_m(model),
+            )
+        shoulders = np.array([limb.shoulder_m for limb in robot.limbs])
+        soles = [
+            0.0 if limb.sole_m is None else float(np.linalg.norm(limb.sole_m, axis=1).max())
+            for limb in robot.limbs
+        ]
+        reach = np.array([limb.reach_m for limb in robot.limbs]) + soles
+        between = np.linalg.norm(shoulders[:, None] - shoulders, axis=2) + reach[:, None] + reach
+        try:
+            boxes, origin = _boxes(robot.source.legs()), np.asarray(robot.source.origin_m)
+        except InvalidInput:  # its legs are not known, nor is its trunk
+            boxes, origin = [], np.zeros(3)
+        return cls(
+            feet=count,
+            reach_m=float((np.linalg.norm(shoulders, axis=1) + reach).max()),
+            apart_m=float((between * (1.0 - np.eye(count))).max()),
+            sole_m=max(soles),
+            outward_m=min((_beyond(box, origin, origin) for box in boxes), default=np.inf),
+        )

@@ -20,6 +20,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.leap import Leap
+from ..problem.passage import Passage
 from .half_spaces import row_counts
 from .lagrangian import leaf_bounds
 from .proof import proof_report
@@ -51,6 +52,10 @@ def check_certificate(
         from .leap_proof import check_leap_certificate  # of leaps alone
 
         return check_leap_certificate(certificate)
+    if isinstance(subject, Passage):
+        from .flood import check_flood  # of passages alone
+
+        return check_flood(certificate)
     of_course = not subject.is_posture
     if tolerance is None:
         tolerance = 0.0 if of_course else GAP

@@ -15,6 +15,7 @@ from ..answer.certificate import Certificate
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.leap import Leap
+from ..problem.passage import Passage
 from ..problem.limits import LINEAR
 from .certificate import GAP, check_certificate, forest_of
 from .explanation import Explanation as Explanation
@@ -65,6 +66,10 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
         from .leap_proof import explain_leap  # of leaps alone
 
         return explain_leap(certificate)
+    if isinstance(subject, Passage):
+        from .flood import explain_flood  # of passages alone
+
+        return explain_flood(certificate)
     report = check_certificate(certificate, tolerance=tolerance)
     if not report.accepted:
         return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")
