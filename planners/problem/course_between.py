@@ -27,6 +27,7 @@ from .course_keys import CourseSpec
 from .course_layout import build_course
 from .file_terrain import FileTerrain
 from .guide_path import Footprint, guide_path
+from .passage import NEAR, Passage
 from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
 
@@ -108,7 +109,8 @@ def course_between(
         turns = len(body.limbs)
     stride = STRIDE * reach / turns
     length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-    wanted = max(2, int(np.ceil(length / stride)) + 1) if frames is None else frames
+    least = 2 if length > 0.0 else 1  # who stands still takes no step
+    wanted = max(least, int(np.ceil(length / stride)) + 1) if frames is None else frames
     if wanted > MOST_FRAMES:
         raise InvalidInput(
             f"goal: expected a way of at most {stride * (MOST_FRAMES - 1):.3g} m ({MOST_FRAMES} "
@@ -222,6 +224,26 @@ class LaidBetween:
         if sets == "inner" and alternative is AS_ASKED:
             return self._as_asked
         return self._laid(self.start_m, self.frames, sets, alternative, ())
+
+    def passage(self) -> Passage:
+        """The question itself, in whatever way a course is laid out for it.
+
+        Raises InvalidInput, also for a robot whose feet may be nobody knows where.
+        """
+        from ..robot.outer_sets import Extent  # measures legs, which is slow to import
+        from ..robot.robot_file import robot_of
+
+        robot = robot_of("hexapod" if self.robot is None else self.robot)
+        terrain = self.terrain.along(np.array([self.goal_m]), Path())
+        return Passage(
+            name=_called(self.terrain.file),
+            robot=robot,
+            terrain=terrain.patches,
+            footholds=tuple(patch for _, patch in terrain.standing),
+            start_m=np.array(self.start_m),
+            goal_m=np.array(self.goal_m),
+            near_m=NEAR * Extent.of(robot).reach_m,
+        )
 
     @cached_property
     def _as_asked(self) -> Problem:

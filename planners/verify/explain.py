@@ -15,8 +15,8 @@ from ..answer.certificate import Certificate
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.leap import Leap
-from ..problem.passage import Passage
 from ..problem.limits import LINEAR
+from ..problem.passage import Passage
 from .certificate import GAP, check_certificate, forest_of
 from .explanation import Explanation as Explanation
 from .explanation import Relaxation as Relaxation
@@ -41,6 +41,8 @@ FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = (
 )
 """``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its
 scale), radius."""
+OF_COURSE = "of this course as it states its layout"
+"""Subject of a proof about a course, whose frames, candidates and limits are part of the question."""
 FALLING = ("steps.progress_m", "steps.least_toe_m", "steps.least_rotation_rad")
 """Limits that have to fall."""
 BISECTIONS = 30
@@ -208,7 +210,9 @@ def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation
         if slippery and not first.parameter.startswith("friction"):
             reason += f", or {slippery[0].parameter} to {_change(slippery[0])}"
     many = f" (refuted for each of {groups} groups of choices)" if groups > 1 else ""
-    return Explanation(relaxations=tuple(relaxations), message=f"infeasible: {reason}{many}")
+    return Explanation(
+        relaxations=tuple(relaxations), message=f"infeasible: {reason}{many}; {OF_COURSE}"
+    )
 
 
 def _change(one: Relaxation) -> str:

@@ -80,7 +80,7 @@ def explain_flood(certificate: Certificate) -> Explanation:
     extent = Extent.of(passage.robot)
     return Explanation(
         relaxations=(),
-        message=f"infeasible: no motion leads from within {passage.near_m:.2g} m of {start} to as near "
+        message=f"balanced motion is impossible: none leads from within {passage.near_m:.2g} m of {start} to as near "
         f"{goal}: {ASSUMED}; no foot is more than {extent.reach_m:.3g} m from the centre of mass, and "
         f"no two feet are more than {extent.apart_m:.3g} m apart",
     )
