@@ -55,14 +55,22 @@ class Given(Options):
     """Time limit of every plan [s]."""
     out: Path = Path("impossible.jsonl")
     """Rows, kept as they come."""
+    postures: int = 20
+    """Witnessed postures of every robot with legs of 20 to 85 % of its mass."""
+    heavy: int = 10
+    """Number of such robots."""
     band: bool = False
     """Look for the band of every robot and kind, too."""
     quick: bool = False
     """Six robots, and one size of what is impossible."""
 
 
-def urdf(legs: int, rng: np.random.Generator) -> str:
-    """A robot of so many legs of roll, pitch and knee with round feet, drawn."""
+def urdf(legs: int, rng: np.random.Generator, share: float | None = None) -> str:
+    """A robot of so many legs of roll, pitch and knee with round feet, drawn.
+
+    Arguments:
+        share: of the mass that is in its legs; drawn where it is not given.
+    """
     size, side = rng.uniform(0.6, 1.6), 2 if legs % 2 == 0 else 1
     thigh, shank = size * rng.uniform(0.16, 0.24, 2)
     rows = max(legs // side, 1)
@@ -72,7 +80,8 @@ def urdf(legs: int, rng: np.random.Generator) -> str:
         size * (0.3 if legs == 2 else rng.uniform(0.12, 0.2)),
     )
     mass = 12.0 * size**3
-    trunk, of_leg = mass * rng.uniform(0.5, 0.8), mass * 0.5 / legs * rng.uniform(0.4, 0.8)
+    share = rng.uniform(0.2, 0.5) if share is None else share
+    trunk, of_leg = (1.0 - share) * mass, share * mass / legs
     parts = [_link("trunk", trunk, (long, wide, tall), 0.0)]
     places = []
     for k in range(legs):
@@ -227,6 +236,71 @@ def proved(words: str, goal: tuple[float, float], robot: Path, room_m: float) ->
     return {"proved": flood(passage) is not None, "cpu_s": time.process_time() - begin}
 
 
+def witnessed(path: Path, count: int, rng: np.random.Generator) -> list[str]:
+    """Statuses of postures in which a robot stands still: joints drawn, its toes on small patches
+    where they are, its centre of mass over what they span, with vertical forces.
+    """
+    from scipy.optimize import nnls
+
+    from stancekit import Contact, Patch, Problem
+    from stancekit.planners.robot.kinematics import Kinematics
+
+    robot, found = robot_of(path), list[str]()
+    known = Kinematics(robot)
+    corner = 0.012 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    while len(found) < count:
+        angles = np.concatenate([leg.random_angles(1, rng)[0] for leg in known.model.legs])
+        feet = known.feet(angles) - known.com_offset(angles)
+        toes = feet - known.radii_m[:, None] * np.array([0.0, 0.0, 1.0])
+        weights = np.vstack([np.ones(len(toes)), toes[:, :2].T])
+        if nnls(weights, np.array([1.0, 0.0, 0.0]))[1] > 1e-9:
+            continue
+        contacts = [
+            Contact(
+                leg=limb.name,
+                shoulder_m=limb.shoulder_m,
+                reach_m=limb.reach_m,
+                reach_rows=limb.reach_rows,
+                patch=Patch(
+                    vertices_m=toe + corner,
+                    normal=[0, 0, 1],
+                    shear_reference=[1, 0, 0],
+                    friction=0.8,
+                ),
+                force_min=np.array([0.0, -1.0, -1.0]),
+                force_max=np.ones(3),
+            )
+            for limb, toe in zip(robot.limbs, toes, strict=True)
+        ]
+        problem = Problem.posture(
+            contacts,
+            mass_kg=robot.mass_kg,
+            com_nominal_m=np.zeros(3),
+            com_radius_m=0.005,
+            tilt_limit_rad=0.02,
+            robot=robot.identity,
+        )
+        found.append(stancekit.plan(problem, robot=robot, time_limit_s=20.0).status.value)
+    return found
+
+
+def heavy_rows(given: Given) -> Iterator[Row]:
+    """Rows of robots with heavy legs, kept ones as they are."""
+    lines = Lines(given.out)
+    with TemporaryDirectory() as folder:
+        for number in range(2 if given.quick else given.heavy):
+            key, heavy = f"heavy {number}", float(np.linspace(0.85, 0.2, 10)[number % 10])
+            if key not in lines.rows:
+                rng = np.random.default_rng([given.seed, 1000 + number])
+                path = Path(folder) / f"heavy{number}.urdf"
+                path.write_text(urdf(4 + 2 * (number % 2), rng, heavy))
+                words = witnessed(path, given.postures, rng)
+                about = {"part": "witnessed", "share": heavy, "postures": len(words)}
+                counts = {each: words.count(each) for each in sorted(set(words))}
+                lines.add(key, about | counts)
+            yield lines.rows[key]
+
+
 def rows(given: Given) -> Iterator[Row]:
     """Rows of all robots and questions, kept ones as they are."""
     lines, count = Lines(given.out), 6 if given.quick else given.robots
@@ -331,6 +405,9 @@ def table(found: list[Row]) -> Iterable[str]:
         most = max((row["cpu_s"] for row in mine), default=0.0)
         lines.append([kind, len(mine), share(count, len(mine)), f"{most:.1f}"])
     yield from markdown(["impossible", "asked", "proved", "CPU-s, most"], lines)
+    heavy = [row for row in found if row["part"] == "witnessed"]
+    count, false = (sum(row.get(name, 0) for row in heavy) for name in ("postures", "infeasible"))
+    yield f"\nWitnessed postures of {len(heavy)} robots with heavy legs: {count}, infeasible: {false}"
     bands = [row for row in found if row["part"] == "band"]
     if bands:
         yield ""
@@ -352,13 +429,13 @@ def table(found: list[Row]) -> Iterable[str]:
 def main(given: Given) -> int:
     """Ask all robots; 1 where an answer is false."""
     found = []
-    for row in rows(given):
+    for row in (*heavy_rows(given), *rows(given)):
         given.say(row)
         found.append(row)
     wrong = [
         row
         for row in found
-        if row["part"] == "possible" and row["status"] in ("infeasible", "error")
+        if row.get("status") in ("infeasible", "error") or row.get("infeasible", 0)
     ]
     print("\n".join(table(found)))
     return int(bool(wrong))

@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 
 STRIDE = 0.5
 """Way of the body until all limbs have moved once, in reaches."""
+SWAY = 1.2
+"""Distance of the body from its nominal path, in distances of toes from it, of two and three feet."""
+APART = 0.6
+"""Width of their candidates, in distances of toes from each other, so that legs do not cross."""
 CANDIDATES = 3
 
 
@@ -133,10 +137,19 @@ def course_between(
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
     }
+    if len(body.limbs) < 4:  # the body goes from over one foot to over another
+        aside = float(np.linalg.norm(toes[:, :2], axis=1).max())
+        between = np.linalg.norm(toes[:, None, :2] - toes[:, :2], axis=2)
+        least = float(between[between > 0.0].min(initial=np.inf))
+        window = min(update["candidates"]["window_m"], max(APART * least, 0.02))
+        update["candidates"]["window_m"] = window
+        room = max(spec.body.com_radius_m, SWAY * aside)
+        update["body"] = spec.body.model_copy(update={"com_radius_m": room})
+        update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * SWAY * aside)
     if not alternative.near_toes:
         update["weights"] = {"stance": 0.0}
     if alternative.level:
-        update["body"] = described().level()
+        update["body"] = described(**{k: v for k, v in update.items() if k == "body"}).level()
     return described(stance=spec.stance, **update)
 
 

@@ -165,6 +165,8 @@ class _Tree:
         self.places = [
             (np.array(at.rotation), np.array(at.translation)) for at in model.jointPlacements
         ]
+        if any(mass > 0.0 for mass in self.masses[: self.base]):
+            raise InvalidInput(f"robot {robot.name}: expected no mass that floats beside its base")
         self.names = [str(name) for name in model.names]
         self.joints: dict[int, tuple[Array, bool, float, float]] = {}
         for j in range(self.base + 1, model.njoints):

@@ -181,7 +181,8 @@ class _Flood:
             rise = patch.normal[:2] / patch.normal[2]
             height = patch.centre_m[2] - (along - patch.centre_m[0]) * rise[0]
             height = height - (aside - patch.centre_m[1]) * rise[1]
-            lower = np.where(inside, height, np.inf)
+            sunk = height - COVERED_M / patch.normal[2]
+            lower = np.where(inside, sunk, np.inf)
             ground[i:k, j:m] = np.minimum(ground[i:k, j:m], lower)
         return np.where(np.isfinite(ground), ground, -np.inf)
 
@@ -191,7 +192,7 @@ class _Flood:
 
         count = int((inside_m - self.half) / self.spacing)
         steps = self.spacing * np.arange(-count, count + 1)
-        away = np.hypot(steps[:, None], steps) + self.half
+        away = np.hypot(steps[:, None], steps) + self.half + COVERED_M
         result = np.full(self.shape, -np.inf)
         for ring in np.unique(away[away <= inside_m]):
             highest = maximum_filter(ground, footprint=away == ring, mode="constant", cval=-np.inf)

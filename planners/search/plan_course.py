@@ -171,7 +171,7 @@ def plan_course(
 
     if not callable(question):
         return answered(question, deadline)
-    return _laid_out(question, layouts, answered, deadline)
+    return _laid_out(question, layouts, answered, deadline, stated)
 
 
 def _search_end(end: float, share: float = SEARCH) -> float:
@@ -265,8 +265,10 @@ def _laid_out(
     layouts: Sequence[Alternative],
     answered: Callable[[Problem, float, Alternative], Answer[Plan]],
     deadline: float,
+    stated: bool,
 ) -> Answer[Plan]:
-    """The answer over the first layout that has a plan; else over the first of all.
+    """The answer over the first layout that has a plan; else over the first of all, which says how
+    many were tried where nobody stated it.
 
     Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other
     has a plan.
@@ -304,8 +306,11 @@ def _laid_out(
     if first is None:
         assert refusal is not None
         raise refusal
-    more = f"; {tried} layouts tried" if tried > 1 else ""
-    return replace(first, message=f"{first.message}{more}")
+    return (
+        first
+        if stated or tried < 2
+        else replace(first, message=f"{first.message}; {tried} layouts tried")
+    )
 
 
 def _wall_s(began: tuple[float, float], processor_s: float) -> float:

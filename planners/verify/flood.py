@@ -42,7 +42,7 @@ from .proof import proof_report
 
 KINDS = {"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4}
 MOST_NODES, MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05
-FACING_UP = 0.1
+FACING_UP = 0.3
 """Surfaces whose normals are steeper than this are no ground."""
 STEEPEST_RAD = 1.5
 """Slope and friction together from which a contact may pull."""
@@ -330,7 +330,8 @@ class _Replay:
             part = tuple(slice(max(a, 0), max(b, 0)) for a, b in zip(low, end, strict=True))
             slope = -patch.normal[:2] / patch.normal[2]
             height = patch.vertices_m[0, 2] + (points[part] - flat[0]) @ slope
-            lower = np.where(_covers(flat, points[part]), height, np.inf)
+            sunk = height - SEAM_M / patch.normal[2]
+            lower = np.where(_covers(flat, points[part]), sunk, np.inf)
             ground[part] = np.minimum(ground[part], lower)
         return np.where(np.isinf(ground), -np.inf, ground)
 
@@ -342,7 +343,7 @@ class _Replay:
         padded = np.pad(ground, count, constant_values=-np.inf)
         for i in range(-count, count + 1):
             for j in range(-count, count + 1):
-                away = self.size * float(np.hypot(i, j)) + self.half
+                away = self.size * float(np.hypot(i, j)) + self.half + SEAM_M
                 if away <= radius:
                     moved = padded[count + i :, count + j :][: self.counts[0], : self.counts[1]]
                     result = np.maximum(result, moved + np.sqrt(radius**2 - away**2))
