@@ -111,6 +111,8 @@ def course_between(
     turns = 2 if gait == "tripod" else len(body.limbs)
     if alternative.gait is not None:
         turns = len(body.limbs)
+    if len(body.limbs) < 4:  # in every other frame the body moves alone
+        turns *= 2
     stride = STRIDE * reach / turns
     length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
     least = 2 if length > 0.0 else 1  # who stands still takes no step
