@@ -16,6 +16,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -429,7 +430,7 @@ def table(found: list[Row]) -> Iterable[str]:
 def main(given: Given) -> int:
     """Ask all robots; 1 where an answer is false."""
     found = []
-    for row in (*heavy_rows(given), *rows(given)):
+    for row in chain(heavy_rows(given), rows(given)):
         given.say(row)
         found.append(row)
     wrong = [

@@ -39,57 +39,18 @@ ROUNDING_M = 1e-9
 """Added for the arithmetic."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OuterSet:
-    """{p : normals p ≤ offsets}, and a ball that holds the same; all in the base's frame.
+def foot_cloud(leg: Leg, steps: int = STEPS) -> Cloud:
+    """All places of a leg's foot in the base's frame.
 
     Arguments:
-        normals: unit vectors, shape (D, 3).
-        offsets_m: shape (D,) [m].
-        centre_m, radius_m: centre and radius of the ball [m].
-        slack_m: ε, by how much the set is larger than the hull of points that are reached [m].
-    """
-
-    normals: Array
-    offsets_m: Array
-    centre_m: Array
-    radius_m: float
-    slack_m: float
-
-    def contains(self, points: Array) -> np.ndarray:
-        """Tell which points, shape (K, 3) [m], are in the set and in the ball, shape (K,)."""
-        within = np.all(points @ self.normals.T <= self.offsets_m, axis=1)
-        return np.asarray(
-            within & (np.linalg.norm(points - self.centre_m, axis=1) <= self.radius_m)
-        )
-
-
-def outer_set(leg: Leg, *, steps: int = STEPS, directions: int = DIRECTIONS) -> OuterSet:
-    """The outer set of a leg's foot.
-
-    Arguments:
-        steps: the finer, the smaller ε.
-        directions: the more, the nearer to the hull.
-    """
-    points, slack = hull_points(leg, steps)
-    normals = directions_of(directions)
-    offsets = (points @ normals.T).max(axis=0) + slack
-    centre, radius = enclosing_ball(points)
-    return OuterSet(
-        normals=normals, offsets_m=offsets, centre_m=centre, radius_m=radius + slack, slack_m=slack
-    )
-
-
-def hull_points(leg: Leg, steps: int) -> tuple[Array, float]:
-    """Points in the base's frame, shape (K, 3), and ε such that every foot is within ε of their
-    convex hull [m].
+        steps: of every joint's range; the finer, the smaller the slack.
     """
     chain, cloud = leg.chain, Cloud(points=leg.chain.tip_m[None], slack_m=ROUNDING_M)
     limits = np.column_stack([leg.lower_rad, leg.upper_rad])
     for i in reversed(range(chain.joints)):
         place, axis = (chain.rotations[i], chain.origins[i]), chain.axes[i]
         cloud = turned(cloud, 1.0, *place, axis, bool(chain.slides[i]), *limits[i], steps=steps)
-    return cloud.points, cloud.slack_m
+    return cloud
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

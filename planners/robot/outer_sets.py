@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import lru_cache, reduce
@@ -31,7 +31,7 @@ from ..files.cache import cache_folder
 from ..files.writing import write_bytes
 from .leg import FULL_TURN, Leg
 from .limb import Limb
-from .outer import ROUNDING_M, STEPS, Cloud, directions_of, summed, turned
+from .outer import ROUNDING_M, STEPS, Cloud, directions_of, foot_cloud, summed, turned
 from .polytope import Polytope
 from .robot_model import RobotModel
 from .shapes import Shape
@@ -238,7 +238,7 @@ class _Tree:
             ball = foot.ball
             balls.append([*(ball[0] + centre), ball[1] + radius])
             reach.append(float(far))
-            alone.append(self._carried(first, {tip: tips[tip]}, masses=False))
+            alone.append(foot_cloud(leg))
         apart = np.zeros((len(legs), len(legs)))
         for i, k in permutations(range(len(legs)), 2):
             apart[i, k] = alone[i].farthest_from(alone[k])
@@ -256,50 +256,28 @@ class _Tree:
         """The joint and all that it carries."""
         return {joint}.union(*(self._below(child) for child in self.children[joint]))
 
-    def _carried(self, joint: int, tips: dict[int, Array], *, masses: bool = True) -> Cloud:
+    def _carried(self, joint: int, tips: Mapping[int, Array]) -> Cloud:
         """The set of all that a joint carries, in the frame before the joint.
 
         Arguments:
             tips: the end of a chain in its last joint's frame, by joint, whose weight is 1.
-            masses: whether bodies weigh.
         """
-        share = -self.masses[joint] / self.mass_kg if masses else 0.0
-        own, weight = share * self.levers[joint], self._weight(joint, tips, masses)
-        if joint in tips:
-            own = own + tips[joint]
-        below = [self._carried(child, tips, masses=masses) for child in self.children[joint]]
-        outward = reduce(summed, below, Cloud(points=own[None], slack_m=ROUNDING_M))
-        return turned(
-            outward, weight, *self.places[joint], *self.joints[joint], steps=STEPS, most=MOST
-        )
-
-    def _weight(self, joint: int, tips: dict[int, Array], masses: bool) -> float:
         below = self._below(joint)
-        carried = sum(self.masses[j] for j in below) / self.mass_kg if masses else 0.0
-        return float(len(below.intersection(tips)) - carried)
+        weight = len(below.intersection(tips)) - sum(self.masses[j] for j in below) / self.mass_kg
+        own = tips.get(joint, 0.0) - self.masses[joint] / self.mass_kg * self.levers[joint]
+        parts = [self._carried(child, tips) for child in self.children[joint]]
+        outward = reduce(summed, parts, Cloud(points=own[None], slack_m=ROUNDING_M))
+        joint_of = (*self.places[joint], *self.joints[joint])
+        return turned(outward, weight, *joint_of, steps=STEPS, most=MOST)
 
 
 def _boxes(robot: RobotModel) -> list[Array]:
     """Largest upright boxes in the shapes of the base's own links, low and high corner, shape (2, 3)
     [m] each.
     """
-    fixed = {
-        joint.get("name", ""): joint
-        for joint in robot.tree.findall("joint")
-        if joint.get("type") == "fixed"
-    }
-    links = {link.get("name", "") for link in robot.tree.findall("link")}
-    children = {child.get("link", "") for child in robot.tree.findall("joint/child")}
-    rigid = links - children
-    while (
-        more := {
-            joint.find("child").get("link", "")  # type: ignore[union-attr]
-            for joint in fixed.values()
-            if joint.find("parent").get("link") in rigid  # type: ignore[union-attr]
-        }
-        - rigid
-    ):
-        rigid |= more
+    model = robot.built
+    base = base_joint(model)
+    rigid = {frame.name for frame in model.frames if frame.parentJoint == base}
     return [
         box
         for shape in solid_shapes(robot.shapes)

@@ -22,7 +22,7 @@ likes, and legs are not judged against the ground. Its extents, which hold it in
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -259,7 +259,7 @@ class _Replay:
             low = np.floor((flat.min(axis=0) - room - self.corner) / self.size).astype(int)
             end = np.ceil((flat.max(axis=0) + room - self.corner) / self.size).astype(int)
             part = tuple(slice(max(a, 0), max(b, 0)) for a, b in zip(low, end, strict=True))
-            away = _distance(self.xy[part].reshape(-1, 2), flat).reshape(self.xy[part].shape[:2])
+            away = _away(self.xy[part], flat)
             top = high + self.grow * float(np.sqrt(max(1.0 - piece.normal[2] ** 2, 0.0)))
             across = np.maximum(away - self.half - self.grow, 0.0)
             below = np.maximum(self._low[part] - top, 0.0)
@@ -331,7 +331,7 @@ class _Replay:
             slope = -patch.normal[:2] / patch.normal[2]
             height = patch.vertices_m[0, 2] + (points[part] - flat[0]) @ slope
             sunk = height - SEAM_M / patch.normal[2]
-            lower = np.where(_covers(flat, points[part]), sunk, np.inf)
+            lower = np.where(_away(points[part], flat) <= SEAM_M, sunk, np.inf)
             ground[part] = np.minimum(ground[part], lower)
         return np.where(np.isinf(ground), -np.inf, ground)
 
@@ -360,49 +360,16 @@ def _beside(cells: Cells) -> Cells:
     return np.asarray(cells)
 
 
-def _covers(polygon: Array, points: Array) -> Cells:
-    """Tell which points, shape (…, 2), a convex polygon from above covers, to the width of a seam."""
-    covers, turn = np.ones(points.shape[:-1], dtype=bool), _turn(polygon)
-    for corner, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        side, away = end - corner, points - corner
-        left = side[0] * away[..., 1] - side[1] * away[..., 0]
-        covers &= turn * left >= -SEAM_M * float(np.hypot(*side))
-    return covers
+def _away(points: Array, polygon: Array) -> Array:
+    """Distances of points, shape (…, 2), from a convex polygon from above, 0 inside [m]."""
+    import shapely  # slow to import
 
-
-def _distance(points: Array, polygon: Array) -> Array:
-    """Distances of points, shape (K, 2), from a convex polygon, 0 inside, shape (K,) [m]."""
-    away, inside = np.full(len(points), np.inf), np.ones(len(points), dtype=bool)
-    turn = _turn(polygon)
-    for corner, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        side, to = end - corner, points - corner
-        share = np.clip(to @ side / max(float(side @ side), 1e-300), 0.0, 1.0)
-        away = np.minimum(away, np.linalg.norm(to - share[:, None] * side, axis=1))
-        inside &= turn * (side[0] * to[:, 1] - side[1] * to[:, 0]) >= 0.0
-    return np.where(inside & (turn != 0.0), 0.0, away)
-
-
-def _turn(polygon: Array) -> float:
-    """1 of corners that are counter-clockwise from above, −1 of others, 0 of a line."""
-    following = np.roll(polygon, -1, axis=0)
-    area = float(polygon[:, 0] @ following[:, 1] - polygon[:, 1] @ following[:, 0])
-    return float(np.sign(area)) if abs(area) > 1e-12 else 0.0
+    return np.asarray(shapely.distance(shapely.polygons(polygon), shapely.points(points)))
 
 
 def _apart(one: Patch, two: Patch) -> float:
     """Horizontal distance of two convex pieces [m]."""
-    first, second = (each.vertices_m[:, :2] for each in (one, two))
-    if _crosses(first, second):
-        return 0.0
-    return float(min(_distance(first, second).min(), _distance(second, first).min()))
+    import shapely  # slow to import
 
-
-def _crosses(first: Array, second: Array) -> bool:
-    """Tell whether no line along a side parts two convex polygons."""
-    sides: Sequence[Array] = [np.roll(each, -1, axis=0) - each for each in (first, second)]
-    for side in np.concatenate(sides):
-        across = np.array([-side[1], side[0]])
-        one, two = first @ across, second @ across
-        if one.max() < two.min() or two.max() < one.min():
-            return False
-    return True
+    first, second = (shapely.polygons(each.vertices_m[:, :2]) for each in (one, two))
+    return float(shapely.distance(first, second))

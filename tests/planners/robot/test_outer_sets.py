@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.robot.outer import outer_set
+from stancekit.planners.robot.outer import directions_of, foot_cloud
 from stancekit.planners.robot.outer_sets import OuterSets, outer_sets, outward_m
 from stancekit.planners.robot.reach_sets import contains_all, limbs_over
 from stancekit.planners.robot.robot_model import RobotModel, model_of
@@ -79,8 +79,11 @@ def test_every_posture_of_the_whole_robot_is_within_its_outer_sets(robot: RobotM
 def test_sets_about_the_standing_centre_do_not_hold_a_robot_whose_legs_are_heavy() -> None:
     robot = model_of(ROBOTS["heavy legs"], where="heavy legs")
     feet, centres = postures(robot, 1500)
-    away = feet - centres[:, None] + robot.body.com_m
-    held = [outer_set(leg).contains(away[:, i]) for i, leg in enumerate(robot.legs)]
+    away, normals = feet - centres[:, None] + robot.body.com_m, directions_of()
+    held = [
+        np.all(away[:, i] @ normals.T <= foot_cloud(leg).supports(normals))
+        for i, leg in enumerate(robot.legs)
+    ]
     assert not np.all(held)
 
 
