@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -237,7 +236,7 @@ def _between_places(
     from stancekit.planners.leap.crossing import cross  # of gaps alone
     from stancekit.planners.search.flood import flood
 
-    begin, passage = time.perf_counter(), None
+    begin = time.perf_counter()
     answer: Answer[Plan] | None = None
     try:
         answer = by_frames(deadline=deadline)
@@ -246,10 +245,8 @@ def _between_places(
         why = answer.message or answer.status.value
     except (NoPlace, PlanningFailed) as error:
         why = str(error)
-    proof = None
-    with suppress(InvalidInput):  # a robot of which nobody knows where its feet may be
-        passage = question.passage()
-        proof = None if settings.wrench is not None else flood(passage)
+    passage = question.passage()
+    proof = None if settings.wrench is not None else flood(passage)
     leaps = settings.leaps and _leaps(question, settings)
     if leaps:
         assert question.robot is not None

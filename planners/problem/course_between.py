@@ -243,13 +243,13 @@ class LaidBetween:
     def passage(self) -> Passage:
         """The question itself, in whatever way a course is laid out for it.
 
-        Raises InvalidInput, also for a robot whose feet may be nobody knows where.
+        Raises InvalidInput.
         """
-        from ..robot.outer_sets import Extent  # measures legs, which is slow to import
-        from ..robot.robot_file import robot_of
+        from ..robot.robot_file import robot_of  # reads files
 
         robot = robot_of("hexapod" if self.robot is None else self.robot)
         terrain = self.terrain.along(np.array([self.goal_m]), Path())
+        far = max(float(np.linalg.norm(limb.shoulder_m)) + limb.reach_m for limb in robot.limbs)
         return Passage(
             name=_called(self.terrain.file),
             robot=robot,
@@ -257,7 +257,7 @@ class LaidBetween:
             footholds=tuple(patch for _, patch in terrain.standing),
             start_m=np.array(self.start_m),
             goal_m=np.array(self.goal_m),
-            near_m=NEAR * Extent.of(robot).reach_m,
+            near_m=NEAR * far,
         )
 
     @cached_property
