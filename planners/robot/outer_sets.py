@@ -264,11 +264,22 @@ class _Tree:
         """
         below = self._below(joint)
         weight = len(below.intersection(tips)) - sum(self.masses[j] for j in below) / self.mass_kg
-        own = tips.get(joint, 0.0) - self.masses[joint] / self.mass_kg * self.levers[joint]
+        own = tips.get(joint, np.zeros(3)) - self.masses[joint] / self.mass_kg * self.levers[joint]
         parts = [self._carried(child, tips) for child in self.children[joint]]
         outward = reduce(summed, parts, Cloud(points=own[None], slack_m=ROUNDING_M))
-        joint_of = (*self.places[joint], *self.joints[joint])
-        return turned(outward, weight, *joint_of, steps=STEPS, most=MOST)
+        (rotation, origin), (axis, slides, low, high) = self.places[joint], self.joints[joint]
+        return turned(
+            outward,
+            weight,
+            rotation,
+            origin,
+            axis,
+            slides,
+            low,
+            high,
+            steps=STEPS,
+            most=MOST,
+        )
 
 
 def _boxes(robot: RobotModel) -> list[Array]:
