@@ -142,8 +142,8 @@ def course_between(
     if len(body.limbs) < 4:  # the body goes from over one foot to over another
         aside = float(np.linalg.norm(toes[:, :2], axis=1).max())
         between = np.linalg.norm(toes[:, None, :2] - toes[:, :2], axis=2)
-        least = float(between[between > 0.0].min(initial=np.inf))
-        window = min(update["candidates"]["window_m"], max(APART * least, 0.02))
+        nearest = float(between[between > 0.0].min(initial=np.inf))
+        window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02))
         update["candidates"]["window_m"] = window
         room = max(spec.body.com_radius_m, SWAY * aside)
         update["body"] = spec.body.model_copy(update={"com_radius_m": room})

@@ -356,7 +356,8 @@ def _beside(cells: Cells) -> Cells:
         ends = [(0, 0), (0, 0)]
         ends[axis] = (1, 1)
         padded = np.pad(cells, ends)
-        cells = np.lib.stride_tricks.sliding_window_view(padded, 3, axis=axis).any(axis=-1)
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 3, axis=axis)
+        cells = np.asarray(windows.any(axis=-1))
     return np.asarray(cells)
 
 
