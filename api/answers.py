@@ -9,7 +9,7 @@ from typing import Any, overload
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.learners.data.labelling import RecheckReport
-from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
@@ -65,7 +65,7 @@ def explain(subject: Answer[Any] | Certificate, *, tolerance: float | None = Non
     """
     if isinstance(subject, Answer):
         certificate = _proof(subject)
-        if certificate is None or subject.status is not Status.INFEASIBLE:
+        if certificate is None:
             raise InvalidInput(
                 f"explain: expected an answer that is infeasible, got one that is {subject.status}"
             )

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
-from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
@@ -23,12 +23,12 @@ from stancekit.planners.formats.partial_plan import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
+from stancekit.planners.problem.candidates import NoPlace
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_names import is_leap_file
 from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.problem.wrench import wrench_of
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Planner
@@ -37,6 +37,12 @@ from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.plan_settings import PlanSettings
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
+
+if TYPE_CHECKING:
+    from stancekit.planners.problem.course_between import LaidBetween
+
+BALANCED = "balanced motion is proved impossible, and leaps are not"
+"""Of an answer that is undecided though a flood proves that no balanced motion leads to the goal."""
 
 
 @overload
@@ -108,13 +114,16 @@ def plan(
     Returns:
         An ``Answer``: feasible with a plan, its ``solution``, that the verifier accepted in every
         stance and between them, as far as its ``report`` says that it was checked; infeasible with
-        a certificate, over the outer sets of a robot's own legs, for the course in ``problem``,
-        which has the candidates and the tilt limit of one that was laid out already; or undecided,
-        also with a plan whose joints cannot do it, whose bodies collide, or that was not judged in
-        time. ``bound`` is a proved lower bound on the objective of any plan. Of a leap, one with a
-        ``LeapPlan``. Over a terrain with a gap that key frames do not cross, of a robot whose legs
-        have limits of torque and speed, one with a ``Crossing``: key frames up to the gap, a leap,
-        and key frames on from it; its ``refusal`` is what key frames alone came to.
+        a certificate, of the question that was asked: of a course, which states its layout, over
+        the outer sets of a robot's own legs, for the course in ``problem``, which has the candidates
+        and the tilt limit of one that was laid out already; between two places, that no balanced
+        motion leads from start to goal, for the ``Passage`` in ``problem``; or undecided, also with
+        a plan whose joints cannot do it, whose bodies collide, or that was not judged in time, and
+        between places with that certificate where the robot may leap. ``bound`` is a proved lower
+        bound on the objective of any plan. Of a leap, one with a ``LeapPlan``. Over a
+        terrain with a gap that key frames do not cross, of a robot whose legs have limits
+        of torque and speed, one with a ``Crossing``: key frames up to the gap, a leap, and
+        key frames on from it; its ``refusal`` is what key frames alone came to.
 
     Raises:
         InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are
@@ -152,64 +161,84 @@ def plan(
         kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
         progress=progress,
     )
-    loaded = settings.push_n > 0.0 or settings.wrench is not None
-    if start_xy_m is not None and _may_leap(question, loaded=loaded):
-        return _or_leap(by_frames, question, planner, settings.body, deadline)
+    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
+    if isinstance(question, LaidBetween):
+        return _between_places(by_frames, question, planner, settings, deadline)
     return by_frames(deadline=deadline)
 
 
-def _or_leap(
+def _between_places(
     by_frames: Callable[..., Answer[Plan]],
-    question: Problem | LayOut,
+    question: LaidBetween,
     planner: Planner,
-    limits: WholeBodyLimits,
+    settings: PlanSettings,
     deadline: float,
 ) -> Answer[Plan] | Answer[Crossing]:
     """Plan by key frames alone; where they have no plan, climb, leap and climb.
 
-    Where leaps do not help either, the answer is that of key frames, a proof included, and its
-    message says what leaps came to.
+    Where leaps do not help either, a flood proves that no balanced motion leads to the goal, or
+    nothing does, whatever the time limit: the answer is infeasible where the robot may not leap, and
+    undecided otherwise.
 
     Arguments:
         by_frames: plans by key frames until a ``deadline``.
         question: the course between two places.
         planner: plans the climbs.
-        limits: of the whole body.
-        deadline: the time at which all of it ends (``time.perf_counter``) [s].
+        settings: what plans have to keep.
+        deadline: the time at which the search ends (``time.perf_counter``) [s].
     """
     from stancekit.planners.leap.crossing import cross  # of gaps alone
-    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+    from stancekit.planners.search.flood import flood
 
-    assert isinstance(question, LaidBetween)
-    assert question.robot is not None
+    begin = time.perf_counter()
     answer: Answer[Plan] | None = None
     try:
         answer = by_frames(deadline=deadline)
         if answer.status is Status.FEASIBLE:
             return answer
         why = answer.message or answer.status.value
-    except PlanningFailed as error:
+    except (NoPlace, PlanningFailed) as error:
         why = str(error)
-    crossed = cross(
-        question, planner, robot=question.robot, refusal=why, limits=limits, deadline=deadline
-    )
-    if crossed is not None and crossed.status is Status.FEASIBLE:
-        return crossed
-    message = why if crossed is None else crossed.message
+    passage = question.passage()
+    proof = None if settings.wrench is not None else flood(passage)
+    leaps = settings.leaps and _leaps(question, settings)
+    if leaps:
+        assert question.robot is not None
+        crossed = cross(
+            question,
+            planner,
+            robot=question.robot,
+            refusal=why,
+            proof=proof,
+            limits=settings.body,
+            deadline=deadline,
+        )
+        if crossed is not None and crossed.status is Status.FEASIBLE:
+            return crossed
+        why = why if crossed is None else crossed.message
     if answer is None:
-        raise PlanningFailed(message)
-    return replace(answer, message=message)
+        effort = Effort(seconds=time.perf_counter() - begin)
+        answer = Answer(
+            status=Status.UNDECIDED, method=planner.name, problem=passage, effort=effort
+        )
+    if proof is None:
+        return replace(answer, message=why)
+    infeasible = replace(answer, certificate=proof, problem=passage, solution=None, report=None)
+    if leaps:
+        return replace(infeasible, message=f"{BALANCED}; {why}")
+    return replace(infeasible, status=Status.INFEASIBLE, message=why, bound=float("inf"))
 
 
-def _may_leap(question: Problem | LayOut, *, loaded: bool) -> bool:
-    """Tell whether leaps may be tried where key frames have no plan: over a terrain, by a robot that
-    was named, with nothing on its body and nobody who pushes it.
+def _leaps(question: LaidBetween, settings: PlanSettings) -> bool:
+    """Tell whether a robot may leap: one that was named and has legs of its own, with nothing on its
+    body and nobody who pushes it.
     """
-    if loaded or isinstance(question, Problem):
+    if question.robot is None or settings.push_n > 0.0 or settings.wrench is not None:
         return False
-    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+    from stancekit.planners.robot.robot_file import robot_of  # reads files
 
-    return isinstance(question, LaidBetween) and question.robot is not None
+    return robot_of(question.robot).source.own
 
 
 def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:

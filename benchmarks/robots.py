@@ -34,6 +34,7 @@ from _robot_step import REACHED_M, step_line, step_row
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.inverse_kinematics import InverseKinematics, Seeds
+from stancekit.planners.robot.outer import directions_of, foot_cloud
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.workspace import Workspace, workspace_of
@@ -172,17 +173,18 @@ def row(name: str, file: str, legs: int) -> dict[str, Any]:
         return found | {"no_workspace": str(error)}
     found["workspace_s"] = (time.process_time() - started) / len(measured)
     rng = np.random.default_rng(1)
-    outside = sum(
-        int(np.count_nonzero(~each.outer.contains(leg.chain.feet(leg.random_angles(RANDOM, rng)))))
-        for leg, each in zip(measured, workspaces, strict=True)
-    )
+    normals, clouds = directions_of(), [foot_cloud(leg) for leg in measured]
+    outside = 0
+    for leg, cloud in zip(measured, clouds, strict=True):
+        feet = leg.chain.feet(leg.random_angles(RANDOM, rng))
+        outside += int(np.any(feet @ normals.T > cloud.supports(normals), axis=1).sum())
     return found | {
         "reach_m": workspaces[0].reach_m,
         "faces": len(workspaces[0].inner.normals),
         "cover": min(each.cover for each in workspaces),
         "unreachable": max(each.unreachable for each in workspaces),
         "outside": outside,
-        "slack_m": max(each.outer.slack_m for each in workspaces),
+        "slack_m": max(cloud.slack_m for cloud in clouds),
         **kinematics(model, workspaces, rng),
     }
 

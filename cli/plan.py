@@ -168,6 +168,9 @@ class PlanCourse:
     """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
     proof: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Where the course is infeasible: the proof, for `stancekit verify` and whoever doubts it."""
+    leaps: bool = True
+    """With --start and --goal: a robot that was named may leap where key frames have no plan. Without
+    leaps, what no balanced motion does is infeasible, else undecided, with the proof all the same."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the plan: .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
@@ -289,6 +292,7 @@ class PlanCourse:
                 push_n=self.push_n,
                 wrench=wrench_numbers(self.wrench),
                 standing=self.between.map,
+                leaps=self.leaps,
                 checkpoint=None if self.out is None else self.out.with_suffix(".partial.json"),
             )
 

@@ -127,7 +127,7 @@ def _reason_of(answer: Answer[Any]) -> str:
     """The planner's message; of what is refuted, the reason that the proof gives, and the sets it
     is over.
     """
-    if answer.certificate is None or answer.problem is None:
+    if answer.certificate is None or answer.problem is None or answer.status.value != "infeasible":
         return answer.message
     from stancekit.planners.verify import explain
 
@@ -271,7 +271,7 @@ def _crossing_lines(answer: Answer[Crossing], crossing: Crossing) -> Iterator[st
     if crossing.certificate is not None:
         from stancekit.planners.verify import explain
 
-        yield f"  proved, straight ahead: {explain(crossing.certificate).message}"
+        yield f"  proved: {explain(crossing.certificate).message}"
     for k, part in enumerate(crossing.parts, 1):
         first, last = (part.com_m[i] for i in (0, -1))
         way = f"from ({first[0]:.2f}, {first[1]:.2f}) to ({last[0]:.2f}, {last[1]:.2f})"
@@ -296,6 +296,7 @@ def _doubts(answer: Answer[Any], time_limit_s: float) -> Iterator[str]:
 def _record(answer: Answer[Any], reason: str) -> dict[str, Any]:
     """Everything as one JSON object."""
     from stancekit.planners.answer.report import or_null
+    from stancekit.planners.verify import explain
 
     effort = answer.effort
     numbers = {
@@ -321,6 +322,7 @@ def _record(answer: Answer[Any], reason: str) -> dict[str, Any]:
     }
     if answer.certificate is not None:
         record["leaves"] = len(answer.certificate.multipliers)
+        record["proof"] = explain(answer.certificate).message
     if answer.solution is not None and answer.report is not None:
         record["verdict"] = answer.report.to_json()
         record |= _solution_record(answer.solution)

@@ -208,7 +208,6 @@ def _record(model: RobotModel, workspaces: list[Workspace | None], trouble: str)
                 "faces": len(workspace.inner.normals),
                 "ball_m": workspace.ball_m.tolist(),
                 "box_m": workspace.box_m.tolist(),
-                "outer_slack_m": workspace.outer.slack_m,
             }
         legs.append(record)
     return {

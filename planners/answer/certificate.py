@@ -13,6 +13,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
 from ..problem import Problem
 from ..problem.leap import Leap
+from ..problem.passage import Passage
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
@@ -50,7 +51,8 @@ class Certificate:
             problem; 6 + 3N for a posture. A leaf in which a foothold has no candidate left needs
             none. Any multipliers give a valid bound, so nothing here has to be trusted
             (``verify.check_certificate``).
-        problem: which has no answer: a posture problem, a course or a leap. None in a proof that
+        problem: which has no answer: a posture problem, a course, a leap, or a passage, whose tree
+            and multipliers ``verify.flood`` tells of. None in a proof that
             was read without it; ``of`` puts that right.
     Source:
         Lagrangian bounds of Lin et al.'s P, branched where one bound does not do:
@@ -66,7 +68,7 @@ class Certificate:
 
     tree: Array
     multipliers: Array
-    problem: Problem | Leap | None = None
+    problem: Problem | Leap | Passage | None = None
 
     def __post_init__(self) -> None:
         for name in ("tree", "multipliers"):
@@ -90,7 +92,7 @@ class Certificate:
             return sets_of(self.problem.robot)
         return "inner" if self.problem.robot.identity else None
 
-    def of(self, problem: Problem | Leap) -> Certificate:
+    def of(self, problem: Problem | Leap | Passage) -> Certificate:
         """Certificate with the same tree and multipliers as a proof of this problem, right or
         wrong.
         """
@@ -99,7 +101,7 @@ class Certificate:
         return certificate
 
     @property
-    def refuted(self) -> Problem | Leap:
+    def refuted(self) -> Problem | Leap | Passage:
         """The problem.
 
         Raises InvalidInput where the certificate does not know it.

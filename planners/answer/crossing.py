@@ -24,8 +24,8 @@ class Crossing:
         name: of the course.
         parts: plans of key frames and of leaps in order, the first of key frames.
         refusal: what key frames alone came to, in words.
-        certificate: proof that one course of key frames, from start to goal straight ahead, has no
-            plan, with that course as its problem; None where nothing is proved.
+        certificate: proof that no balanced motion leads from start to goal, with that passage as its
+            problem; None where nothing is proved.
     Source:
         None: Lin et al. for the climbs, Newton and Euler for the leaps.
 

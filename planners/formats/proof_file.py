@@ -17,6 +17,7 @@ from ..files.validation import shown
 from ..files.writing import write_text
 from ..problem import Problem
 from ..problem.leap import Leap
+from ..problem.passage import Passage
 from ..problem.posture import FORMAT as POSTURE
 from ..verify import check_certificate, explain
 from .file_check import FileCheck
@@ -46,15 +47,15 @@ def proof_content(certificate: Certificate, where: str | Path) -> dict[str, Any]
     return {"format": FORMAT, "subject": subject.to_json(), **certificate.to_json()}
 
 
-def read_proof(path: str | Path) -> tuple[Problem, Certificate]:
-    """The problem, and its certificate, of what ``write_proof`` wrote.
+def read_proof(path: str | Path) -> tuple[Problem | Passage, Certificate]:
+    """The problem or the passage, and its certificate, of what ``write_proof`` wrote.
 
     Raises InvalidInput in one line for anything else.
     """
     return proof_from(read_json(path), path)
 
 
-def proof_from(data: Any, path: str | Path) -> tuple[Problem, Certificate]:
+def proof_from(data: Any, path: str | Path) -> tuple[Problem | Passage, Certificate]:
     """The problem and its certificate of a file's content, see ``read_proof``."""
     if not is_proof(data):
         came = data.get("format") if isinstance(data, dict) else type(data).__name__
@@ -64,8 +65,10 @@ def proof_from(data: Any, path: str | Path) -> tuple[Problem, Certificate]:
         raise InvalidInput(
             f"{path}: expected the keys {', '.join(KEYS)}; missing or unknown: {names:.120}"
         )
+    subject = data["subject"]
+    of_passage = isinstance(subject, Mapping) and subject.get("format") == Passage.FORMAT
     try:
-        problem = Problem.from_json(data["subject"])
+        problem = Passage.from_json(subject) if of_passage else Problem.from_json(subject)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: subject: {error}") from None
     try:
@@ -82,7 +85,7 @@ def check_proof_file(path: str | Path) -> FileCheck:
     """
     subject, certificate = read_proof(path)
     proof = check_certificate(certificate)
-    of_course = not subject.is_posture
+    of_course = isinstance(subject, Passage) or not subject.is_posture
     name = subject.name if of_course else f"posture on {', '.join(subject.legs)}"
     reason = explain(certificate).message if proof.accepted else proof.message
     kind: Literal["no-plan", "no-posture"] = "no-plan" if of_course else "no-posture"

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.answer import Answer, Effort, Status
+from ..answer.certificate import Certificate
 from ..answer.crossing import Crossing
 from ..answer.leap_plan import LeapPlan
 from ..answer.plan import Plan
@@ -142,6 +143,7 @@ def cross(
     *,
     robot: Robot | str,
     refusal: str,
+    proof: Certificate | None = None,
     limits: WholeBodyLimits = WholeBodyLimits(),
     finder: LeapFinder = LeapFinder(solves=50, proof=0),
     deadline: float = np.inf,
@@ -154,6 +156,7 @@ def cross(
         planner: of contacts of key frames.
         robot: whose legs are known.
         refusal: what key frames alone came to.
+        proof: that no balanced motion crosses it, where there is one.
         limits: of joints and bodies of climbs.
         finder: of leaps.
         deadline: when the answer is wanted (``time.perf_counter()``).
@@ -191,6 +194,7 @@ def cross(
         terrain=terrain,
         way=way,
         refusal=refusal,
+        proof=proof,
     ).answer()
 
 
@@ -208,6 +212,7 @@ class _Crossing:
     terrain: Terrain
     way: Stretches
     refusal: str
+    proof: Certificate | None
 
     def answer(self) -> Answer[Plan] | Answer[Crossing]:
         """The crossing, or why there is none."""
@@ -215,8 +220,6 @@ class _Crossing:
         straight = self._straight()
         if straight is not None and straight.status is Status.FEASIBLE:
             return straight
-        proof = None if straight is None else straight.certificate
-        refusal = self.refusal if straight is None or proof is None else straight.message
         parts, why = list[Plan | LeapPlan](), ""
         solves = tries = 0
         for part in self._parts():
@@ -234,10 +237,12 @@ class _Crossing:
                 method=self.planner.name,
                 problem=problem,
                 effort=effort,
-                message=f"key frames alone: {refusal}; with leaps: {why}",
+                message=f"key frames alone: {self.refusal}; with leaps: {why}",
             )
         name = parts[0].problem.name
-        crossing = Crossing(name=name, parts=tuple(parts), refusal=refusal, certificate=proof)
+        crossing = Crossing(
+            name=name, parts=tuple(parts), refusal=self.refusal, certificate=self.proof
+        )
         report = check_crossing(crossing)
         return Answer(
             status=Status.FEASIBLE if report.accepted else Status.UNDECIDED,
@@ -251,9 +256,7 @@ class _Crossing:
         )
 
     def _straight(self) -> Answer[Plan] | None:
-        """Answer of key frames straight ahead, of which there may be a proof; None where they are
-        not laid out.
-        """
+        """Answer of key frames straight ahead; None where they are not laid out."""
         question = replace(self.question, straight=True)
         try:
             return plan_course(

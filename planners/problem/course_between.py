@@ -27,6 +27,7 @@ from .course_keys import CourseSpec
 from .course_layout import build_course
 from .file_terrain import FileTerrain
 from .guide_path import Footprint, guide_path
+from .passage import NEAR, Passage
 from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
 
@@ -36,6 +37,10 @@ if TYPE_CHECKING:
 
 STRIDE = 0.5
 """Way of the body until all limbs have moved once, in reaches."""
+SWAY = 1.2
+"""Distance of the body from its nominal path, in distances of toes from it, of two and three feet."""
+APART = 0.6
+"""Width of their candidates, in distances of toes from each other, so that legs do not cross."""
 CANDIDATES = 3
 
 
@@ -106,9 +111,12 @@ def course_between(
     turns = 2 if gait == "tripod" else len(body.limbs)
     if alternative.gait is not None:
         turns = len(body.limbs)
+    if len(body.limbs) < 4:  # in every other frame the body moves alone
+        turns *= 2
     stride = STRIDE * reach / turns
     length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-    wanted = max(2, int(np.ceil(length / stride)) + 1) if frames is None else frames
+    least = 2 if length > 0.0 else 1  # who stands still takes no step
+    wanted = max(least, int(np.ceil(length / stride)) + 1) if frames is None else frames
     if wanted > MOST_FRAMES:
         raise InvalidInput(
             f"goal: expected a way of at most {stride * (MOST_FRAMES - 1):.3g} m ({MOST_FRAMES} "
@@ -131,10 +139,19 @@ def course_between(
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
     }
+    if len(body.limbs) < 4:  # the body goes from over one foot to over another
+        aside = float(np.linalg.norm(toes[:, :2], axis=1).max())
+        between = np.linalg.norm(toes[:, None, :2] - toes[:, :2], axis=2)
+        nearest = float(between[between > 0.0].min(initial=np.inf))
+        window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02))
+        update["candidates"]["window_m"] = window
+        room = max(spec.body.com_radius_m, SWAY * aside)
+        update["body"] = spec.body.model_copy(update={"com_radius_m": room})
+        update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * SWAY * aside)
     if not alternative.near_toes:
         update["weights"] = {"stance": 0.0}
     if alternative.level:
-        update["body"] = described().level()
+        update["body"] = described(**{k: v for k, v in update.items() if k == "body"}).level()
     return described(stance=spec.stance, **update)
 
 
@@ -222,6 +239,26 @@ class LaidBetween:
         if sets == "inner" and alternative is AS_ASKED:
             return self._as_asked
         return self._laid(self.start_m, self.frames, sets, alternative, ())
+
+    def passage(self) -> Passage:
+        """The question itself, in whatever way a course is laid out for it.
+
+        Raises InvalidInput.
+        """
+        from ..robot.robot_file import robot_of  # reads files
+
+        robot = robot_of("hexapod" if self.robot is None else self.robot)
+        terrain = self.terrain.along(np.array([self.goal_m]), Path())
+        far = max(float(np.linalg.norm(limb.shoulder_m)) + limb.reach_m for limb in robot.limbs)
+        return Passage(
+            name=_called(self.terrain.file),
+            robot=robot,
+            terrain=terrain.patches,
+            footholds=tuple(patch for _, patch in terrain.standing),
+            start_m=np.array(self.start_m),
+            goal_m=np.array(self.goal_m),
+            near_m=NEAR * far,
+        )
 
     @cached_property
     def _as_asked(self) -> Problem:

@@ -356,9 +356,9 @@ def _with_shifts(
     sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]
 ) -> tuple[tuple[str, ...], ...]:
     """A cycle with a frame in which nobody moves wherever the supports before and after it share a
-    line alone: on all of its feet the body comes from the one to the other. Of four feet these are
-    those of diagonal neighbours. A cycle that would end so begins so, since a robot that stands is
-    in the middle of its feet.
+    line, a point or nothing: on all of its feet the body comes from the one to the other. Of four
+    feet these are those of diagonal neighbours, of three and two all. A cycle that would end so
+    begins so, since a robot that stands is in the middle of its feet.
 
     Arguments:
         places: positions of the shoulders, which say on which side of a line a limb is.
@@ -367,7 +367,9 @@ def _with_shifts(
     for moved, moving in zip(sets, [*sets[1:], *sets[:1]], strict=True):
         cycle.append(moved)
         shared = [name for name in places if name not in moved and name not in moving]
-        if len(shared) == 2:
+        if len(shared) < 2:
+            cycle.append(())
+        elif len(shared) == 2:
             first, along = places[shared[0]][:2], (places[shared[1]] - places[shared[0]])[:2]
             sides = [
                 np.sign(along[0] * off[1] - along[1] * off[0])

@@ -216,8 +216,9 @@ def guide_path(
 
     Arguments:
         avoid_m: places (x, y) where a plan along another way failed.
-        standing: map of where the robot can stand when it faces along x: a way avoids places where
-            standing is proved impossible, and costs more where it is likely impossible.
+        standing: map of where the robot can stand when it faces along x: a way costs more where it is
+            not likely to, and most where standing there so is proved impossible, which another
+            heading or height may lift.
 
     Raises:
         NoPlace: for a start or goal in a solid, off the terrain, or without footholds for all toes,
@@ -429,12 +430,11 @@ class _Lattice:
     ) -> GuidePath:
         """The cheapest way."""
         ends = [self._node(place, name) for place, name in ((start, "start"), (goal, "goal"))]
-        if ends[0] == ends[1]:
-            gap = float(np.linalg.norm(goal - start))
-            raise InvalidInput(
-                f"goal: expected a place {self.spacing_m:.2g} m or more from the start, got "
-                f"{gap:.2g} m"
-            )
+        if ends[0] == ends[1]:  # it stands still, or nearly so
+            height = self._point(ends[0])[2]
+            points = np.array([[*start, height], [*goal, height]])
+            number = int(self.room.ravel()[ends[0]])
+            return GuidePath(points_m=points, room_m=ROOMS[number - 1 if number > 0 else -1][0])
         worth = self.worth
         for place in avoid_m:
             off = np.linalg.norm(self._places() - place[:2], axis=-1)
@@ -443,15 +443,8 @@ class _Lattice:
         if standing is not None:
             verdict = standing.at(self._places(), 0.0)
             worth = np.where(verdict == UNLIKELY, DOUBTED * worth, worth)
-            free = free & (verdict != INFEASIBLE)
-            free.ravel()[ends] = True  # a robot that is there stands somehow
+            worth = np.where(verdict == INFEASIBLE, DOUBTED**2 * worth, worth)
         path = self._cheapest(ends, free, worth)
-        if path is None and standing is not None and self._cheapest(ends, self.free, worth):
-            raise PlanningFailed(
-                f"no way from ({start[0]:g}, {start[1]:g}) to ({goal[0]:g}, {goal[1]:g}): every "
-                "one goes over places "
-                f"of the map where {standing.robot} cannot stand, facing along x"
-            )
         if path is None:
             raise PlanningFailed(self._refusal(start, goal, ends))
         points, rooms = self._shortened(path, worth, free)

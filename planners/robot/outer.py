@@ -29,78 +29,112 @@ from .leg import Leg
 STEPS = 48
 """Steps of a joint's whole range."""
 DIRECTIONS = 128
-MOST_POINTS = 1500
+MOST_POINTS = 2500
 """Most points of a hull that is turned; more are thinned."""
+MOST_SUMMED = 200
+"""Most points of a hull that is added to another one."""
 COARSEST = 0.005
-"""Share of the leg's length: how far thinning moves a point at most."""
+"""Share of a hull's size: how far the finest thinning moves a point at most."""
 ROUNDING_M = 1e-9
 """Added for the arithmetic."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OuterSet:
-    """{p : normals p ≤ offsets}, and a ball that holds the same; all in the base's frame.
+def foot_cloud(leg: Leg, steps: int = STEPS) -> Cloud:
+    """All places of a leg's foot in the base's frame.
 
     Arguments:
-        normals: unit vectors, shape (D, 3).
-        offsets_m: shape (D,) [m].
-        centre_m, radius_m: centre and radius of the ball [m].
-        slack_m: ε, by how much the set is larger than the hull of points that are reached [m].
+        steps: of every joint's range; the finer, the smaller the slack.
+    """
+    chain, cloud = leg.chain, Cloud(points=leg.chain.tip_m[None], slack_m=ROUNDING_M)
+    limits = np.column_stack([leg.lower_rad, leg.upper_rad])
+    for i in reversed(range(chain.joints)):
+        place, axis = (chain.rotations[i], chain.origins[i]), chain.axes[i]
+        cloud = turned(cloud, 1.0, *place, axis, bool(chain.slides[i]), *limits[i], steps=steps)
+    return cloud
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cloud:
+    """All that is within a slack of the convex hull of points.
+
+    Arguments:
+        points: shape (K, 3) [m].
+        slack_m: ε [m].
     """
 
-    normals: Array
-    offsets_m: Array
-    centre_m: Array
-    radius_m: float
+    points: Array
     slack_m: float
 
-    def contains(self, points: Array) -> np.ndarray:
-        """Tell which points, shape (K, 3) [m], are in the set and in the ball, shape (K,)."""
-        within = np.all(points @ self.normals.T <= self.offsets_m, axis=1)
-        return np.asarray(
-            within & (np.linalg.norm(points - self.centre_m, axis=1) <= self.radius_m)
-        )
+    def supports(self, normals: Array) -> Array:
+        """Largest product with unit vectors, shape (D, 3), shape (D,) [m]."""
+        return np.asarray((self.points @ normals.T).max(axis=0) + self.slack_m)
+
+    @property
+    def ball(self) -> tuple[Array, float]:
+        """Centre and radius of a ball that holds it [m]."""
+        centre, radius = enclosing_ball(self.points)
+        return centre, radius + self.slack_m
+
+    def fewer(self, most: int) -> Cloud:
+        """A cloud that holds this one, of so many points or a few more."""
+        points, slack, share = self.points, 0.0, COARSEST
+        size = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-6)
+        while len(points) > most and share < 1.0:
+            points, slack = _thinned(self.points, 0.5 * share * size)
+            share *= 1.25
+        return Cloud(points=points, slack_m=self.slack_m + slack)
+
+    def farthest_from(self, other: Cloud) -> float:
+        """Largest distance of a point of this one from one of another [m]."""
+        from scipy.spatial.distance import cdist  # slow to import
+
+        one, two = self.fewer(MOST_POINTS), other.fewer(MOST_POINTS)
+        return float(cdist(one.points, two.points).max()) + one.slack_m + two.slack_m
 
 
-def outer_set(leg: Leg, *, steps: int = STEPS, directions: int = DIRECTIONS) -> OuterSet:
-    """The outer set of a leg's foot.
+def turned(
+    cloud: Cloud,
+    weight: float,
+    rotation: Array,
+    origin: Array,
+    axis: Array,
+    slides: bool,
+    lower: float,
+    upper: float,
+    *,
+    steps: int,
+    most: int = MOST_POINTS,
+) -> Cloud:
+    """Carry what lies outward of a joint over the joint's whole range, into the frame before it.
 
     Arguments:
-        steps: the finer, the smaller ε.
-        directions: the more, the nearer to the hull.
+        weight: of what lies outward: 1 of a point, 0 of the difference of two.
+        rotation, origin: pose of the joint's frame in the one before it.
+        axis: in the joint's own frame.
+        lower, upper: limits of the joint [rad, or m where it slides].
+        steps: of the range.
+        most: points of the cloud; more are thinned.
     """
-    points, slack = hull_points(leg, steps)
-    normals = _sphere_directions(directions)
-    offsets = (points @ normals.T).max(axis=0) + slack
-    centre, radius = enclosing_ball(points)
-    return OuterSet(
-        normals=normals, offsets_m=offsets, centre_m=centre, radius_m=radius + slack, slack_m=slack
-    )
+    thin = cloud.fewer(most)
+    points, slack = thin.points, thin.slack_m
+    if slides:
+        moved = points[None] + weight * np.array([lower, upper])[:, None, None] * axis
+    else:
+        along = (points @ axis)[:, None] * axis
+        across, step = points - along, (upper - lower) / steps
+        slack += step**2 * float(np.linalg.norm(across, axis=1).max()) / 8.0
+        angles = np.linspace(lower, upper, steps + 1)[:, None, None]
+        moved = along + np.cos(angles) * across + np.sin(angles) * np.cross(axis, across)
+    placed = weight * origin + moved.reshape(-1, 3) @ rotation.T
+    return Cloud(points=_extreme(placed), slack_m=slack)
 
 
-def hull_points(leg: Leg, steps: int) -> tuple[Array, float]:
-    """Points in the base's frame, shape (K, 3), and ε such that every foot is within ε of their
-    convex hull [m].
-    """
-    chain = leg.chain
-    points, slack = chain.tip[None], ROUNDING_M
-    for i in reversed(range(chain.joints)):
-        lower, upper = float(leg.lower_rad[i]), float(leg.upper_rad[i])
-        if chain.slides[i]:
-            angles = np.array([lower, upper])
-        else:
-            angles = np.linspace(lower, upper, steps + 1)
-            step, radius = (
-                (upper - lower) / steps,
-                float(np.hypot(points[:, 0], points[:, 1]).max()),
-            )
-            slack += step**2 * radius / 8.0
-        turned = chain.outward(i, np.repeat(points.T[:, :, None], len(angles), axis=2), angles)
-        points = _extreme(turned.reshape(3, -1).T)
-        if i > 0 and len(points) > MOST_POINTS:
-            points, moved = _thinned(points, COARSEST * max(chain.length_m, 1e-6))
-            slack += moved
-    return points, slack
+def summed(one: Cloud, two: Cloud) -> Cloud:
+    """Every sum of a vector of one and a vector of the other."""
+    if len(one.points) * len(two.points) > MOST_POINTS:
+        one, two = (each.fewer(MOST_SUMMED) for each in (one, two))
+    points = (one.points[:, None] + two.points[None]).reshape(-1, 3)
+    return Cloud(points=_extreme(points), slack_m=one.slack_m + two.slack_m)
 
 
 def _extreme(points: Array) -> Array:
@@ -126,7 +160,7 @@ def _thinned(points: Array, most: float) -> tuple[Array, float]:
     return extreme, moved
 
 
-def _sphere_directions(count: int) -> Array:
+def directions_of(count: int = DIRECTIONS) -> Array:
     """Unit vectors spread evenly (a spiral of golden angles), and the six along the axes, shape
     (count + 6, 3).
     """

@@ -2,16 +2,17 @@
 toe is in.
 
 Plans take inner sets, proofs outer ones. A toe planned in the inner polytope is one that the leg
-reaches; that no plan exists within inner sets proves nothing of the robot. The outer set holds all
-that the leg reaches, so that a proof over outer sets is one. The toe is on the foot's surface, a
-radius away from the foot's centre in a direction that the terrain decides: the inner set is that
-much smaller, the outer one that much larger.
+reaches, about the centre of mass of the standing robot; that no plan exists within inner sets proves
+nothing of the robot. The outer set holds every place of the toe about the centre of mass, wherever
+legs and other joints take that (``outer_sets``), so that a proof over outer sets is one. The toe is
+on the foot's surface, a radius away from the foot's centre in a direction that the terrain decides:
+the inner set is that much smaller, the outer one that much larger.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -19,10 +20,14 @@ from ..files.arrays import Array
 from .leg import Leg
 from .limb import Limb
 from .outer import enclosing_ball
+from .outer_sets import contact_radii_m, outer_sets
 from .reach import ReachRows
 from .robot_model import RobotModel
 from .workspace import Workspace
 from .workspace_cache import workspaces_of
+
+if TYPE_CHECKING:
+    from .model import Robot
 
 Sets = Literal["inner", "outer"]
 
@@ -41,10 +46,21 @@ def limbs_over(
             up.
     """
     robot.check_known()
+    if sets == "outer":
+        return _outer_limbs(robot)
     measured = workspaces_of(robot) if workspaces is None else workspaces
     return tuple(
-        _limb(*each, robot.body.com_m, sets) for each in zip(robot.legs, measured, strict=True)
+        _limb(leg, each, robot.body.com_m) for leg, each in zip(robot.legs, measured, strict=True)
     )
+
+
+def contains_all(robot: Robot) -> bool:
+    """Tell whether a robot's limbs may reach all that the legs of its own file may.
+
+    Raises InvalidInput for a robot without such legs.
+    """
+    model = robot.source.own_model()
+    return outer_sets(model).within(robot.limbs, contact_radii_m(model))
 
 
 def standing_toes(robot: RobotModel) -> Array:
@@ -55,23 +71,35 @@ def standing_toes(robot: RobotModel) -> Array:
     return np.array([leg.nominal_m - leg.radius_m * down - robot.body.com_m for leg in robot.legs])
 
 
-def _limb(leg: Leg, workspace: Workspace, com_m: Array, sets: Sets) -> Limb:
-    """One leg: its set as half-spaces, and a ball that holds them."""
-    if sets == "outer":
-        outer = workspace.outer
-        normals, bounds, centre, radius = (
-            outer.normals,
-            outer.offsets_m + leg.radius_m,
-            outer.centre_m,
-            outer.radius_m,
+def _outer_limbs(robot: RobotModel) -> tuple[Limb, ...]:
+    """The limbs over all that the legs may reach, wherever the centre of mass is."""
+    sets, limbs = outer_sets(robot), []
+    for leg, bounds, ball, radius in zip(
+        robot.legs, sets.feet_m, sets.balls_m, contact_radii_m(robot), strict=True
+    ):
+        limbs.append(
+            Limb(
+                name=leg.name,
+                shoulder_m=ball[:3],
+                reach_m=float(ball[3] + radius),
+                reach_rows=ReachRows(normals=sets.normals, bounds_m=bounds + radius),
+                hip_m=leg.hip_m - robot.body.com_m,
+            )
         )
-        radius = radius + leg.radius_m
-    else:
-        inner = workspace.inner
-        normals, bounds = inner.normals, inner.offsets_m - leg.radius_m
-        centre, radius = enclosing_ball(inner.vertices)
-    rows = ReachRows(normals=normals, bounds_m=bounds - normals @ com_m)
-    hip_m = leg.hip_m - com_m
+    return tuple(limbs)
+
+
+def _limb(leg: Leg, workspace: Workspace, com_m: Array) -> Limb:
+    """One leg: its inner set as half-spaces, and a ball that holds them."""
+    inner = workspace.inner
+    centre, radius = enclosing_ball(inner.vertices)
+    rows = ReachRows(
+        normals=inner.normals, bounds_m=inner.offsets_m - leg.radius_m - inner.normals @ com_m
+    )
     return Limb(
-        name=leg.name, shoulder_m=centre - com_m, reach_m=radius, reach_rows=rows, hip_m=hip_m
+        name=leg.name,
+        shoulder_m=centre - com_m,
+        reach_m=radius,
+        reach_rows=rows,
+        hip_m=leg.hip_m - com_m,
     )

@@ -1,11 +1,10 @@
-"""Reachable sets of a leg's foot: sets to plan with, inside of it, and sets to prove with, around
-it.
+"""Reachable sets of a leg's foot, to plan with.
 
 The inner polytope is grown as IRIS does (Deits and Tedrake, 2015): half-spaces against the voxels
 that no sampled posture reaches, each tangent to an ellipsoid at the nearest of them, the ellipsoid
 then fitted to what is left. It is checked by inverse kinematics on points of its own, and cut where
 those are out of reach. A plan over it is one that the leg can follow; that nothing is possible
-within it proves nothing. For that there is the outer set of ``outer``.
+within it proves nothing. For that there are the outer sets of ``outer_sets``.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from .inverse_kinematics import REACHED_M, Seeds
 from .leg import Leg
-from .outer import OuterSet, outer_set
 from .polytope import Polytope
 
 SAMPLES = 60_000
@@ -53,7 +51,6 @@ class Workspace:
         inner: a polytope that is reached throughout, as far as ``unreachable`` says.
         ball_m: the largest ball in it, centre and radius, shape (4,).
         box_m: the largest upright box in it, low and high corner, shape (2, 3).
-        outer: holds all that is reachable, proved.
         reach_m: how far from its first joint the foot gets [m].
         cover: share of what is reachable, usefully below the hip, that is in ``inner``.
         unreachable: share of ``inner`` that is not; both by inverse kinematics on sampled points.
@@ -62,7 +59,6 @@ class Workspace:
     inner: Polytope
     ball_m: Array
     box_m: Array
-    outer: OuterSet
     reach_m: float
     cover: float
     unreachable: float
@@ -87,7 +83,6 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
         inner=inner,
         ball_m=inner.largest_ball,
         box_m=inner.largest_box(),
-        outer=outer_set(leg),
         reach_m=voxels.reach_m,
         cover=float(held.mean()) if len(held) else 0.0,
         unreachable=float(1.0 - _reached(seeds, inner.sample(CHECKED, rng)).mean()),

@@ -19,7 +19,6 @@ from ..files.archive import read_archive
 from ..files.cache import cache_folder
 from ..files.writing import write_bytes
 from .leg import Leg
-from .outer import OuterSet
 from .polytope import Polytope
 from .workspace import Workspace, workspace_of
 
@@ -77,9 +76,6 @@ def _packed(each: Workspace) -> bytes:
         ball=each.ball_m,
         box=each.box_m,
         shares=[each.reach_m, each.cover, each.unreachable],
-        outer_normals=each.outer.normals,
-        outer_offsets=each.outer.offsets_m,
-        outer_ball=[*each.outer.centre_m, each.outer.radius_m, each.outer.slack_m],
     )
     return stream.getvalue()
 
@@ -92,20 +88,11 @@ def _read(path: Path) -> Workspace:
 
 
 def _workspace(arrays: Mapping[str, Any]) -> Workspace:
-    *centre, radius, slack = arrays["outer_ball"]
-    outer = OuterSet(
-        normals=arrays["outer_normals"],
-        offsets_m=arrays["outer_offsets"],
-        centre_m=np.array(centre),
-        radius_m=float(radius),
-        slack_m=float(slack),
-    )
     reach, cover, unreachable = arrays["shares"]
     return Workspace(
         inner=Polytope(normals=arrays["normals"], offsets_m=arrays["offsets"]),
         ball_m=arrays["ball"],
         box_m=arrays["box"],
-        outer=outer,
         reach_m=float(reach),
         cover=float(cover),
         unreachable=float(unreachable),

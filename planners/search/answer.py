@@ -148,7 +148,8 @@ class Acceptance:
         bound = 0.0 if posed else bound
         if claim.certificate is not None and status is Status.UNDECIDED:
             certificate = claim.certificate.of(problem)
-            proof = check_certificate(certificate, tolerance=self.gap if posed else 0.0)
+            gap = self.gap if posed else 0.0
+            proof = check_certificate(certificate, tolerance=gap, any_sets=True)
             bound = proof.figures["lower_bound"] if posed else bound
             if proof.accepted:
                 status = Status.INFEASIBLE

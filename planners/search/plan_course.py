@@ -53,6 +53,8 @@ ALL_FRICTION = (1.0,)
 PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
+LAID = "no plan over this layout, which is one of many"
+"""Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
 UNPROVED = (
     "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
 )
@@ -70,6 +72,7 @@ def plan_course(
     push_n: float = 0.0,
     wrench: Array | None = None,
     layouts: Sequence[Alternative] = (AS_ASKED,),
+    stated: bool = True,
     kept: Kept | None = None,
     progress: Progress | None = None,
     deadline: float = math.inf,
@@ -95,7 +98,9 @@ def plan_course(
         layouts: ways in which a function lays the course out, the first before all others, which
             are tried while there is time in the order that the table of successes gives
             (``alternatives.ordered``), where over none before a plan was accepted; its provenance
-            says which. *Infeasible* is said of the first alone.
+            says which. *Infeasible* is said of the first alone, and only where that is stated.
+        stated: whether whoever asks states the first layout; False where a planner has laid it out
+            between two places, so that a proof that it has no plan says nothing of the question.
         kept: of a long course, which is planned in pieces, holds the beginning that an interrupted
             run had planned.
         progress: called after every piece with the key frames that are planned, and all.
@@ -109,6 +114,7 @@ def plan_course(
         InvalidInput: where the planner is not made for the course, or torques are asked for of a
             robot whose joints are not known.
     """
+    stated = stated and not hasattr(question, "onward")
     question = _loaded(question, wrench)
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else ALL_FRICTION
@@ -150,7 +156,11 @@ def plan_course(
                 so_far = None  # which says no more than the whole does
         search_end = end if limits is None else _search_end(end)
         outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
-        if outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer":
+        if outcome.certificate is not None and not stated:
+            outcome = _undecided(outcome, LAID)
+        elif (
+            outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer"
+        ):
             outcome = _refuted(outcome, question, planner, shares[-1], end)
         if limits is not None and outcome.solution is not None:
             from .whole_body_outcome import with_whole_body  # slow to import
@@ -161,7 +171,7 @@ def plan_course(
 
     if not callable(question):
         return answered(question, deadline)
-    return _laid_out(question, layouts, answered, deadline)
+    return _laid_out(question, layouts, answered, deadline, stated)
 
 
 def _search_end(end: float, share: float = SEARCH) -> float:
@@ -255,8 +265,10 @@ def _laid_out(
     layouts: Sequence[Alternative],
     answered: Callable[[Problem, float, Alternative], Answer[Plan]],
     deadline: float,
+    stated: bool,
 ) -> Answer[Plan]:
-    """The answer over the first layout that has a plan; else over the first of all.
+    """The answer over the first layout that has a plan; else over the first of all, which says how
+    many were tried where nobody stated it.
 
     Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other
     has a plan.
@@ -264,7 +276,7 @@ def _laid_out(
     first: Answer[Plan] | None = None
     refusal: InvalidInput | PlanningFailed | None = None
     began = time.perf_counter(), time.process_time()
-    left, laid_s = list(layouts), 0.0
+    left, laid_s, tried = list(layouts), 0.0, 0
     while left:
         alternative, now = left.pop(0), time.perf_counter()
         if alternative is not layouts[0] and now + laid_s >= deadline:
@@ -280,6 +292,7 @@ def _laid_out(
             refusal = refusal or error
             continue
         share_s = max(FIRST * (deadline - now), _wall_s(began, LEAST_S))
+        tried += 1
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
         if outcome.status is Status.FEASIBLE and alternative.message:
             return _of_layout(outcome, alternative)
@@ -293,7 +306,11 @@ def _laid_out(
     if first is None:
         assert refusal is not None
         raise refusal
-    return first
+    return (
+        first
+        if stated or tried < 2
+        else replace(first, message=f"{first.message}; {tried} layouts tried")
+    )
 
 
 def _wall_s(began: tuple[float, float], processor_s: float) -> float:

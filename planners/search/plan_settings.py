@@ -30,8 +30,11 @@ class PlanSettings:
             in world axes, shape (3,) or (6,); added to what the course has. Plans carry it, and
             *infeasible* is proved with it.
         standing: with a start and a goal, a map of where the robot can stand, as ``map`` makes it,
-            or its file: the way keeps off places where it is proved that the robot cannot, facing
-            along x, and costs more where that is likely.
+            or its file: the way costs more where the robot, facing along x and as it stands, is not
+            likely to, and most where it is proved not to.
+        leaps: with a start and a goal, whether a robot that was named may leap where key frames have
+            no plan. Where it may, a proof that no balanced motion leads to the goal leaves the
+            answer undecided; where it may not, the answer is infeasible.
         checkpoint: file NAME.json that keeps the finished pieces of a course of more than 40 key
             frames, which is planned in pieces: the same call goes on from there after an
             interruption. The file is removed once there is a plan.
@@ -51,6 +54,7 @@ class PlanSettings:
     push_n: float = 0.0
     wrench: Array | Sequence[float] | None = None
     standing: StandingMap | str | Path | None = None
+    leaps: bool = True
     checkpoint: str | Path | None = None
 
     def __post_init__(self) -> None:

@@ -110,7 +110,7 @@ def judged(
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
     group = next((group for group in report.groups if group.name == MARGIN), None)
-    tips = "" if undecided else tipping(plan, LEAST_PUSH, group)
+    tips = "" if undecided or _on_a_line(plan) else tipping(plan, LEAST_PUSH, group)
     return replace(
         outcome,
         status=Status.UNDECIDED if undecided or tips else outcome.status,
@@ -119,6 +119,13 @@ def judged(
         residual=report.worst,
         report=report,
     )
+
+
+def _on_a_line(plan: Plan) -> bool:
+    """Tell whether a robot has one or two point feet, on which no stance bears a push: its plan is
+    one of balance alone, its margin says so, and ``run`` refuses it.
+    """
+    return len(plan.problem.robot.limbs) < 3 and not plan.problem.has_soles
 
 
 def _reason(report: Report[Plan], *, bent: bool) -> str:

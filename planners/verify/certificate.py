@@ -20,6 +20,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.leap import Leap
+from ..problem.passage import Passage
 from .half_spaces import row_counts
 from .lagrangian import leaf_bounds
 from .proof import proof_report
@@ -32,7 +33,7 @@ non-dimensional."""
 
 
 def check_certificate(
-    certificate: Certificate, *, tolerance: float | None = None
+    certificate: Certificate, *, tolerance: float | None = None, any_sets: bool = False
 ) -> Report[Certificate]:
     """Replay the certificate's tree and bound the moment residual at every leaf; never raises for a
     bad certificate.
@@ -41,15 +42,25 @@ def check_certificate(
     unless told, that is ``GAP`` for a posture problem and 0 for a course. ``explain`` says what the
     proof gives as its reason. Proofs about leaps have limits of their own (``leap_proof``). Raises
     InvalidInput for a certificate that does not know its problem.
+
+    Arguments:
+        any_sets: whether a course may be over sets of the robot's legs that are neither its inner
+            ones nor hold all that they reach, as planners ask on the way to an answer.
     """
     subject = certificate.refuted
     if isinstance(subject, Leap):
         from .leap_proof import check_leap_certificate  # of leaps alone
 
         return check_leap_certificate(certificate)
+    if isinstance(subject, Passage):
+        from .flood import check_flood  # of passages alone
+
+        return check_flood(certificate)
     of_course = not subject.is_posture
     if tolerance is None:
         tolerance = 0.0 if of_course else GAP
+    if of_course and not any_sets and (short := _short_sets(subject)):
+        return proof_report(certificate, tolerance, 0.0, 0, -1, f"rejected: {short}")
     forest = forest_of(subject)
     try:
         replayed = forest.replay(0, certificate)
@@ -95,6 +106,26 @@ def check_certificates(certificates: Sequence[Certificate]) -> Array:
             each = leaf_bounds(forest.numbers, forest.leaves(replayed))
             bounds[[rows[q] for q in replayed]] = np.minimum.reduceat(each, begins)
     return bounds
+
+
+def _short_sets(course: Problem) -> str:
+    """Why a proof over a course's sets of legs says nothing of anything; empty where they hold all
+    that the legs of the robot's file reach, or are the inner ones, of which it then is.
+    """
+    if not course.robot.source.own:
+        return ""
+    from ..robot.contact_robot import sets_of
+    from ..robot.reach_sets import contains_all
+
+    try:
+        if contains_all(course.robot) or sets_of(course.robot) == "inner":
+            return ""
+    except InvalidInput as error:
+        return str(error)
+    return (
+        f"robot {course.robot.name}: expected sets that hold all that its legs reach wherever its "
+        "centre of mass is, got smaller ones"
+    )
 
 
 def _posture_problem(certificate: Certificate) -> Problem:

@@ -20,6 +20,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import to_json
 from ..physics import GRAVITY_M_S2
+from ..problem.passage import Passage
 from ..problem.problem import Problem
 from ..robot.model import Robot
 from .certificate import check_certificate
@@ -215,7 +216,7 @@ def _leap_body(plan: LeapPlan) -> LeapBody:
 
 
 def _proof(crossing: Crossing) -> Iterator[Group]:
-    """The proof that one course of key frames alone has no plan, where there is one."""
+    """The proof that no balanced motion leads from start to goal, where there is one."""
     proof = crossing.certificate
     if proof is None:
         return
@@ -241,13 +242,11 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
 def _another_way(crossing: Crossing, problem: Any) -> str:
     """Name of what a proof speaks of in place of the way of a crossing; empty for that way."""
     first, last = crossing.first, crossing.parts[-1].problem
-    if not isinstance(problem, Problem) or len(problem.least_steps):
-        return "a course with least steps"
-    if problem.gravity_m_s2 != first.gravity_m_s2:
-        return "another gravity"
-    if np.linalg.norm(problem.com_nominal_m[0, :2] - first.com_nominal_m[0, :2]) > BODY_M:
+    if not isinstance(problem, Passage):
+        return "one layout of key frames, which proves nothing of others"
+    if np.linalg.norm(problem.start_m - first.com_nominal_m[0, :2]) > BODY_M:
         return "another start"
     goal_m = last.goal_m if isinstance(last, Problem) else last.goal.com_m
-    if np.linalg.norm(problem.goal_m[:2] - goal_m[:2]) > BODY_M:
+    if np.linalg.norm(problem.goal_m - goal_m[:2]) > BODY_M:
         return "another goal"
     return ""

@@ -16,6 +16,7 @@ from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.leap import Leap
 from ..problem.limits import LINEAR
+from ..problem.passage import Passage
 from .certificate import GAP, check_certificate, forest_of
 from .explanation import Explanation as Explanation
 from .explanation import Relaxation as Relaxation
@@ -40,6 +41,8 @@ FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = (
 )
 """``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its
 scale), radius."""
+OF_COURSE = "of this course as it states its layout"
+"""Subject of a proof about a course, whose frames, candidates and limits are part of the question."""
 FALLING = ("steps.progress_m", "steps.least_toe_m", "steps.least_rotation_rad")
 """Limits that have to fall."""
 SIDES = 64
@@ -67,6 +70,10 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
         from .leap_proof import explain_leap  # of leaps alone
 
         return explain_leap(certificate)
+    if isinstance(subject, Passage):
+        from .flood import explain_flood  # of passages alone
+
+        return explain_flood(certificate)
     report = check_certificate(certificate, tolerance=tolerance)
     if not report.accepted:
         return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")
@@ -210,7 +217,9 @@ def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation
         if slippery and not first.parameter.startswith("friction"):
             reason += f", or {slippery[0].parameter} to {_change(slippery[0])}"
     many = f" (refuted for each of {groups} groups of choices)" if groups > 1 else ""
-    return Explanation(relaxations=tuple(relaxations), message=f"infeasible: {reason}{many}")
+    return Explanation(
+        relaxations=tuple(relaxations), message=f"infeasible: {reason}{many}; {OF_COURSE}"
+    )
 
 
 def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:

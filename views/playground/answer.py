@@ -18,6 +18,7 @@ from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import Report, explain
 
+from .between_scenario import BetweenScenario
 from .scenario import Scenario
 
 SHARES = (0.8, 1.0)
@@ -70,7 +71,15 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
         programs=programs_of_this_thread(),
     )
     return _planned(
-        scenario, partial(plan_course, planner=planner, shares=SHARES, presses=(), limits=None)
+        scenario,
+        partial(
+            plan_course,
+            planner=planner,
+            shares=SHARES,
+            presses=(),
+            limits=None,
+            stated=not isinstance(scenario, BetweenScenario),
+        ),
     )
 
 
@@ -83,7 +92,13 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
     def plan(question: LayOut) -> Answer[Plan]:
         planner = TwoStagePlanner(time_limit_s=PATIENT_S, programs=programs_of_this_thread())
         deadline = time.perf_counter() + PATIENT_S
-        return plan_course(question, planner, layouts=scenario.layouts, deadline=deadline)
+        return plan_course(
+            question,
+            planner,
+            layouts=scenario.layouts,
+            stated=not isinstance(scenario, BetweenScenario),
+            deadline=deadline,
+        )
 
     return _planned(scenario, plan, patient=True)
 

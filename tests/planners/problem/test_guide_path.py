@@ -147,9 +147,8 @@ def test_a_goal_off_the_terrain_says_how_far_it_is():
         path(over([LEVEL]), (0, 0), (7, 0))
 
 
-def test_a_goal_at_the_start_is_refused():
-    with refuses("goal"):
-        path(over([LEVEL]), (1, 1), (1, 1))
+def test_a_goal_at_the_start_is_a_way_of_no_length():
+    assert path(over([LEVEL]), (1, 1), (1, 1)).length_m == 0.0
 
 
 def test_a_trench_that_no_toe_crosses_is_named():

@@ -1,0 +1,374 @@
+"""Sets that hold a robot whatever posture its joints take: where its centre of mass is in the base's
+frame, and where its feet are about that centre.
+
+Legs that move take the centre of mass along, so that a foot's places about the standing centre hold
+nothing of the robot. The place of a foot less that of the centre of mass is Σ w_b p_b over points of
+bodies, w_b = −m_b/m of every body's own centre and +1 of the foot. Outward of joint i these are
+within a set X_i of vectors in the joint's frame, W_i the sum of the weights there: at an angle q of
+the joint they are W_i o_i + R_i Z(q) X_i in the frame before it, and what a joint carries adds up
+(Minkowski). ``outer`` turns such sets, with how much larger they get. All joints of the file take
+part, those of arms as well, each over its whole range; one without limits over a whole turn.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from functools import lru_cache, reduce
+from itertools import permutations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.archive import read_archive
+from ..files.arrays import Array
+from ..files.cache import cache_folder
+from ..files.writing import write_bytes
+from .leg import FULL_TURN, Leg
+from .limb import Limb
+from .outer import ROUNDING_M, STEPS, Cloud, directions_of, foot_cloud, summed, turned
+from .polytope import Polytope
+from .robot_model import RobotModel
+from .shapes import Shape
+from .solids import shape_points, solid_shapes
+from .urdf_reader import base_joint, pinocchio
+
+if TYPE_CHECKING:
+    from .model import Robot
+
+VERSION = "outer-sets/1"
+MOST = 250
+"""Most points of a hull that is turned; more are thinned."""
+CONTAINS_M = 1e-9
+"""A set holds another one that is larger by no more than the rounding of a file [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OuterSets:
+    """Outer sets of a robot, in the axes of its base.
+
+    Arguments:
+        normals: unit vectors, shape (D, 3).
+        feet_m: for every leg the largest normals · (p − c), p the centre of its foot and c the
+            robot's centre of mass, shape (N, D) [m].
+        balls_m: centre and radius of a ball about p − c, shape (N, 4) [m].
+        reach_m: largest distance of p from c, shape (N,) [m].
+        apart_m: largest distance of the feet of two legs, shape (N, N) [m].
+        com_m: largest normals · c in the base's frame, shape (D,) [m].
+    """
+
+    normals: Array
+    feet_m: Array
+    balls_m: Array
+    reach_m: Array
+    apart_m: Array
+    com_m: Array
+
+    def within(self, limbs: Sequence[Limb], radii_m: Array) -> bool:
+        """Tell whether limbs may reach all that these sets hold, toes a radius, shape (N,) [m], away
+        from the centres of feet.
+        """
+        for limb, bounds, ball, radius in zip(
+            limbs, self.feet_m, self.balls_m, radii_m, strict=True
+        ):
+            beyond = float(np.linalg.norm(ball[:3] - limb.shoulder_m)) + ball[3] + radius
+            if beyond > limb.reach_m + CONTAINS_M:
+                return False
+            if limb.reach_rows is None:
+                continue
+            corners = Polytope(normals=self.normals, offsets_m=bounds).vertices
+            most = (corners @ limb.reach_rows.normals.T).max(axis=0) + radius
+            if np.any(most > limb.reach_rows.bounds_m + CONTAINS_M):
+                return False
+        return True
+
+
+def outer_sets(robot: RobotModel) -> OuterSets:
+    """The outer sets of a robot from its file, measured once and kept on disk.
+
+    Raises InvalidInput for joints whose range nobody knows.
+    """
+    return _measured(robot.urdf, tuple(robot.legs), _Tree(robot))
+
+
+def outward_m(robot: RobotModel) -> float:
+    """Largest distance of the centre of mass from the trunk; where it stays within, less the least
+    distance from the trunk's border [m].
+
+    The trunk is the largest upright box in one of the shapes of the base's own links, the one that
+    the centre stays deepest in; without a shape there is none, and the distance is infinite.
+    """
+    sets, axes = outer_sets(robot), np.vstack([np.eye(3), -np.eye(3)])
+    spans = sets.com_m[[int(np.argmax(sets.normals @ axis)) for axis in axes]]
+    return min((_beyond(box, -spans[3:], spans[:3]) for box in _boxes(robot)), default=np.inf)
+
+
+def _beyond(box: Array, low: Array, high: Array) -> float:
+    """Distance of the farthest point between two corners from a box; below 0 where all are inside
+    [m].
+    """
+    beyond = np.maximum(high - box[1], box[0] - low)
+    return float(beyond.max() if beyond.max() <= 0.0 else np.linalg.norm(np.maximum(beyond, 0.0)))
+
+
+def contact_radii_m(robot: RobotModel) -> Array:
+    """Distance from each foot's centre within which the foot may touch, shape (N,) [m]: the radius
+    of a ball; where a person stated the contact, all of the foot's own shapes, since a sole touches
+    with any part of it.
+    """
+    radii = []
+    for leg in robot.legs:
+        radius, mount = leg.radius_m, robot.mounts[leg.foot]
+        centre = (leg.chain.tip_m - mount.origin_m) @ mount.rotation
+        for shape in solid_shapes(robot.shapes) if leg.contact is not None else ():
+            corners = shape_points(shape) if shape.link == leg.foot else None
+            if corners is not None:
+                away = shape.origin_m + corners @ shape.rotation.T - centre
+                radius = max(radius, float(np.linalg.norm(away, axis=1).max()))
+        radii.append(radius)
+    return np.array(radii)
+
+
+@lru_cache(maxsize=16)
+def _measured(urdf: str, legs: tuple[Leg, ...], tree: _Tree) -> OuterSets:
+    numbers = [VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in legs)]
+    key = hashlib.sha256(json.dumps([*numbers, [leg.joint_names for leg in legs]]).encode())
+    path = cache_folder() / "workspaces" / f"outer-{key.hexdigest()}.npz"
+    with suppress(InvalidInput, KeyError, ValueError):
+        arrays = read_archive(path)
+        return OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)})
+    sets, stream = tree.sets(legs), io.BytesIO()
+    np.savez_compressed(stream, **{each.name: getattr(sets, each.name) for each in fields(sets)})
+    with suppress(InvalidInput, OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, stream.getvalue())
+    return sets
+
+
+class _Tree:
+    """All joints of a robot's file below its base, with what they carry."""
+
+    def __init__(self, robot: RobotModel) -> None:
+        pin, model = pinocchio(), robot.built
+        self.base = base_joint(model)
+        data = model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        self.mass_kg = float(sum(inertia.mass for inertia in model.inertias))
+        self.children = {j: [int(c) for c in model.children[j]] for j in range(model.njoints)}
+        self.masses = [float(inertia.mass) for inertia in model.inertias]
+        self.levers = [np.array(inertia.lever) for inertia in model.inertias]
+        self.places = [
+            (np.array(at.rotation), np.array(at.translation)) for at in model.jointPlacements
+        ]
+        if any(mass > 0.0 for mass in self.masses[: self.base]):
+            raise InvalidInput(f"robot {robot.name}: expected no mass that floats beside its base")
+        self.names = [str(name) for name in model.names]
+        self.joints: dict[int, tuple[Array, bool, float, float]] = {}
+        for j in range(self.base + 1, model.njoints):
+            joint = model.joints[j]
+            if joint.nv != 1:
+                raise InvalidInput(
+                    f"robot {robot.name}: joint {model.names[j]}: expected one angle, it has more"
+                )
+            twist = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[:, joint.idx_v]
+            slides = bool(np.linalg.norm(twist[3:]) < 0.5)
+            low, high = (
+                float(limits[joint.idx_q])
+                for limits in (model.lowerPositionLimit, model.upperPositionLimit)
+            )
+            if slides and not low < high:
+                raise InvalidInput(
+                    f"robot {robot.name}: joint {model.names[j]}: expected the range in which it "
+                    "slides, got none"
+                )
+            if not slides and (joint.nq == 2 or not low < high or high - low > FULL_TURN):
+                low, high = -np.pi, np.pi
+            self.joints[j] = (np.array(twist[:3] if slides else twist[3:]), slides, low, high)
+
+    @property
+    def numbers(self) -> list[Any]:
+        """All that the sets depend on."""
+        return [
+            self.names,
+            self.masses,
+            *(
+                [each.tolist() for each in (lever, *place)]
+                for lever, place in zip(self.levers, self.places, strict=True)
+            ),
+            *(
+                [axis.tolist(), slides, low, high]
+                for axis, slides, low, high in self.joints.values()
+            ),
+        ]
+
+    def __hash__(self) -> int:
+        return hash(json.dumps(self.numbers))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Tree) and self.numbers == other.numbers
+
+    def sets(self, legs: tuple[Leg, ...]) -> OuterSets:
+        """The outer sets for the feet of these legs."""
+        normals = directions_of()
+        firsts, base = self.children[self.base], self.base
+        tips = {self.names.index(leg.joint_names[-1]): leg.chain.tip_m for leg in legs}
+        others = {first: self._carried(first, {}) for first in firsts}
+        own = -self.masses[base] / self.mass_kg * self.levers[base]
+        feet, balls, reach, alone = [], [], [], []
+        for leg in legs:
+            tip = self.names.index(leg.joint_names[-1])
+            first = next(each for each in firsts if tip in self._below(each))
+            foot = self._carried(first, {tip: tips[tip]})
+            rest = [others[each] for each in firsts if each != first]
+            feet.append(
+                foot.supports(normals)
+                + sum(each.supports(normals) for each in rest)
+                + normals @ own
+            )
+            centre, radius = own, 0.0
+            for each in rest:
+                middle, size = each.ball
+                centre, radius = centre + middle, radius + size
+            far = np.linalg.norm(foot.points + centre, axis=1).max() + foot.slack_m + radius
+            ball = foot.ball
+            balls.append([*(ball[0] + centre), ball[1] + radius])
+            reach.append(float(far))
+            alone.append(foot_cloud(leg))
+        apart = np.zeros((len(legs), len(legs)))
+        for i, k in permutations(range(len(legs)), 2):
+            apart[i, k] = alone[i].farthest_from(alone[k])
+        com = -normals @ own + sum(each.supports(-normals) for each in others.values())
+        return OuterSets(
+            normals=normals,
+            feet_m=np.array(feet),
+            balls_m=np.array(balls),
+            reach_m=np.array(reach),
+            apart_m=apart,
+            com_m=np.asarray(com),
+        )
+
+    def _below(self, joint: int) -> set[int]:
+        """The joint and all that it carries."""
+        return {joint}.union(*(self._below(child) for child in self.children[joint]))
+
+    def _carried(self, joint: int, tips: Mapping[int, Array]) -> Cloud:
+        """The set of all that a joint carries, in the frame before the joint.
+
+        Arguments:
+            tips: the end of a chain in its last joint's frame, by joint, whose weight is 1.
+        """
+        below = self._below(joint)
+        weight = len(below.intersection(tips)) - sum(self.masses[j] for j in below) / self.mass_kg
+        own = tips.get(joint, np.zeros(3)) - self.masses[joint] / self.mass_kg * self.levers[joint]
+        parts = [self._carried(child, tips) for child in self.children[joint]]
+        outward = reduce(summed, parts, Cloud(points=own[None], slack_m=ROUNDING_M))
+        (rotation, origin), (axis, slides, low, high) = self.places[joint], self.joints[joint]
+        return turned(
+            outward,
+            weight,
+            rotation,
+            origin,
+            axis,
+            slides,
+            low,
+            high,
+            steps=STEPS,
+            most=MOST,
+        )
+
+
+def _boxes(robot: RobotModel) -> list[Array]:
+    """Largest upright boxes in the shapes of the base's own links, low and high corner, shape (2, 3)
+    [m] each.
+    """
+    model = robot.built
+    base = base_joint(model)
+    rigid = {frame.name for frame in model.frames if frame.parentJoint == base}
+    return [
+        box
+        for shape in solid_shapes(robot.shapes)
+        if shape.link in rigid and (box := _box(shape, robot)) is not None
+    ]
+
+
+def _box(shape: Shape, robot: RobotModel) -> Array | None:
+    """Largest upright box in a shape of the base, None in one whose solid is not known: a mesh that
+    its hull is much larger than.
+    """
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
+    corners = shape_points(shape)
+    if corners is None or shape.parts_m:
+        return None
+    mount = robot.mounts[shape.link]
+    points = (shape.origin_m + corners @ shape.rotation.T) @ mount.rotation.T + mount.origin_m
+    try:
+        faces = np.unique(ConvexHull(points).equations.round(12), axis=0)
+    except QhullError:
+        return None
+    return Polytope(normals=faces[:, :3], offsets_m=-faces[:, 3]).largest_box()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """Numbers that hold a robot in any posture, tilted and turned in any way.
+
+    Arguments:
+        feet: number of its feet.
+        reach_m: largest distance of a contact from the centre of mass [m].
+        apart_m: largest distance of contacts of two feet [m].
+        sole_m: distance from the centre of a foot's place within which the foot may touch; 0 of a
+            ball, which touches where it is placed [m].
+        outward_m: largest distance of the centre of mass from the trunk; where it stays within,
+            less the least distance from the trunk's border; inf where no trunk is known [m].
+    """
+
+    feet: int
+    reach_m: float
+    apart_m: float
+    sole_m: float
+    outward_m: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> Extent:
+        """The extent of a robot; that of one without legs of its own as its limbs' balls have it, its
+        centre of mass at the body's origin.
+
+        Raises InvalidInput for a robot from a file with joints whose range nobody knows.
+        """
+        count = len(robot.limbs)
+        if robot.source.own:
+            model = robot.source.own_model()
+            model.check_known()
+            sets, radii = outer_sets(model), contact_radii_m(model)
+            stated = [leg.contact is not None for leg in model.legs]
+            return cls(
+                feet=count,
+                reach_m=float((sets.reach_m + radii).max()),
+                apart_m=float((sets.apart_m + radii[:, None] + radii).max()),
+                sole_m=float(np.where(stated, radii, 0.0).max()),
+                outward_m=outward_m(model),
+            )
+        shoulders = np.array([limb.shoulder_m for limb in robot.limbs])
+        soles = [
+            0.0 if limb.sole_m is None else float(np.linalg.norm(limb.sole_m, axis=1).max())
+            for limb in robot.limbs
+        ]
+        reach = np.array([limb.reach_m for limb in robot.limbs]) + soles
+        between = np.linalg.norm(shoulders[:, None] - shoulders, axis=2) + reach[:, None] + reach
+        try:
+            boxes, origin = _boxes(robot.source.legs()), np.asarray(robot.source.origin_m)
+        except InvalidInput:  # its legs are not known, nor is its trunk
+            boxes, origin = [], np.zeros(3)
+        return cls(
+            feet=count,
+            reach_m=float((np.linalg.norm(shoulders, axis=1) + reach).max()),
+            apart_m=float((between * (1.0 - np.eye(count))).max()),
+            sole_m=max(soles),
+            outward_m=min((_beyond(box, origin, origin) for box in boxes), default=np.inf),
+        )

@@ -1,0 +1,376 @@
+"""Independent check of a certificate that no balanced motion leads through a passage.
+
+The certificate holds states that the robot may get to from the start: cells of a raster, where its
+centre of mass is, by the set of surfaces that its feet touch. Its tree has a row each for (kind, i,
+j, first, second):
+
+    raster 0   cells along x and y, and the corner's x and y
+    spacing 1  of the raster, in ``first``
+    piece 2    surface i holds foothold j
+    set 3      the i-th set holds surface j
+    run 4      states of the i-th set from cell ``first`` up to ``second``, row by row of the raster
+
+and its multipliers are horizontal directions, a row each. Nothing of it is trusted: every state near
+the start, and every state beside one that is held, is held itself, or refuted by the reach of a
+foot, that of two feet, or balance along one of the directions, over the lowest centre of mass that
+the ground leaves. None that is held is near the goal. Then no motion leads there that is balanced at
+every moment, with feet alone touching the footholds, trunk and centre of mass over the map, the
+ground one of heights as it is seen once per cell of the raster. The robot may tilt and turn as it
+likes, and legs are not judged against the ground. Its extents, which hold it in any posture
+(``robot.outer_sets``), are the one thing that planners use as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.certificate import Certificate
+from ..answer.report import Report
+from ..cached import cached_property
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..problem.passage import Passage
+from ..robot.outer_sets import Extent
+from ..terrain.patch import Patch
+from .explanation import Explanation
+from .proof import proof_report
+
+KINDS = {"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4}
+MOST_NODES, MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05
+FACING_UP = 0.3
+"""Surfaces whose normals are steeper than this are no ground."""
+STEEPEST_RAD = 1.5
+"""Slope and friction together from which a contact may pull."""
+ROOM_M = 1e-9
+SEAM_M = 1e-3
+"""Cracks between surfaces twice as wide are no holes in the ground [m]."""
+SECTIONS = 60
+ASSUMED = (
+    "balanced at every moment, feet alone touching the footholds as imported, trunk and centre of "
+    "mass over this map, its ground one of heights"
+)
+"""What a proof is about."""
+Cells = NDArray[np.bool_]
+
+
+def check_flood(certificate: Certificate) -> Report[Certificate]:
+    """Replay a certificate about a passage; never raises for a bad one."""
+    try:
+        checked = _Replay(certificate)
+        states = checked.check()
+    except (InvalidInput, _Refused) as error:
+        return proof_report(certificate, 0.0, 0.0, 0, -1, f"rejected: {error}")
+    message = f"every step out of {states} states is refuted, and the goal is in none of them"
+    return proof_report(certificate, 0.0, np.inf, states, -1, message)
+
+
+def explain_flood(certificate: Certificate) -> Explanation:
+    """The sentence that a certificate about a passage proves."""
+    report = check_flood(certificate)
+    if not report.accepted:
+        return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")
+    passage = certificate.refuted
+    assert isinstance(passage, Passage)
+    start, goal = (f"({place[0]:g}, {place[1]:g})" for place in (passage.start_m, passage.goal_m))
+    extent = Extent.of(passage.robot)
+    return Explanation(
+        relaxations=(),
+        message=f"balanced motion is impossible: none leads from within {passage.near_m:.2g} m of {start} to as near "
+        f"{goal}: {ASSUMED}; no foot is more than {extent.reach_m:.3g} m from the centre of mass, and "
+        f"no two feet are more than {extent.apart_m:.3g} m apart",
+    )
+
+
+class _Refused(Exception):
+    """A certificate that proves nothing, and why."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Surface:
+    """Pieces on which feet may stand, put together."""
+
+    pieces: tuple[Patch, ...]
+
+    @cached_property
+    def spans(self) -> Array:
+        """Lowest and highest height of each piece, shape (K, 2) [m]."""
+        return np.array([[p.vertices_m[:, 2].min(), p.vertices_m[:, 2].max()] for p in self.pieces])
+
+
+class _Replay:
+    """The states of one certificate."""
+
+    def __init__(self, certificate: Certificate) -> None:
+        passage = certificate.refuted
+        if not isinstance(passage, Passage):
+            raise _Refused("expected a passage")
+        self.passage, self.extent = passage, Extent.of(passage.robot)
+        tree, self.directions = certificate.tree, certificate.multipliers
+        if tree.ndim != 2 or tree.shape[1] != 5 or not np.isfinite(tree).all():
+            raise _Refused("expected rows of five finite numbers")
+        if self.directions.ndim != 2 or self.directions.shape[1] != 2:
+            raise _Refused("expected directions in the plane")
+        lengths = np.linalg.norm(self.directions, axis=1)
+        if not np.all(np.abs(lengths - 1.0) < ROOM_M):
+            raise _Refused("expected directions of length 1")
+        rows = {name: tree[tree[:, 0] == kind] for name, kind in KINDS.items()}
+        if sum(map(len, rows.values())) != len(tree):
+            raise _Refused("expected rows of the kinds that there are")
+        self._place(rows["raster"], rows["spacing"])
+        self.grow = self.extent.sole_m
+        self.surfaces = self._surfaces(rows["piece"])
+        self.held = self._states(rows["set"], rows["run"])
+        self._reached: dict[int, Cells] = {}
+
+    def _place(self, raster: Array, spacing: Array) -> None:
+        """Take the raster, which has to be all over the map."""
+        if len(raster) != 1 or len(spacing) != 1 or not 0.0 < spacing[0, 3] <= MOST_SPACING_M:
+            raise _Refused(f"expected one raster of up to {MOST_SPACING_M:g} m")
+        counts = raster[0, 1:3].astype(int)
+        if not (
+            np.all(counts >= 1)
+            and np.all(counts == raster[0, 1:3])
+            and np.prod(counts) <= MOST_CELLS
+        ):
+            raise _Refused(f"expected up to {MOST_CELLS} cells")
+        self.size, self.corner = float(spacing[0, 3]), raster[0, 3:5]
+        self.counts = (int(counts[0]), int(counts[1]))
+        every = [
+            each.vertices_m[:, :2] for each in (*self.passage.terrain, *self.passage.footholds)
+        ]
+        if not every:
+            raise _Refused("expected a terrain")
+        corners, end = np.concatenate(every), self.corner + self.size * counts
+        self.low, self.high = corners.min(axis=0), corners.max(axis=0)
+        if np.any(self.low < self.corner - ROOM_M) or np.any(self.high > end + ROOM_M):
+            raise _Refused("expected a raster all over the map")
+        self.half = self.size * float(np.sqrt(0.5))
+        axes = [self.corner[k] + self.size * (np.arange(self.counts[k]) + 0.5) for k in range(2)]
+        self.xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+    def _surfaces(self, rows: Array) -> list[_Surface]:
+        """The surfaces, which have to hold every foothold once."""
+        count = len(self.passage.footholds)
+        nodes = np.unique(rows[:, 1])
+        if sorted(rows[:, 2].tolist()) != list(range(count)) or not 1 <= len(nodes) <= MOST_NODES:
+            raise _Refused(f"expected every foothold in one of up to {MOST_NODES} surfaces")
+        if not np.array_equal(nodes, np.arange(len(nodes))):
+            raise _Refused("expected surfaces by number")
+        return [
+            _Surface(
+                pieces=tuple(self.passage.footholds[int(p)] for p in rows[rows[:, 1] == node, 2])
+            )
+            for node in nodes
+        ]
+
+    def _states(self, sets: Array, runs: Array) -> dict[frozenset[int], Cells]:
+        """The states that are held, by the surfaces that are touched."""
+        held: dict[frozenset[int], Cells] = {}
+        for number in np.unique(sets[:, 1]):
+            chosen = frozenset(int(i) for i in sets[sets[:, 1] == number, 2])
+            if chosen in held or not chosen <= set(range(len(self.surfaces))):
+                raise _Refused("expected every set of surfaces once")
+            cells = np.zeros(self.counts[0] * self.counts[1], dtype=bool)
+            for first, last in runs[runs[:, 1] == number, 3:5].astype(int):
+                if not 0 <= first < last <= len(cells):
+                    raise _Refused("expected runs of cells of the raster")
+                cells[first:last] = True
+            held[chosen] = cells.reshape(self.counts)
+        return held
+
+    def check(self) -> int:
+        """Number of states that are held.
+
+        Raises _Refused where one beside them is not refuted.
+        """
+        nowhere = np.zeros(self.counts, dtype=bool)
+        start, goal = (self._about(place) for place in (self.passage.start_m, self.passage.goal_m))
+        for chosen in self._sets():
+            here = self.held.get(chosen, nowhere)
+            if (here & goal).any():
+                raise _Refused("a state that may be reached is at the goal")
+            across = _beside(here) | start
+            for i in range(len(self.surfaces)):
+                across |= self.held.get(chosen ^ {i}, nowhere)
+            open_ = across & ~here
+            if open_.any() and not self._refuted(chosen, open_).all():
+                raise _Refused(
+                    f"a step on surfaces {', '.join(map(str, sorted(chosen)))} is not refuted"
+                )
+        return int(sum(cells.sum() for cells in self.held.values()))
+
+    def _sets(self) -> Iterator[frozenset[int]]:
+        """Every set of surfaces that as many feet may touch; raises _Refused for a held one that they
+        may not.
+        """
+        count = len(self.surfaces)
+        every = [
+            frozenset(chosen)
+            for size in range(1, min(self.extent.feet, count) + 1)
+            for chosen in combinations(range(count), size)
+        ]
+        if not set(self.held) <= set(every):
+            raise _Refused("expected no more surfaces at once than there are feet")
+        yield from every
+
+    def _about(self, place: Array) -> Cells:
+        """Cells of which some point is near a place."""
+        away = np.maximum(np.abs(self.xy - place) - 0.5 * self.size, 0.0)
+        return np.asarray((away**2).sum(axis=-1) <= self.passage.near_m**2)
+
+    def _refuted(self, chosen: frozenset[int], cells: Cells) -> Cells:
+        """Tell which of some cells, in a row, no state on these surfaces is over."""
+        if any(self._too_far(i, j) for i, j in combinations(sorted(chosen), 2)):
+            return np.ones(int(cells.sum()), dtype=bool)
+        refuted = np.zeros(int(cells.sum()), dtype=bool)
+        for i in chosen:
+            refuted |= ~self._within(i)[cells]
+        if refuted.all():
+            return refuted
+        places = self.xy[cells]
+        for direction in self.directions:
+            most = self._held_most(chosen, direction)
+            refuted |= places @ direction - self.half > most + ROOM_M
+        return refuted
+
+    def _too_far(self, i: int, j: int) -> bool:
+        """Tell whether two feet are never on two surfaces."""
+        most = self.extent.apart_m + 2.0 * self.grow
+        one, two = self.surfaces[i], self.surfaces[j]
+        for p, (low, high) in zip(one.pieces, one.spans, strict=True):
+            for q, (other_low, other_high) in zip(two.pieces, two.spans, strict=True):
+                up = max(low - other_high, other_low - high, 0.0)
+                if up <= most and np.hypot(_apart(p, q), up) <= most + ROOM_M:
+                    return False
+        return True
+
+    def _within(self, i: int) -> Cells:
+        """Cells over which some centre of mass has a foot on a surface."""
+        if i in self._reached:
+            return self._reached[i]
+        reach, within = self.extent.reach_m, np.zeros(self.counts, dtype=bool)
+        for piece, (_, high) in zip(self.surfaces[i].pieces, self.surfaces[i].spans, strict=True):
+            flat, room = piece.vertices_m[:, :2], reach + self.grow + self.half + self.size
+            low = np.floor((flat.min(axis=0) - room - self.corner) / self.size).astype(int)
+            end = np.ceil((flat.max(axis=0) + room - self.corner) / self.size).astype(int)
+            part = tuple(slice(max(a, 0), max(b, 0)) for a, b in zip(low, end, strict=True))
+            away = _away(self.xy[part], flat)
+            top = high + self.grow * float(np.sqrt(max(1.0 - piece.normal[2] ** 2, 0.0)))
+            across = np.maximum(away - self.half - self.grow, 0.0)
+            below = np.maximum(self._low[part] - top, 0.0)
+            within[part] |= across**2 + below**2 <= (reach + ROOM_M) ** 2
+        self._reached[i] = within
+        return within
+
+    def _held_most(self, chosen: frozenset[int], direction: Array) -> float:
+        """The farthest along a direction that a weight is held: the least over z₀ of the largest a +
+        κ (|z − z₀| + rise), which is convex in z₀ (golden section).
+        """
+        along, steep, heights, rises = [], [], [], []
+        for i in chosen:
+            for piece in self.surfaces[i].pieces:
+                angle = float(
+                    np.arccos(np.clip(piece.normal[2], -1.0, 1.0)) + np.arctan(piece.friction)
+                )
+                if angle >= STEEPEST_RAD:
+                    return float("inf")
+                along.append(piece.vertices_m[:, :2] @ direction + self.grow)
+                steep.append(np.full(len(along[-1]), np.tan(angle)))
+                heights.append(piece.vertices_m[:, 2])
+                rise = self.grow * float(np.sqrt(max(1.0 - piece.normal[2] ** 2, 0.0)))
+                rises.append(np.full(len(along[-1]), rise))
+        a, k, z, r = (np.concatenate(each) for each in (along, steep, heights, rises))
+
+        def most(about: float) -> float:
+            return float((a + k * (np.abs(z - about) + r)).max())
+
+        low, high, ratio = float(z.min()), float(z.max()), 0.5 * (np.sqrt(5.0) - 1.0)
+        best = min(most(low), most(high))
+        for _ in range(SECTIONS if high > low else 0):
+            one, two = high - ratio * (high - low), low + ratio * (high - low)
+            first, second = most(one), most(two)
+            best = min(best, first, second)
+            low, high = (low, two) if first < second else (one, high)
+        return best
+
+    @cached_property
+    def _low(self) -> Array:
+        """The lowest that a centre of mass may be over every cell [m]."""
+        out = self.extent.outward_m
+        if not np.isfinite(out):
+            return np.full(self.counts, -np.inf)
+        if out <= -2.0 * self.half:
+            return self._above(self._heights(self.xy), -out)
+        lines = [self.corner[k] + self.size * np.arange(self.counts[k] + 1) for k in range(2)]
+        lines = [np.clip(lines[k], self.low[k], self.high[k]) for k in range(2)]
+        ground = self._heights(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1))
+        reach = int(np.ceil(max(out, 0.0) / self.size))
+        for axis in range(2):
+            ends = [(0, 0), (0, 0)]
+            ends[axis] = (reach, reach)
+            padded = np.pad(ground, ends, mode="edge")
+            windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 2, axis=axis)
+            ground = windows.min(axis=-1)
+        return np.asarray(ground - max(out, 0.0) - self.size)
+
+    def _heights(self, points: Array) -> Array:
+        """Heights of the lowest ground at places, shape (n, m, 2), −inf where there is none [m]."""
+        ground, first = np.full(points.shape[:2], np.inf), points[0, 0]
+        for patch in self.passage.terrain:
+            if patch.normal[2] < FACING_UP:
+                continue
+            flat = patch.vertices_m[:, :2]
+            low = np.floor((flat.min(axis=0) - first) / self.size).astype(int) - 1
+            end = np.ceil((flat.max(axis=0) - first) / self.size).astype(int) + 2
+            part = tuple(slice(max(a, 0), max(b, 0)) for a, b in zip(low, end, strict=True))
+            slope = -patch.normal[:2] / patch.normal[2]
+            height = patch.vertices_m[0, 2] + (points[part] - flat[0]) @ slope
+            sunk = height - SEAM_M / patch.normal[2]
+            lower = np.where(_away(points[part], flat) <= SEAM_M, sunk, np.inf)
+            ground[part] = np.minimum(ground[part], lower)
+        return np.where(np.isinf(ground), -np.inf, ground)
+
+    def _above(self, ground: Array, radius: float) -> Array:
+        """The lowest that the middle of a ball may be over every cell, for no point of the ground that
+        is known to be inside of it [m].
+        """
+        result, count = np.full(self.counts, -np.inf), int(radius / self.size)
+        padded = np.pad(ground, count, constant_values=-np.inf)
+        for i in range(-count, count + 1):
+            for j in range(-count, count + 1):
+                away = self.size * float(np.hypot(i, j)) + self.half + SEAM_M
+                if away <= radius:
+                    moved = padded[count + i :, count + j :][: self.counts[0], : self.counts[1]]
+                    result = np.maximum(result, moved + np.sqrt(radius**2 - away**2))
+        return result
+
+
+def _beside(cells: Cells) -> Cells:
+    """Some cells and all that touch them, corners included."""
+    for axis in range(2):
+        ends = [(0, 0), (0, 0)]
+        ends[axis] = (1, 1)
+        padded = np.pad(cells, ends)
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 3, axis=axis)
+        cells = np.asarray(windows.any(axis=-1))
+    return np.asarray(cells)
+
+
+def _away(points: Array, polygon: Array) -> Array:
+    """Distances of points, shape (…, 2), from a convex polygon from above, 0 inside [m]."""
+    import shapely  # slow to import
+
+    return np.asarray(shapely.distance(shapely.polygons(polygon), shapely.points(points)))
+
+
+def _apart(one: Patch, two: Patch) -> float:
+    """Horizontal distance of two convex pieces [m]."""
+    import shapely  # slow to import
+
+    first, second = (shapely.polygons(each.vertices_m[:, :2]) for each in (one, two))
+    return float(shapely.distance(first, second))

@@ -1,0 +1,98 @@
+"""Whole robots in any posture are within their outer sets, wherever their centre of mass goes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stancekit.planners.robot.outer import directions_of, foot_cloud
+from stancekit.planners.robot.outer_sets import OuterSets, outer_sets, outward_m
+from stancekit.planners.robot.reach_sets import contains_all, limbs_over
+from stancekit.planners.robot.robot_model import RobotModel, model_of
+from stancekit.planners.robot.urdf_reader import pinocchio
+from tests.planners.robot.made_robots import LEGS, MIDDLE, quadruped
+
+pytest.importorskip("pinocchio")
+ARM = (
+    '<link name="arm"><inertial><origin xyz="0 0 0.3"/><mass value="1.5"/><inertia ixx="0.02" ixy="0" ixz="0" '
+    'iyy="0.02" iyz="0" izz="0.01"/></inertial></link><joint name="lift" type="continuous"><parent link="trunk"/>'
+    '<child link="arm"/><origin xyz="0.1 0 0.06"/><axis xyz="0 1 0"/></joint>'
+)
+ROBOTS = {
+    "light legs": quadruped(trunk=30.0),
+    "heavy legs": quadruped(trunk=1.2),
+    "an arm": quadruped(trunk=4.0, extra=ARM),
+    "six legs": quadruped(trunk=3.0, legs={**LEGS, **MIDDLE}),
+    "free hips": quadruped(trunk=2.0, joints="continuous"),
+}
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def robot(request: pytest.FixtureRequest) -> RobotModel:
+    return model_of(ROBOTS[request.param], where=request.param)
+
+
+def postures(robot: RobotModel, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of the feet, shape (count, N, 3), and of mass, shape (count, 3), in the base's frame
+    [m], all joints of the file at random and at their limits.
+    """
+    pin, model = pinocchio(), robot.built
+    data, rng = model.createData(), np.random.default_rng(0)
+    feet, centres = [], []
+    for _ in range(count):
+        q = pin.neutral(model)
+        for joint in list(model.joints)[2:]:
+            low, high = (
+                float(each[joint.idx_q])
+                for each in (model.lowerPositionLimit, model.upperPositionLimit)
+            )
+            if joint.nq == 2:
+                low, high = -np.pi, np.pi
+            angle = rng.choice([low, high]) if rng.random() < 0.4 else rng.uniform(low, high)
+            q[joint.idx_q : joint.idx_q + joint.nq] = (
+                angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+            )
+        pin.forwardKinematics(model, data, q)
+        ends = [(model.getJointId(leg.joint_names[-1]), leg.chain.tip_m) for leg in robot.legs]
+        feet.append([data.oMi[joint].act(tip) for joint, tip in ends])
+        centres.append(np.array(pin.centerOfMass(model, data, q)))
+    return np.array(feet), np.array(centres)
+
+
+def test_every_posture_of_the_whole_robot_is_within_its_outer_sets(robot: RobotModel) -> None:
+    sets: OuterSets = outer_sets(robot)
+    feet, centres = postures(robot, 1500)
+    away = feet - centres[:, None]
+    assert np.all(np.einsum("kni,di->knd", away, sets.normals) <= sets.feet_m)
+    assert np.all(np.linalg.norm(away - sets.balls_m[:, :3], axis=2) <= sets.balls_m[:, 3])
+    assert np.all(np.linalg.norm(away, axis=2) <= sets.reach_m)
+    between = np.linalg.norm(feet[:, :, None] - feet[:, None], axis=3)
+    assert np.all(between <= sets.apart_m + 1e-12)
+    assert np.all(centres @ sets.normals.T <= sets.com_m)
+    box = np.array([[-0.2, -0.1, -0.05], [0.2, 0.1, 0.05]])
+    beyond = np.maximum(centres - box[1], box[0] - centres)
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    out = np.where(outside > 0.0, outside, beyond.max(axis=1))
+    assert out.max() <= outward_m(robot) + 1e-9
+
+
+def test_sets_about_the_standing_centre_do_not_hold_a_robot_whose_legs_are_heavy() -> None:
+    robot = model_of(ROBOTS["heavy legs"], where="heavy legs")
+    feet, centres = postures(robot, 1500)
+    away, normals = feet - centres[:, None] + robot.body.com_m, directions_of()
+    held = [
+        np.all(away[:, i] @ normals.T <= foot_cloud(leg).supports(normals))
+        for i, leg in enumerate(robot.legs)
+    ]
+    assert not np.all(held)
+
+
+def test_limbs_over_outer_sets_reach_all_that_the_legs_reach(robot: RobotModel) -> None:
+    from stancekit.planners.robot.contact_robot import contact_robot
+
+    outer = contact_robot(robot, sets="outer")
+    assert contains_all(outer)
+    for limb in limbs_over(robot, "outer"):
+        assert limb.reach_rows is not None
+    if all(len(leg.joints) >= 3 for leg in robot.legs):
+        assert not contains_all(contact_robot(robot))

@@ -1,0 +1,233 @@
+"""Proofs that no balanced motion leads through a passage, and forgeries of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit import PlanSettings, Status
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.problem.course_between import laid_between
+from stancekit.planners.problem.passage import Passage
+from stancekit.planners.robot.outer_sets import Extent
+from stancekit.planners.search.flood import flood
+from stancekit.planners.terrain.polygon import surface_patch
+from stancekit.planners.verify.flood import KINDS, check_flood
+
+WIDE_M = 1.2
+
+
+def level(x0: float, x1: float, z: float, y0: float = -WIDE_M, y1: float = WIDE_M) -> np.ndarray:
+    return np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])
+
+
+def passage(kind: str, size_m: float, *, door_m: float = 0.0) -> Passage:
+    """The hexapod before a step, a wall 0.12 m thick or a gap of this size, 0.5 m ahead."""
+    inset, beyond = 0.02, 0.5 if kind == "step" else 0.62
+    surfaces = [level(-1.3, 0.5, 0.0)]
+    if kind == "gap":
+        surfaces.append(level(0.5 + size_m, 2.0 + size_m, 0.0))
+    elif kind == "step":
+        surfaces.append(level(0.5, 2.0, size_m))
+    else:
+        half = 0.5 * door_m
+        tops = [level(0.5, 0.62, size_m)]
+        if door_m:
+            tops = [
+                level(0.5, 0.62, size_m, half, WIDE_M),
+                level(0.5, 0.62, size_m, -WIDE_M, -half),
+            ]
+            surfaces.append(level(0.5, 0.62, 0.0, -half, half))
+        surfaces += [*tops, level(beyond, 2.0, 0.0)]
+    patches = tuple(surface_patch(each, 0.8) for each in surfaces)
+    inner = []
+    for each in surfaces:
+        middle = each.mean(axis=0)
+        inner.append(surface_patch(each + inset * np.sign(middle - each) * [1, 1, 0], 0.8))
+    robot = stancekit.hexapod()
+    goal = np.array([1.4 + (size_m if kind == "gap" else 0.0), 0.0])
+    return Passage(
+        name=kind,
+        robot=robot,
+        terrain=patches,
+        footholds=tuple(inner),
+        start_m=np.zeros(2),
+        goal_m=goal,
+        near_m=0.1,
+    )
+
+
+@pytest.fixture(scope="module")
+def wall() -> Certificate:
+    found = flood(passage("wall", 0.8))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("kind", ["step", "wall", "gap"])
+def test_what_is_larger_than_any_reach_is_proved_and_what_is_small_is_not(kind: str) -> None:
+    reach = Extent.of(stancekit.hexapod()).reach_m
+    assert flood(passage(kind, 1.2 * reach)) is not None
+    assert flood(passage(kind, 0.4 * reach)) is None
+
+
+def test_a_door_in_a_wall_is_a_way() -> None:
+    assert flood(passage("wall", 0.8, door_m=0.9)) is None
+
+
+def test_a_bridge_over_a_gap_and_a_passage_below_a_bar_are_ways() -> None:
+    gap = passage("gap", 0.8)
+    bridge = surface_patch(level(0.45, 1.35, 0.05, -0.3, 0.3), 0.8)
+    assert (
+        flood(replace(gap, terrain=(*gap.terrain, bridge), footholds=(*gap.footholds, bridge)))
+        is None
+    )
+    flat = surface_patch(level(-1.3, 2.0, 0.0), 0.8)
+    bar = surface_patch(level(0.5, 0.62, 0.9), 0.8)
+    below = replace(gap, terrain=(flat, bar), footholds=(flat,), goal_m=np.array([1.4, 0.0]))
+    assert flood(below) is None
+
+
+def test_a_proof_survives_its_file(wall: Certificate, tmp_path: Path) -> None:
+    stancekit.save(wall, tmp_path / "wall.json")
+    subject, read = stancekit.load(tmp_path / "wall.json")
+    assert isinstance(subject, Passage)
+    np.testing.assert_array_equal(read.tree, wall.tree)
+    check = stancekit.verify(str(tmp_path / "wall.json"))
+    assert check.accepted
+    assert stancekit.verify(read).accepted
+    assert stancekit.explain(read).message in check.message
+
+
+def _of(kind: str) -> Callable[[Certificate], np.ndarray]:
+    return lambda proof: proof.tree[:, 0] == KINDS[kind]
+
+
+def _without_runs(proof: Certificate) -> Certificate:
+    kept = proof.tree[~_of("run")(proof)]
+    return replace(proof, tree=kept)
+
+
+def _one_run_short(proof: Certificate) -> Certificate:
+    tree, runs = np.array(proof.tree), np.flatnonzero(_of("run")(proof))
+    tree[runs[len(runs) // 2], 4] -= 2
+    return replace(proof, tree=tree)
+
+
+def _lower(proof: Certificate) -> Certificate:
+    subject = proof.problem
+    assert isinstance(subject, Passage)
+    flat = [np.array(each.vertices_m) * [1, 1, 0.25] for each in subject.terrain]
+    stood = [np.array(each.vertices_m) * [1, 1, 0.25] for each in subject.footholds]
+    return proof.of(
+        replace(
+            subject,
+            terrain=tuple(surface_patch(each, 0.8) for each in flat),
+            footholds=tuple(surface_patch(each, 0.8) for each in stood),
+        )
+    )
+
+
+def _further(proof: Certificate) -> Certificate:
+    subject = proof.problem
+    assert isinstance(subject, Passage)
+    return proof.of(replace(subject, start_m=np.array([0.9, 0.0])))
+
+
+def _at_the_start(proof: Certificate) -> Certificate:
+    subject = proof.problem
+    assert isinstance(subject, Passage)
+    return proof.of(replace(subject, goal_m=np.array([0.1, 0.0])))
+
+
+def _fewer_surfaces(proof: Certificate) -> Certificate:
+    rows = proof.tree[
+        ~(_of("piece")(proof) & (proof.tree[:, 1] == proof.tree[_of("piece")(proof), 1].max()))
+    ]
+    return replace(proof, tree=rows)
+
+
+def _coarser(proof: Certificate) -> Certificate:
+    tree = np.array(proof.tree)
+    tree[_of("spacing")(proof), 3] = 0.2
+    return replace(proof, tree=tree)
+
+
+def _longer_directions(proof: Certificate) -> Certificate:
+    return replace(proof, multipliers=0.5 * proof.multipliers)
+
+
+@pytest.mark.parametrize(
+    "forge",
+    [
+        _without_runs,
+        _one_run_short,
+        _lower,
+        _further,
+        _at_the_start,
+        _fewer_surfaces,
+        _coarser,
+        _longer_directions,
+    ],
+)
+def test_forged_proofs_are_refused(
+    wall: Certificate, forge: Callable[[Certificate], Certificate]
+) -> None:
+    assert check_flood(wall).accepted
+    assert not check_flood(forge(wall)).accepted
+
+
+def _mesh(folder: Path, height_m: float) -> Path:
+    """Ground with a step all across it, as an OBJ file."""
+    quads = [level(-1.3, 0.5, 0.0), level(0.5, 2.0, height_m)]
+    quads.append(
+        np.array(
+            [[0.5, -WIDE_M, 0], [0.5, -WIDE_M, height_m], [0.5, WIDE_M, height_m], [0.5, WIDE_M, 0]]
+        )
+    )
+    corners = "".join(f"v {x:g} {y:g} {z:g}\n" for quad in quads for x, y, z in quad)
+    faces = "".join(
+        f"f {4 * k + 1} {4 * k + 2} {4 * k + 3} {4 * k + 4}\n" for k in range(len(quads))
+    )
+    path = folder / "step.obj"
+    path.write_text(corners + faces)
+    return path
+
+
+def test_between_places_infeasible_is_of_the_question_and_no_time_limit_changes_it(
+    tmp_path: Path,
+) -> None:
+    path = _mesh(tmp_path, 0.9)
+    ends = {"start_xy_m": (0.0, 0.0), "goal_xy_m": (1.4, 0.0)}
+    for limit_s in (0.0, 60.0):
+        answer = stancekit.plan(path, **ends, time_limit_s=limit_s)
+        assert answer.status is Status.INFEASIBLE
+        assert isinstance(answer.problem, Passage)
+        assert answer.certificate is not None
+        assert stancekit.verify(answer.certificate).accepted
+    assert laid_between(path, (0.0, 0.0), (1.4, 0.0)).passage().name == "step"
+
+
+def test_where_a_robot_may_leap_the_answer_is_undecided_with_the_proof(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    from tests.planners.robot.made_robots import quadruped
+
+    (tmp_path / "dog.urdf").write_text(quadruped(trunk=12.0))
+    path, ends = _mesh(tmp_path, 1.3), {"start_xy_m": (0.0, 0.0), "goal_xy_m": (1.4, 0.0)}
+    for leaps, status in ((True, Status.UNDECIDED), (False, Status.INFEASIBLE)):
+        settings = PlanSettings(leaps=leaps)
+        answer = stancekit.plan(path, **ends, robot=tmp_path / "dog.urdf", settings=settings)
+        assert answer.status is status
+        assert answer.certificate is not None
+        assert stancekit.verify(answer.certificate).accepted
+
+
+def test_standing_still_is_a_question_with_a_plan(tmp_path: Path) -> None:
+    path = _mesh(tmp_path, 0.1)
+    answer = stancekit.plan(path, start_xy_m=(0.0, 0.0), goal_xy_m=(0.0, 0.0))
+    assert answer.status is Status.FEASIBLE
