@@ -333,6 +333,7 @@ class _Lattice:
         heights, slopes = _rastered(standing, low, spacing, shape)
         layered = bool(np.nanmax(heights[0] - heights[1], initial=0.0) > apart * reach)
         k = int(lowest)
+        heights[k][_pits(heights[k], int(ASIDE * reach / spacing), apart * reach)] = np.nan
         stood = cls._stood(heights[k], slopes[k], low, spacing, footprint, apart)
         blocked, by = _room(surfaces, footprint, stood["z_m"], stood["slope"], low, spacing)
         return cls(
@@ -783,6 +784,18 @@ def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
         if np.isfinite(factor):
             worth = np.where(blocked == number, factor * worth, worth)
     return {"worth": worth, "room": blocked}
+
+
+def _pits(heights: Array, size: int, deep_m: float) -> NDArray[np.bool_]:
+    """Tell which footholds are deep in a trench or a pit that toes step over, to a foothold that is
+    no farther than so many nodes away.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter  # slow to import
+
+    known = np.pad(np.where(np.isnan(heights), -np.inf, heights), size, constant_values=-np.inf)
+    closed = minimum_filter(maximum_filter(known, 2 * size + 1), 2 * size + 1)
+    inner = slice(size, -size or None)
+    return np.asarray(closed[inner, inner] > heights + deep_m)
 
 
 def _slope(own: Array, arms: Array, levels: Array) -> tuple[Array, Array]:
