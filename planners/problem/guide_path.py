@@ -57,8 +57,7 @@ UPRIGHT = 0.3
 """Surfaces whose normals are steeper than this have one height at a place."""
 BELLY, TOP = 0.4, 0.5
 """Solids are in the way from so far below the centre of mass on, in heights of the body over its
-toes, or from the lowest point of a trunk that is higher, and up to so far above it, where nobody
-knows the robot's links."""
+toes, and up to so far above it, where nobody knows the robot's links."""
 ALIKE_M = 5e-3
 """Heights of a border that differ by less are one to people [m]."""
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
@@ -82,6 +81,7 @@ class Footprint:
             way [m].
         names: names of the limbs.
         reach_m: mean reach of the limbs [m].
+        belly_m: height of the trunk's lowest point over the centre of mass, where it is known [m].
     """
 
     toes_m: Array
@@ -90,6 +90,7 @@ class Footprint:
     high_m: float
     names: tuple[str, ...]
     reach_m: float
+    belly_m: float = -np.inf
 
     @classmethod
     def of(cls, robot: Robot, toes_m: Array) -> Footprint:
@@ -98,7 +99,7 @@ class Footprint:
         """
         reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
         down = float(np.abs(toes_m[:, 2]).mean())
-        points, low, high = [toes_m], -BELLY * down, TOP * down
+        points, belly, high = [toes_m], -np.inf, TOP * down
         try:
             from ..robot.bodies import link_shapes
             from ..robot.kinematics import Kinematics
@@ -114,17 +115,18 @@ class Footprint:
             points.append(np.vstack([chains, trunk]) - robot.source.origin_m)
             high = float(points[1][:, 2].max())
             if len(trunk):
-                low = max(low, float(points[1][len(chains) :, 2].min()))
+                belly = float(points[1][len(chains) :, 2].min())
         except InvalidInput:  # nobody knows its legs, or pinocchio is not there
             pass
         flat = np.concatenate(points)[:, :2]
         return cls(
             toes_m=toes_m,
             hull_m=_hull(flat),
-            low_m=low,
+            low_m=-BELLY * down,
             high_m=high,
             names=tuple(limb.name for limb in robot.limbs),
             reach_m=reach,
+            belly_m=belly,
         )
 
     @classmethod
@@ -160,6 +162,12 @@ class Footprint:
         """Height over the ground below which nothing is in its way [m]."""
         return self.down_m + self.low_m
 
+    def stepping(self, step_m: float) -> Footprint:
+        """The footprint of a robot whose legs step so high: what is no higher is in the way of its
+        trunk alone.
+        """
+        return replace(self, low_m=max(self.low_m, min(self.belly_m, step_m - self.down_m)))
+
     def level(self, z: Array, slope: Array) -> Array:
         """Height of the body over the plane of the ground through the middle of all toes, moved
         along this plane to below the body, shape (…) [m].
@@ -167,7 +175,7 @@ class Footprint:
         Arguments:
             slope: gradient of the plane, shape (…, 2).
         """
-        return z - slope @ self.toes_m[:, :2].mean(axis=0)
+        return np.asarray(z - slope @ self.toes_m[:, :2].mean(axis=0))
 
     @property
     def radius_m(self) -> float:
@@ -317,6 +325,7 @@ class _Lattice:
             lowest: take the lowest of footholds above each other, not the highest.
         """
         reach, toes = footprint.reach_m, footprint.toes_m
+        footprint = footprint.stepping(apart * reach)
         corners = np.concatenate([patch.vertices_m for patch in standing])[:, :2]
         room = float(np.abs(toes[:, :2]).max()) + ASIDE * reach
         low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
@@ -325,6 +334,7 @@ class _Lattice:
         heights, slopes = _rastered(standing, low, spacing, shape)
         layered = bool(np.nanmax(heights[0] - heights[1], initial=0.0) > apart * reach)
         k = int(lowest)
+        heights[k][_pits(heights[k], int(ASIDE * reach / spacing), apart * reach)] = np.nan
         stood = cls._stood(heights[k], slopes[k], low, spacing, footprint, apart)
         blocked, by = _room(surfaces, footprint, stood["z_m"], stood["slope"], low, spacing)
         return cls(
@@ -372,8 +382,9 @@ class _Lattice:
     ) -> dict[str, Any]:
         """Places where the robot can stand, of footholds' heights and gradients at the nodes.
 
-        The slope of the ground at a node is that of the plane nearest to all toes' footholds, as
-        much of it as these footholds themselves rise: on both sides of a step they are level.
+        The slope of the ground at a node is that of the plane nearest to all toes' footholds. They
+        are too far apart as measured from as much of it as they rise themselves: on both sides of
+        a step they are level.
         """
         from scipy.ndimage import distance_transform_edt  # slow to import
 
@@ -768,9 +779,21 @@ def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
     return {"worth": worth, "room": blocked}
 
 
-def _slope(own: Array, arms: Array, levels: Array) -> Array:
-    """Gradient of the plane nearest to all toes' footholds, as much of it as the ground itself has,
-    shape (n, m, 2).
+def _pits(heights: Array, size: int, deep_m: float) -> NDArray[np.bool_]:
+    """Tell which footholds are deep in a trench or a pit that toes step over, to a foothold that is
+    no farther than so many nodes away.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter  # slow to import
+
+    known = np.pad(np.where(np.isnan(heights), -np.inf, heights), size, constant_values=-np.inf)
+    closed = minimum_filter(maximum_filter(known, 2 * size + 1), 2 * size + 1)
+    inner = slice(size, -size or None)
+    return np.asarray(closed[inner, inner] > heights + deep_m)
+
+
+def _slope(own: Array, arms: Array, levels: Array) -> tuple[Array, Array]:
+    """Gradient of the plane nearest to all toes' footholds, shape (n, m, 2), and the share of it that
+    the ground itself has, shape (n, m).
 
     Arguments:
         own: gradient of the ground below the toes in the mean, shape (2, n, m).

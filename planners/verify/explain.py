@@ -233,7 +233,7 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
         return None
     turn = 2.0 * np.pi / SIDES * np.arange(SIDES)
     around = np.stack([np.cos(turn), np.sin(turn)])
-    least, worst = 0.0, None
+    least, most, worst = 0.0, 0.0, None
 
     def bears(candidates: NDArray[np.bool_], grip: float) -> bool:
         from scipy.optimize import nnls  # slow to import
@@ -247,15 +247,14 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
     for stance in course.stances:
         holds = numbers.schedule.holds[stance.frame, list(stance.limbs)]
         under = np.isin(numbers.candidate, holds)
-        if not under.any() or bears(under, least):
+        if not under.any() or bears(under, most):
             continue
-        low, high = least, MOST_GRIP
-        if not bears(under, high):
+        least, most, worst = most, MOST_GRIP, stance
+        if not bears(under, most):
             return None
         for _ in range(COURSE_BISECTIONS):
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if bears(under, middle) else (middle, high)
-        least, worst = low, stance
+            middle = 0.5 * (least + most)
+            least, most = (least, middle) if bears(under, middle) else (middle, most)
     if worst is None:
         return None
     names = ", ".join(course.robot.limb_names[i] for i in worst.limbs)

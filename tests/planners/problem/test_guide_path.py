@@ -242,6 +242,15 @@ def test_two_toes_on_a_wall_make_no_slope():
     assert numbers(str(refused.value), "wall at ")[2] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.parametrize("width", [0.1, 0.2])
+def test_a_trench_that_toes_step_over_is_no_step_down_whether_it_has_a_bottom_or_not(width):
+    end = 1.5 + width
+    deep = profile((-1, 0), (1.5, 0), (1.5, -0.4), (end, -0.4), (end, 0), (5, 0))
+    found = path(deep, (0, 0), (4, 0))
+    open_below = path(over([floor(-1, 1.5, -2.5, 2.5), floor(end, 5, -2.5, 2.5)]), (0, 0), (4, 0))
+    assert found.length_m == pytest.approx(open_below.length_m, rel=0.02)
+
+
 def test_risers_that_the_legs_can_step_are_steps():
     levels = [(0.3 * k, 0.1 * k) for k in range(-4, 12)]
     stairs = [point for x, z in levels for point in ((x, z), (x + 0.3, z))]
