@@ -275,7 +275,7 @@ def p1_cold(scenes: list[Any]) -> None:
     """P1 over the middle half of the domain, numbers loaded and a solver set up for each scene."""
     import clarabel
 
-    from stancekit.planners.equilibrium.clarabel_settings import solver_settings
+    from stancekit.planners.equilibrium.rows import solver_settings
 
     model = McCormick(scenes[0].scaled.layout)
     half = np.full(scenes[0].point.shape, 0.5)

@@ -24,14 +24,13 @@ from _bench import Options, launch
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
-from stancekit.learners.selectors.convergence import Generation
 from stancekit.learners.selectors.feasibility import (
     CachingOracle,
     FeasibilityOracle,
     SolvingOracle,
     VerdictCounts,
 )
-from stancekit.learners.selectors.genetic import GeneticSettings, evolve
+from stancekit.learners.selectors.genetic import Generation, GeneticSettings, evolve
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files.arrays import Array

@@ -169,7 +169,7 @@ class SceneSpec(_Keys):
             if lists or not self.ours.order:
                 raise InvalidInput(
                     f"{where}: expected ours.order and one list of surfaces where any one limb "
-                    "moves"
+                    f"moves, got {len(lists)} lists"
                 )
         elif not set(phase.moving) <= set(self.limbs) or len(lists) != len(phase.moving):
             raise InvalidInput(

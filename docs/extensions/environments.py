@@ -35,7 +35,7 @@ REWARDS = {
         r"r &= w_\text{progress}\;\frac{\Delta s}{L} + w_\text{feasible}\;[\text{verified plan}] \\"
         r"&- w_\text{failure}\;[\text{no plan, or its execution failed}] \\"
         r"&- w_\text{solve}\;n - w_\text{second}\;t",
-        "stancekit.envs.traverse_setup:TraverseWeights",
+        "stancekit.envs.traverse:TraverseWeights",
     ),
     "WarpedGait": (
         r"r &= w_\text{verified}\;[\text{the verifier accepts}] + w_\text{feasible}\;[\text{the solve succeeds}] \\"

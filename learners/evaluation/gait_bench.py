@@ -12,22 +12,23 @@ from __future__ import annotations
 import json
 import math
 import zlib
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, NonNegativeInt, PositiveInt
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt
 
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import LARGEST
 from stancekit.planners.files.documents import read_json
-from stancekit.planners.files.validation import check_fields
+from stancekit.planners.files.validation import check_fields, shown, validated
 from stancekit.planners.files.writing import write_text
+from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.budget import SolveBudget
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
@@ -41,10 +42,120 @@ from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
 
 from ..data.executor import processes
-from .gait_methods import METHODS as METHODS
-from .gait_methods import PAPER as PAPER
-from .gait_methods import GaitMethod as GaitMethod
-from .gait_row import checked_row
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="allow", strict=True, allow_inf_nan=False)
+
+
+class _Before(_Model):
+    """A portfolio's first feasible point."""
+
+    peak_acceleration_g: float | None
+
+
+class _Failed(_Model):
+    """Nothing was solved, e.g. for want of a map."""
+
+    success: bool
+    verified: bool
+    refused: list[str] = []
+
+
+class _Solved(_Failed):
+    """A solve, or the solves of a portfolio, and the verifier's figures."""
+
+    iterations: NonNegativeInt
+    cpu_s: NonNegativeFloat
+    linear_s: NonNegativeFloat
+    phase_iterations: dict[str, int] = {}
+    violations: list[float | None] = Field(default=[], min_length=1)
+    before: _Before | None = None
+    peak_acceleration_g: float | None = None
+    force_rms: float | None = None
+    force_peak: float | None = None
+    reach: float | None = None
+    penetration: float | None = None
+    outside_cone: float | None = None
+    friction_needed: float | None = None
+
+
+def checked_row(row: Any, cell: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """The row as it is.
+
+    Raises InvalidInput.
+
+    Arguments:
+        cell: terrain, task, seed and method that it is of.
+    """
+    if not isinstance(row, dict):
+        raise InvalidInput(f"{where}: row: expected an object, got {type(row).__name__}")
+    for name, value in cell.items():
+        if row.get(name) != value:
+            raise InvalidInput(
+                f"{where}: row: {name}: expected {value!r} by the file's name, got "
+                f"{shown(row.get(name))}"
+            )
+    solved = row.get("success") is not False or "violations" in row
+    validated(_Solved if solved else _Failed, row, f"{where}: row")
+    return row
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitMethod:
+    """A way to solve.
+
+    Arguments:
+        settings: those of ``GaitSettings`` that it sets.
+        portfolio: the product, with all phases.
+    """
+
+    label: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    portfolio: bool = False
+
+
+_PAPER = {"dynamics": "printed", "trunk_clearance_m": None}
+
+_KNOWN: Mapping[str, GaitMethod] = {
+    "ambient": GaitMethod(label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}),
+    "warped": GaitMethod(label="warped, as published", settings={"chart": "warped", **_PAPER}),
+    "decoupled": GaitMethod(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
+    "portfolio": GaitMethod(label="ours: portfolio, smoothed", portfolio=True),
+    "warped-exact": GaitMethod(
+        label="ours: warped-exact, centred", settings={"chart": "warped-exact"}
+    ),
+    "shear": GaitMethod(label="shear, centred", settings={"chart": "shear"}),
+    "ambient-centred": GaitMethod(label="ambient, centred", settings={"chart": "ambient"}),
+    "ambient-lbfgs": GaitMethod(
+        label="baseline, L-BFGS", settings={"chart": "ambient", "hessian": "lbfgs", **_PAPER}
+    ),
+    "warped-lbfgs": GaitMethod(
+        label="warped, as published, L-BFGS",
+        settings={"chart": "warped", "hessian": "lbfgs", **_PAPER},
+    ),
+    "decoupled-lbfgs": GaitMethod(
+        label="ours: decoupled, L-BFGS", settings={"chart": "decoupled", "hessian": "lbfgs"}
+    ),
+}
+
+METHODS: Mapping[str, GaitMethod] = {
+    **_KNOWN,
+    **{
+        chart: GaitMethod(label=f"{chart}, centred", settings={"chart": chart})
+        for chart in CHARTS.names()
+        if chart not in _KNOWN
+    },
+}
+"""By name, and every further chart by its own. The paper's own methods have its dynamics and no
+term for the trunk."""
+
+PAPER: Mapping[str, Mapping[str, float]] = {
+    "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},
+    "warped-lbfgs": {"ripple": 0.92, "cone": 1.0, "hill": 1.0, "pit": 0.13},
+}
+"""Success of Pan et al.'s Table I (Knitro, 200 iterations)."""
+
 
 Seconds = Annotated[float, Field(gt=0.0, le=LARGEST)]
 TERRAINS = ("ripple", "cone", "hill", "pit")

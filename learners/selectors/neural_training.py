@@ -8,7 +8,7 @@ stopped: what chance decides in an epoch depends on the seed and the epoch alone
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,11 +23,74 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import check_fields
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.table import RELAXATIONS
 
-from .margin import margins
-from .network import Architecture, Boxes, BoxNetwork, Mirror, SceneTensors, pinball
+from .network import Architecture, Boxes, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball
 from .tensors import load_weights, read_tensors, write_tensors
+
+
+class Margin(torch.autograd.Function):
+    """Margins that ``margins`` applies."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        low: Tensor,
+        high: Tensor,
+        problems: Sequence[Scaled],
+        programs: Programs,
+        relaxation: str,
+    ) -> Tensor:
+        """Solve P1 once a scene."""
+        lows, highs = as_arrays(low, high)
+        values, slopes = np.zeros(len(problems)), np.zeros((2, *lows.shape))
+        for i, problem in enumerate(problems):
+            box = Envelope(low=lows[i], high=highs[i])
+            answer = RELAXATIONS.get(relaxation).margin(programs, problem, box, gradient=True)
+            if answer.gradient is not None:
+                values[i], slopes[:, i] = answer.margin, answer.gradient
+        ctx.save_for_backward(torch.as_tensor(slopes, dtype=low.dtype))
+        return torch.as_tensor(values, dtype=low.dtype)
+
+    @staticmethod
+    def backward(ctx: Any, *outputs: Tensor) -> tuple[Tensor, Tensor, None, None, None]:
+        """Chain rule."""
+        (slopes,) = ctx.saved_tensors
+        grown = outputs[0][:, None, None]
+        return slopes[0] * grown, slopes[1] * grown, None, None, None
+
+
+def margins(
+    low: Tensor,
+    high: Tensor,
+    problems: Sequence[Scaled],
+    programs: Programs | None = None,
+    relaxation: str = "p1",
+) -> Tensor:
+    """The signed margin of P1 of each scene over its box: 0 or less where P1 admits the scene, and
+    by how much.
+
+    Returns shape (B,), in the precision of ``low``; where P1 has no margin, P̄ having no answer, it
+    is 0 and nothing flows back. Differentiable once, on the processor.
+
+    Arguments:
+        low, high: bounds of [p, f], non-dimensional, shape (B, N, 6), low ≤ high.
+        problems: B of them, with N contacts.
+        programs: compiled models, which a loop keeps from call to call; new ones where None.
+        relaxation: which P1, "p1" or "joint".
+
+    Raises:
+        InvalidInput: for boxes of other shapes, not finite or reversed.
+    """
+    wanted = (len(problems), problems[0].size[0], 6) if problems else (0,)
+    if tuple(low.shape) != wanted or tuple(high.shape) != wanted:
+        raise InvalidInput(
+            f"low, high: expected shape {wanted}, got {tuple(low.shape)} and {tuple(high.shape)}"
+        )
+    margins_of_boxes: Tensor = Margin.apply(low, high, problems, programs or Programs(), relaxation)  # type: ignore[no-untyped-call]
+    return margins_of_boxes
+
 
 Progress = Callable[[int, int], None]
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]

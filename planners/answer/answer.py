@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from ..problem import Problem
 from ..problem.leap import Leap
+from ..problem.passage import Passage
 from .certificate import Certificate
 from .crossing import Crossing
 from .leap_plan import LeapPlan
@@ -117,7 +118,7 @@ class Answer(Generic[S]):
 
     status: Status
     method: str
-    problem: Problem | Walk | Leap | None = None
+    problem: Problem | Walk | Leap | Passage | None = None
     solution: S | None = None
     certificate: Certificate | None = None
     report: Report[S] | None = None

@@ -23,11 +23,34 @@ import clarabel
 import numpy as np
 
 from ..files.arrays import Array
-from .clarabel_settings import solver_settings
-from .columns import Columns, pattern_of
+from ..files.columns import Columns as Columns
 from .conic_solution import ConicSolution, ConicStatus
 from .gather import D, Fill, Gather, GatheredNumbers, Values
 from .layout import Index
+
+
+def pattern_of(rows: Index, columns: Index, shape: tuple[int, int]) -> Columns:
+    """A matrix of zeros at these entries, which are sorted by columns."""
+    indptr = np.searchsorted(columns, np.arange(shape[1] + 1))
+    return Columns(np.zeros(len(rows)), rows.astype(np.int32), indptr.astype(np.int32), shape)
+
+
+def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.DefaultSettings:
+    """Clarabel's settings for small programs on one thread; no clock ends a solve, iterations do.
+
+    Arguments:
+        careful: slower, for the rare problem that the fast settings end on without an answer.
+    """
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.presolve_enable = False
+    settings.chordal_decomposition_enable = False
+    settings.iterative_refinement_enable = careful
+    settings.equilibrate_enable = equilibrate
+    settings.equilibrate_max_iter = 10 if careful else 2
+    return settings
+
 
 STATUS = {
     clarabel.SolverStatus.Solved: ConicStatus.SOLVED,

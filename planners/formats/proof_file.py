@@ -85,10 +85,11 @@ def check_proof_file(path: str | Path) -> FileCheck:
     """
     subject, certificate = read_proof(path)
     proof = check_certificate(certificate)
-    of_course = isinstance(subject, Passage) or not subject.is_posture
-    name = subject.name if of_course else f"posture on {', '.join(subject.legs)}"
     reason = explain(certificate).message if proof.accepted else proof.message
-    kind: Literal["no-plan", "no-posture"] = "no-plan" if of_course else "no-posture"
+    kind: Literal["no-plan", "no-posture"] = "no-plan"
+    name = subject.name
+    if isinstance(subject, Problem) and subject.is_posture:
+        kind, name = "no-posture", f"posture on {', '.join(subject.legs)}"
     return FileCheck(path=str(path), kind=kind, report=proof, message=f"{name}: {reason}")
 
 

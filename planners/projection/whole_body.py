@@ -34,18 +34,40 @@ from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
 from ..motion.joints import STRAY_M
 from ..motion.plan_joints import plan_angles
-from ..robot.kinematics import Kinematics
+from ..motion.torques import path_torques
+from ..robot.kinematics import Kinematics, rotation_of
 from ..verify import Report, check_plan
 from .clearance import APART_M, CLEAR_PRICE, Nearness, PathClearance
 from .force_distribution import EASY
 from .joint_ranges import keeps_to
-from .largest_torque import largest, on_the_way
 from .least_steps import along
 from .restoration import Restoration, Restored
 from .spared_contacts import SparedGiven, spared_contacts
 from .support_margin import pressing, push_share, pushed
 from .whole_body_limits import WholeBodyLimits
 from .whole_body_step import TORQUE_PRICE, WholeBodyGiven, WholeBodyStep
+
+
+def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
+    """Largest torque of a plan with joints, as a share of its limit: (share, Nm)."""
+    assert plan.joints_rad is not None
+    rows = zip(plan.problem.stances, plan.forces_n, strict=True)
+    torques = np.abs(
+        [
+            solver.torques(
+                plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces
+            )
+            for of, forces in rows
+        ]
+    )
+    at = np.unravel_index(int(np.argmax(torques / limit_nm)), torques.shape)
+    return float((torques / limit_nm)[at]), float(torques[at])
+
+
+def on_the_way(plan: Plan, solver: Kinematics, limit_nm: Array) -> float:
+    """Along the plan's path, where the robot is as it is executed: a share of the limit."""
+    return float((np.abs(path_torques(plan, solver)) / limit_nm).max(initial=0.0))
+
 
 AIM, SPARE = 0.97, 0.02
 """Steps aim at this share of what is wanted, and leave this share of the friction, and of the

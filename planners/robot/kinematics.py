@@ -10,6 +10,7 @@ Torques are those of a robot that stands still.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,13 +20,37 @@ from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
-from .joint_answer import JointAnswer
 from .leg import Mount
 from .leg_ik import limb_postures
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo
 from .urdf_reader import at_rest, pinocchio
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointAnswer:
+    """Joint angles for one posture; J joints, N limbs.
+
+    Arguments:
+        angles: shape (J,) [rad], within the limits.
+        error_m: distance of every foot from its target, shape (N,) [m].
+        limit_rad: how far beyond its limits the worst joint of a limb would have to go to get
+            there, shape (N,) [rad].
+        torques_nm: joint torques that hold the robot still under the given forces, shape (J,) [Nm];
+            zeros without forces.
+    """
+
+    angles: Array
+    error_m: Array
+    limit_rad: Array
+    torques_nm: Array
+
+    @property
+    def within_limits(self) -> bool:
+        """Every foot is where it should be, with no joint beyond its limits."""
+        return bool(np.all(self.error_m <= REACHED_M))
+
 
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 

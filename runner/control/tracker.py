@@ -13,6 +13,7 @@ body where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -27,11 +28,78 @@ from ..motion.redundancy import RedundancyResolution, resolved
 from ..worlds.drives import Drives
 from ..worlds.world import State
 from .body_feedback import BodyController, BodyFeedback, BodyPose, skew
-from .coming import Coming, Expected
-from .command import command
 from .foot_placement import FADES, ContactFeedback, FootPlacement
 from .loop_stiffness import LoopStiffness
 from .swing_speed import SwingSpeed
+
+
+def command(
+    drives: Drives,
+    angles_rad: Array,
+    torques_nm: Array,
+    rates_rad_s: Array,
+    rising_rad_s2: Array,
+    share: float = 1.0,
+) -> Array:
+    """q + Kp⁻¹ (τ + Kd q̇ + J q̈), shape (J,) [rad]: a loop τ = Kp (q* − q) − Kd q̇ that is sent
+    this gives τ at q.
+
+    A servo takes no torque: it gets it as an offset of its position.
+
+    Arguments:
+        torques_nm: of loads and links; the rotors' are added here.
+        share: of Kp that the loops really have. A loop that yields to nothing is sent q.
+    """
+    if not drives.yields:
+        return np.array(angles_rad)
+    torques = torques_nm + drives.damping_nms_rad * rates_rad_s + drives.rotor_kg_m2 * rising_rad_s2
+    return np.asarray(angles_rad + torques / (share * drives.stiffness_nm_rad))
+
+
+AHEAD = 64
+"""The most periods that are looked up together."""
+
+Expected = tuple[Samples, Array]
+"""A sample, and the posture that joints are drawn to then, shape (J,) [rad]."""
+
+
+class Coming:
+    """Samples of one motion at the times that its tracker asks for.
+
+    The next periods are looked up with the one that is asked for, twice as many each time as long
+    as they are asked for to the last. A motion that slows down, or waits, asks for others, and
+    begins with a single one again.
+    """
+
+    def __init__(self, motion: Motion, wished: RedundancyResolution, period_s: float) -> None:
+        self._motion, self._wished, self._period_s = motion, wished, period_s
+        self._known, self._count = dict[float, Expected](), 1
+        self._asked = self._last = -1.0
+
+    def at(self, time_s: float, pace: float = 1.0) -> Expected:
+        """Sample that is expected at a time [s].
+
+        Arguments:
+            pace: how fast the motion's time goes on.
+        """
+        if time_s not in self._known:
+            self._look_up(time_s, pace)
+        self._asked = time_s
+        return self._known[time_s]
+
+    def _look_up(self, time_s: float, pace: float) -> None:
+        """Compute the expected samples from this time on.
+
+        The last request's sample is kept.
+        """
+        self._count = min(2 * self._count, AHEAD) if self._asked == self._last else 1
+        known = {self._asked: self._known[self._asked]} if self._asked in self._known else {}
+        times = list(accumulate([pace * self._period_s] * (self._count - 1), initial=time_s))
+        when = np.array(times)
+        samples = zip(self._motion.at(when).rows(), self._wished.at(when), strict=True)
+        self._known = known | dict(zip(times, samples, strict=True))
+        self._last = times[-1]
+
 
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel

@@ -22,7 +22,7 @@ from stancekit.planners.search.methods import PLANNERS
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
 WITH_SUBCOMMANDS = {
-    "bench": ("envelopes", "planner", "scenes", "gait"),
+    "bench": ("envelopes", "planner", "room", "gait"),
 }
 PLANS = ["plan", "verify", "simulate", "run", "gait"]
 HEAVY = (
@@ -312,7 +312,7 @@ def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_p
         f"command = parse(['plan', 'icy-walls', '--out', {str(tmp_path / 'plan.json')!r}])\n"
         "from stancekit.planners.problem.course_file import read_course\n"
         "from stancekit.planners.search.friction_margin import plan_with_reserve\n"
-        "assert plan_with_reserve(command._planner(), read_course('icy-walls')).plan is not None\n"
+        "assert plan_with_reserve(command._planner(), read_course('icy-walls')).solution is not None\n"
         f"assert not set(sys.modules).intersection({judges!r}), 'judges'\n"
         "assert command.run() == 0\n"
         f"assert 'clarabel' in sys.modules; print([name for name in {slow!r} if name in sys.modules])"

@@ -19,7 +19,7 @@ from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.command import command
+from stancekit.runner.control.tracker import command
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world

@@ -289,19 +289,13 @@ def test_a_saved_picture_can_be_read_and_is_the_same_every_time(
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("a.gif", "expected a name that ends in .png, .pdf, .svg, got .gif"),
-        ("a", "expected a name that ends in .png, .pdf, .svg, got no suffix"),
-        ("no/a.png", "expected an existing folder {folder}/no"),
-    ],
+    "name",
+    ["a.gif", "a", "no/a.png"],
 )
-def test_a_name_that_cannot_be_written_is_refused_in_one_line(
-    name: str, message: str, tmp_path: Path
-) -> None:
+def test_a_name_that_cannot_be_written_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput) as refusal:
         save(draw_comparison(ROWS, size_px=SMALL), tmp_path / name)
-    assert str(refusal.value) == f"{tmp_path / name}: {message.format(folder=tmp_path)}"
+    assert_names(str(refusal.value), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...answer.answer import Answer, Effort, Status
 from ...answer.report import Report
@@ -23,16 +25,552 @@ from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked, checked_int
 from ...problem.walk import Walk
+from ...robot.bodies import Bodies
+from ...robot.inverse_kinematics import descend
+from ...robot.kinematics import rotation_of
+from ...robot.leg import Leg
+from ...robot.overlaps import Overlap, WholeBody
+from ...terrain.heightfield import HeightField
+from ...terrain.obstacles import Obstacles
 from ...verify.trajectories import check_trajectory, with_body
+from ...verify.trajectory_measurements import TrajectoryMeasurements
+from ...verify.trajectory_whole_body import WholeBodyMeasurements
+from ..charts import CHARTS
+from ..constraints.bodies import Overlaps, apart
+from ..constraints.dynamics import dynamics
+from ..constraints.reach import reach
+from ..constraints.torque import LegLoads, torque
 from ..forbidden import forbidden
-from ..gait_program import GaitSolution
+from ..formulation import terms
+from ..gait_program import GaitProgram, GaitSolution
 from ..task import GaitSettings
-from .attempt import Attempt, Attempted, Progress, Workbench
+from ..transcription.blocks import Block, Constraint
+from ..variables.structure import Structure
+from .attempt import Attempt, Attempted, Homotopy, Progress, Workbench
 from .budget import SolveBudget, SolveRecord
 from .checkpoint import FAILED, Checkpoint
-from .densification import densified
-from .homotopy import follow_homotopy, heights_for
-from .smoothing import Smoothing, peak_g, smoothed
+from .smoothing import Smoothing, Solver, peak_g, smoothed
+
+GENTLE = 1.0
+"""Gradient that needs no homotopy: 45°."""
+GROWTH = 1.7
+"""By how much the steepest gradient grows from one stage to the next; 3 → 6 → 10 → 14 → 20 on the
+pit of 87°."""
+WIDEST_M = 1.6
+"""No Gaussian is wider [m]."""
+LEAST = 0.04
+"""Steps in the factor below this are not tried: what separates the stages is then no longer the
+terrain."""
+
+
+def heights_for(
+    terrain: HeightField, gentle: float = GENTLE, growth: float = GROWTH
+) -> tuple[float, ...]:
+    """Factors on the gradients, the last 1: the first makes the terrain gentle, each next one
+    steeper by ``growth``.
+    """
+    slope = terrain.steepest
+    if slope <= gentle:
+        return (1.0,)
+    stages = int(np.ceil(np.log(slope / gentle) / np.log(growth)))
+    return tuple(
+        float(factor) for factor in (gentle / slope) ** (1.0 - np.arange(stages + 1) / stages)
+    )
+
+
+def softened(terrain: HeightField, factor: float) -> HeightField:
+    """The terrain under the Gaussian that leaves this share, within (0, 1], of its steepest
+    gradient.
+
+    Raises InvalidInput for an uneven grid.
+    """
+    goal = factor * terrain.steepest
+    if factor == 1.0 or goal == 0.0:
+        return terrain
+
+    from scipy.optimize import brentq  # slow to import
+
+    def above(sigma_m: float) -> float:
+        return terrain.smoothed(sigma_m).steepest - goal
+
+    widest_m = 0.05
+    while above(widest_m) > 0.0 and widest_m < WIDEST_M:
+        widest_m *= 2.0
+    if above(widest_m) > 0.0:  # a plane, or nearly: no Gaussian makes it gentler
+        return terrain.smoothed(widest_m)
+    return terrain.smoothed(float(brentq(above, 0.0, widest_m, xtol=1e-3)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HomotopyPath:
+    """Result of a homotopy.
+
+    Arguments:
+        solutions: of all stages in their order, also of those that failed.
+        factors: theirs on the terrain's gradients.
+    """
+
+    solutions: tuple[GaitSolution, ...]
+    factors: tuple[float, ...]
+
+    @property
+    def reached(self) -> float:
+        """The largest factor that was solved, 0 for none."""
+        solved = [
+            factor for factor, one in zip(self.factors, self.solutions, strict=True) if one.success
+        ]
+        return max(solved, default=0.0)
+
+
+def follow_homotopy(
+    bench: Workbench,
+    attempt: Attempt,
+    guess: Array | None = None,
+    *,
+    stage: int = 0,
+    solve: Solver = GaitProgram.solve,
+    max_iterations: int | None = None,
+    most_stages: int = 12,
+    stop: Callable[[], bool] = lambda: False,
+) -> HomotopyPath:
+    """Solve at one of an attempt's heights after another, each from the last solution; half-way
+    where one fails.
+
+    A gentler terrain on which the task is none is left out.
+
+    Ends at the last factor, after most_stages, or where a step is too small to halve.
+
+    Arguments:
+        guess: of the first stage in its program, shape (size,), the attempt's own if missing.
+        stage: the index of the height to begin with, where a run goes on.
+        solve: in place of the programs' own.
+        max_iterations: of one stage.
+        stop: asked before every stage but the first.
+    """
+    ahead, solutions, factors = list(attempt.heights[stage:]), list[GaitSolution](), list[float]()
+    begun = attempt.heights[stage - 1] if stage else 0.0
+    alone, x, reached = len(ahead) == 1 and not stage, guess, begun
+    while ahead and len(solutions) < most_stages and not (solutions and stop()):
+        factor = ahead[0]
+        try:
+            program, by_stage = stage_program(bench, attempt.chart, factor, attempt.by)
+        except InvalidInput:
+            if len(ahead) == 1:
+                raise
+            ahead.pop(0)
+            continue
+        begin = attempt.guess(program) if x is None else x
+        solution = solve(program, begin, height_factor=by_stage, max_iterations=max_iterations)
+        solutions, factors = [*solutions, solution], [*factors, factor]
+        if solution.success:
+            x, reached = solution.x, ahead.pop(0)
+        elif alone or factor - reached < LEAST:
+            break
+        else:
+            ahead.insert(0, 0.5 * (reached + factor))
+    return HomotopyPath(solutions=tuple(solutions), factors=tuple(factors))
+
+
+def stage_program(
+    bench: Workbench, chart: str, factor: float, by: Homotopy = "height"
+) -> tuple[GaitProgram, float]:
+    """The program of a stage and the factor to solve it at: 1 where the stage has a terrain and a
+    map of its own.
+    """
+    if factor == 1.0 or (CHARTS.get(chart).scales and by == "height"):
+        return bench.program(chart), factor
+    terrain = bench.task.terrain
+    lower = replace(
+        bench.task, terrain=terrain.scaled(factor) if by == "height" else softened(terrain, factor)
+    )
+    return Workbench(lower, bench.settings).program(chart), 1.0
+
+
+STEP = 2e-3
+"""Between postures whose depths are compared [m, rad]."""
+CLEAR_M, TRIES = 2e-3, 21
+"""Links are apart when they are so far off each other; steps of the way of feet to where they
+stand."""
+
+
+def leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
+    """Rows at the nodes on both sides of every posture of a report's trajectory in which something
+    overlaps.
+    """
+    walk = report.answer
+    body = WholeBodyMeasurements(TrajectoryMeasurements(walk))
+    bodies = Bodies(body.kinematics, Obstacles.under(walk.terrain))
+    slopes = _Slopes(body, bodies)
+    deepest = dict[tuple[int, str, str], Overlap]()
+    times_s, postures = body.spaced()
+    for _, block in bodies.sweep(postures, terrain_m=0.0, links_m=0.0, between=False):
+        for moment, each in block:
+            at = times_s[int(moment)] / structure.settings.step_s
+            for node in {int(np.floor(at)), int(np.ceil(at))}:
+                key = node, each.link, each.other
+                if key not in deepest or deepest[key].depth_m < each.depth_m:
+                    deepest[key] = each
+    rows = list[tuple[Array, ...]]()
+    for (node, *_), overlap in deepest.items():
+        sample = int(np.clip(np.rint(structure.times_s[node] / walk.step_s), 0, walk.samples - 1))
+        rows.append((np.array(node), *slopes.row(sample, overlap)))
+    names = ("node", "feet", "depth_m", "feet_m", "by_foot", "torso_m", "rotation", "by_torso")
+    return Overlaps(
+        **dict(zip(names, (np.array(part) for part in zip(*rows, strict=True)), strict=True))
+    )
+
+
+class _Slopes:
+    """Derivatives of an overlap's depth in the feet in the torso's frame, and in the torso."""
+
+    def __init__(self, body: WholeBodyMeasurements, bodies: Bodies) -> None:
+        self._body, self._bodies, self._walk = body, bodies, body.trajectory
+        self._solver = body.kinematics
+        self._legs = {link: mount.leg for link, mount in self._solver.model.mounts.items()}
+
+    def row(self, sample: int, overlap: Overlap) -> tuple[Array, ...]:
+        """Feet, depth, r₀, derivatives in both feet, p₀, R₀, derivatives in the torso."""
+        pair = [self._legs.get(name) for name in (overlap.link, overlap.other)]
+        legs = sorted({leg for leg in pair if leg is not None}) or [0]
+        feet = np.array([legs[0], legs[-1]])
+        torso, rotation = self._walk.torso_m[sample], self._walk.rotation[sample]
+        at = (self._walk.feet_m[sample, feet] - torso) @ rotation
+        posture = self._body.posture(sample)
+        if overlap.other in self._legs:
+            depth, by_foot, by_torso = *self._homeward(overlap, posture, legs, at), np.zeros(6)
+        else:
+            depth, (by_foot, by_torso) = overlap.depth_m, self._tangent(overlap, posture, legs)
+        return feet, np.array(depth), at, by_foot, torso, rotation, by_torso
+
+    def _homeward(
+        self, overlap: Overlap, posture: WholeBody, legs: list[int], at: Array
+    ) -> tuple[float, Array]:
+        """Distance that feet have to go towards where they stand for the links to come apart, as a
+        depth [m], and the direction. Links may be thinner than they are deep in each other, so that
+        a tangent leads nowhere.
+        """
+        home = np.array([self._walk.robot.feet[leg].nominal_m for leg in legs]) - at[: len(legs)]
+        for share in np.linspace(0.0, 1.0, TRIES):
+            moved = posture
+            for leg, way in zip(legs, home, strict=True):
+                moved = self._reaching(moved, leg, share * way)
+            if self._bodies.depth(overlap, moved) < -CLEAR_M:
+                break
+        far = float(np.linalg.norm(home))
+        by_foot = np.zeros((2, 3))
+        by_foot[: len(legs)] = -home / max(far, 1e-9)
+        return share * far, by_foot
+
+    def _tangent(
+        self, overlap: Overlap, posture: WholeBody, legs: list[int]
+    ) -> tuple[Array, Array]:
+        """The depth's derivatives in the foot and in the torso, by differences."""
+        axes = STEP * np.concatenate([np.eye(3), -np.eye(3)])
+        ways: tuple[Callable[[Array], WholeBody], ...] = (
+            lambda step: self._reaching(posture, legs[0], step),
+            lambda step: replace(posture, origin_m=posture.origin_m + step),
+            lambda step: self._turning(posture, step),
+        )
+        depths = np.array(
+            [[self._bodies.depth(overlap, way(step)) for step in axes] for way in ways]
+        )
+        slopes = (depths[:, :3] - depths[:, 3:]) / (2.0 * STEP)
+        return np.stack([slopes[0], np.zeros(3)]), slopes[1:].ravel()
+
+    def _reaching(self, posture: WholeBody, leg: int, by_m: Array) -> WholeBody:
+        """With one foot elsewhere in the body."""
+        joints, model = self._solver.joints_of(leg), self._solver.model.legs[leg]
+        angles = np.array(posture.angles)
+        centre = model.chain.feet(angles[None, joints]) + by_m
+        angles[joints] = descend(model, centre, angles[None, joints])[0][0]
+        return replace(posture, angles=angles)
+
+    def _turning(self, posture: WholeBody, by_rad: Array) -> WholeBody:
+        """With the torso turned about its own axes through the centre of mass."""
+        shift = self._solver.com_offset(posture.angles)
+        rotation = posture.rotation @ rotation_of(by_rad)
+        return replace(
+            posture,
+            rotation=rotation,
+            origin_m=posture.origin_m + (posture.rotation - rotation) @ shift,
+        )
+
+
+STEP_M = 1e-4
+"""Between feet whose levers are compared."""
+NEAR = 0.7
+"""A joint gets a row where it gives this share of what it may."""
+ROOM = 0.01
+"""Share of the limit, between what the verifier allows and what rows ask for, besides what a joint
+gives more between a node and the next than at it."""
+
+
+def leg_loads(structure: Structure, report: Report[Trajectory], room: float = ROOM) -> LegLoads:
+    """Rows for the joints of standing legs that give much, at the program's nodes, about a report's
+    trajectory.
+    """
+    trajectory = report.answer
+    body = WholeBodyMeasurements(TrajectoryMeasurements(trajectory))
+    legs, solver = body.kinematics.model.legs, body.kinematics
+    sample = np.clip(
+        np.rint(structure.times_s / trajectory.step_s).astype(int), 1, trajectory.samples - 2
+    )
+    from scipy.ndimage import maximum_filter1d  # slow to import
+
+    about = 2 * (round(0.5 * structure.settings.step_s / trajectory.step_s)) + 1
+    highest = maximum_filter1d(np.abs(body.torques_nm), about, axis=0, mode="nearest")[sample - 1]
+    torques, angles = body.torques_nm[sample - 1], body.postures.angles[sample]
+    rotation, forces = trajectory.rotation[sample], trajectory.forces_n[sample]
+    most = (report.limits["torque"] - room) * solver.torque_nm - (highest - np.abs(torques))
+    felt = np.einsum("kji,knj->kni", rotation, forces)
+    arms = trajectory.feet_m[sample] - trajectory.torso_m[sample][:, None]
+    at = np.einsum("kji,knj->kni", rotation, arms)
+    triplets = list[tuple[Any, ...]]()
+    for i, leg in enumerate(legs):
+        joints = solver.joints_of(i)
+        levers, slopes = _levers(leg, angles[:, joints])
+        rest = torques[:, joints] + np.einsum("kij,ki->kj", levers, felt[:, i])
+        wanted = trajectory.contact[sample, i][:, None] & (
+            np.abs(torques[:, joints]) > NEAR * most[:, joints]
+        )
+        node, joint = np.nonzero(wanted & np.isfinite(most[:, joints]))
+        triplets.append(
+            (
+                np.full(len(node), i),
+                node,
+                at[node, i],
+                levers[node, :, joint],
+                slopes[node, :, joint],
+                rest[node, joint],
+                most[node, joints[joint]],
+            )
+        )
+    return LegLoads(
+        **dict(
+            zip(
+                ("foot", "node", "at_m", "levers_m", "slopes", "rest_nm", "most_nm"),
+                (np.concatenate(part) for part in zip(*triplets, strict=True)),
+                strict=True,
+            )
+        )
+    )
+
+
+def _levers(leg: Leg, angles: Array) -> tuple[Array, Array]:
+    """∂p_BF/∂q, shape (K, 3, n), and how that changes with the foot's place, shape (K, 3, n, 3)."""
+    feet, jacobian = leg.chain.feet_and_jacobian(angles)
+    slopes = np.empty((*jacobian.shape, 3))
+    for axis in range(3):
+        sides = [
+            descend(leg, feet + step * np.eye(3)[axis], angles)[0] for step in (STEP_M, -STEP_M)
+        ]
+        ahead, behind = (leg.chain.feet_and_jacobian(q)[1] for q in sides)
+        slopes[..., axis] = (ahead - behind) / (2.0 * STEP_M)
+    return jacobian, slopes
+
+
+Flags = NDArray[np.bool_]
+BAND = 0.06
+"""What a balance may be off half-way between nodes where it is asked for [m·g, m·g·stand height];
+shrinks each time."""
+BALANCES = frozenset(
+    (
+        "force_balance",
+        "force_peak",
+        "moment_balance",
+        "moment_peak",
+        "impulse",
+        "angular_impulse",
+        "angular_residual",
+        "traction",
+        "traction_impulse",
+        "traction_way",
+        "traction_turn",
+    )
+)
+"""Groups that are kept by the balances half-way between nodes."""
+WINDOWS = frozenset(
+    ("impulse", "angular_impulse", "traction_impulse", "traction_way", "traction_turn")
+)
+"""Groups that add up over time."""
+LEAST_BAND = 0.01
+"""Nothing narrower is asked for where no balance is off by more."""
+APART_M = 0.003
+"""Links that went through something are asked to be so far off it."""
+FLAW = 1.5
+"""A balance is asked for where it is off by this many bands."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checks:
+    """Rows half-way between nodes.
+
+    Arguments:
+        balance: in which steps, shape (N,), N steps.
+        reach: of which feet, shape (N, E).
+        band: what the balance may be off there.
+        loads: of joints at the nodes themselves that have to give less.
+        overlaps: of links there that have to come apart.
+    """
+
+    balance: Flags
+    reach: Flags
+    band: float = BAND
+    loads: LegLoads | None = None
+    overlaps: Overlaps | None = None
+
+    def joined(self, other: Checks) -> Checks:
+        """Both, with the narrower band, and the other's loads, which are about a later point."""
+        overlaps = other.overlaps or self.overlaps
+        if self.overlaps is not None and other.overlaps is not None:
+            overlaps = self.overlaps.joined(other.overlaps)
+        return Checks(
+            balance=self.balance | other.balance,
+            reach=self.reach | other.reach,
+            band=min(self.band, other.band),
+            loads=other.loads or self.loads,
+            overlaps=overlaps,
+        )
+
+    def __len__(self) -> int:
+        """Number of balances and reaches that are asked for."""
+        more = sum(len(group) for group in (self.loads, self.overlaps) if group is not None)
+        return int(self.balance.sum() + self.reach.sum()) + more
+
+
+class DenseProgram(GaitProgram):
+    """A program with the rows of ``checks`` besides its own; its variables are the same."""
+
+    def __init__(self, base: GaitProgram, settings: GaitSettings, checks: Checks) -> None:
+        self.checks = checks
+        structure = Structure(base.task, settings, base.structure.chart)
+        super().__init__(
+            base.task, settings, structure, [*terms(structure), *half_way(structure, checks)]
+        )
+
+
+def densified(program: GaitProgram, report: Report[Trajectory]) -> DenseProgram | None:
+    """The program with what a refused trajectory asks for; None where no more rows would help."""
+    settings = tightened(program.settings, report)
+    band = BAND
+    checks = dense = flaws(program, report, band)
+    while (
+        BALANCES & {group.name for group in report.refused}
+        and not dense.balance.any()
+        and band > LEAST_BAND
+    ):
+        band *= 0.5  # a window adds up what no moment shows
+        checks = dense = flaws(program, report, band)
+    if isinstance(program, DenseProgram):
+        checks = replace(program.checks.joined(dense), band=0.7 * program.checks.band)
+    if settings == program.settings and not len(dense):
+        return None
+    return DenseProgram(program, settings, checks)
+
+
+def tightened(settings: GaitSettings, report: Report[Trajectory]) -> GaitSettings:
+    """Settings with more in hand where the report's groups break their limits."""
+    missed = {group.name: group.value for group in report.refused}
+    if "trunk" in missed:
+        before = settings.trunk_clearance_m
+        clearance = 0.02 if before is None else before + missed["trunk"] + 0.002
+        settings = replace(settings, trunk_clearance_m=clearance)
+    if missed.keys() & {"penetration", "penetration_between"}:
+        settings = replace(settings, swing_nodes=settings.swing_nodes + 4)
+    if missed.keys() & {"lift", "clearance", "drag"}:
+        settings = replace(settings, clearance_m=settings.clearance_m + 0.01)
+    if missed.keys() & WINDOWS and settings.dynamics == "centred":
+        settings = replace(settings, mean_forces=True)
+    if "reach" in missed:
+        settings = replace(
+            settings, reach_margin_m=min(settings.reach_margin_m + missed["reach"], 0.03)
+        )
+    return settings
+
+
+def flaws(program: GaitProgram, report: Report[Trajectory], band: float = BAND) -> Checks:
+    """In which steps of the program's grid a trajectory's balances and reach are off."""
+    measured, broken = (
+        TrajectoryMeasurements(report.answer),
+        {group.name for group in report.refused},
+    )
+    steps, feet = program.structure.nodes - 1, program.structure.feet
+    balance, arms = np.zeros(steps, dtype=bool), np.zeros((steps, feet), dtype=bool)
+    if broken & BALANCES:
+        for series, scale in (
+            (measured.force_residual(), measured.weight_n),
+            (measured.moment_residual(), measured.moment_scale_nm),
+        ):
+            off = np.linalg.norm(series.values, axis=1) > FLAW * band * scale
+            balance[_steps(series.times_s[off], program)] = True
+    if "reach" in broken:
+        series = measured.reach()
+        samples, columns = np.nonzero(series.values > 0.5 * report.limits["reach_m"])
+        arms[_steps(series.times_s[samples], program), columns] = True
+    loads = leg_loads(program.structure, report) if "torque" in broken else None
+    overlaps = leg_overlaps(program.structure, report) if "bodies" in broken else None
+    return Checks(balance=balance, reach=arms, band=band, loads=loads, overlaps=overlaps)
+
+
+def _steps(times_s: Array, program: GaitProgram) -> NDArray[np.intp]:
+    steps = np.floor(np.asarray(times_s) / program.settings.step_s + 1e-9).astype(np.intp)
+    return np.asarray(np.clip(steps, 0, program.structure.nodes - 2), dtype=np.intp)
+
+
+# ----------------------------------------------------------------------------------------------------
+# the rows
+
+
+def half_way(structure: Structure, checks: Checks) -> list[Constraint]:
+    """The terms of the dynamics and of reach with nodes half-way between the structure's, as far as
+    asked for.
+    """
+    between = copy(structure)
+    for name in ("torso", "feet_at_nodes"):
+        between.__dict__.pop(name, None)
+    between.mean_s = 0.0  # what is asked for here is the balance of the moment
+    between.times_s = structure.times_s[:-1] + 0.5 * structure.settings.step_s
+    constraints: list[Constraint] = []
+    inner = checks.balance.copy()
+    inner[[0, -1]] = False  # they have no neighbour on the other side
+    if inner.any() and structure.settings.dynamics == "centred":
+        balances = dynamics(between)
+        band = checks.band * np.ones(balances.rows)
+        nodes = np.repeat(inner, 6)[: balances.rows]
+        constraints.append(
+            restricted(replace(balances, name="balance", lower=-band, upper=band), nodes)
+        )
+    if checks.reach.any():
+        foot = np.concatenate([group.foot for group in between.feet_at_nodes])
+        node = np.concatenate([group.node for group in between.feet_at_nodes])
+        constraints.append(restricted(reach(between), np.repeat(checks.reach[node, foot], 3)))
+    if checks.loads is not None and (rows := torque(structure, checks.loads)) is not None:
+        constraints.append(rows)
+    if (
+        checks.overlaps is not None
+        and (rows := apart(structure, checks.overlaps, APART_M)) is not None
+    ):
+        constraints.append(rows)
+    return constraints
+
+
+def restricted(constraint: Constraint, kept: Flags) -> Constraint:
+    """Some rows of a constraint without a linear part, shape of ``kept``: (rows,); blocks without
+    rows are gone.
+    """
+    number = np.cumsum(kept) - 1
+    blocks: list[Block] = []
+    for block in constraint.blocks:
+        chosen = np.flatnonzero(kept[block.scatter].all(axis=1))
+        if len(chosen):
+            selections = tuple((variables, rows[chosen]) for variables, rows in block.selections)
+            blocks.append(
+                replace(block, selections=selections, scatter=number[block.scatter[chosen]])
+            )
+    return replace(
+        constraint, lower=constraint.lower[kept], upper=constraint.upper[kept], blocks=tuple(blocks)
+    )
+
 
 STEEP = 6.0
 """Gradient (81°) beyond which walls are widened first, and feet swing in the world's own

@@ -15,10 +15,10 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.labelling import label
-from stancekit.learners.selectors.convergence import Generation
 from stancekit.learners.selectors.convergence_plot import draw_learned
 from stancekit.learners.selectors.feasibility import CachingOracle, SolvingOracle, VerdictCounts
 from stancekit.learners.selectors.genetic import (
+    Generation,
     GeneticResult,
     GeneticSettings,
     Trials,

@@ -18,7 +18,6 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.labelling import label
-from stancekit.learners.selectors.margin import margins
 from stancekit.learners.selectors.network import (
     Architecture,
     BoxNetwork,
@@ -35,7 +34,7 @@ from stancekit.learners.selectors.neural import (
     roomiest,
     roomy,
 )
-from stancekit.learners.selectors.neural_training import NeuralSettings, TrainingRows
+from stancekit.learners.selectors.neural_training import NeuralSettings, TrainingRows, margins
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 from stancekit.planners.equilibrium.programs import Programs

@@ -13,9 +13,8 @@ from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.cuts import MARGIN, guide, plan_cut, proof_cut, ray, shapes, split
-from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
+from stancekit.planners.leap.finder import LeapFinder, LeapSearch, Picker, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.leap.pick import Picker
 from stancekit.planners.leap.replan import remaining_leap
 from stancekit.planners.leap.scp import LeapAttempt, attempt
 from stancekit.planners.motion.feet_motion import feet_motion

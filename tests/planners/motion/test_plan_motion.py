@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.motion.path import clear_swing
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
-from stancekit.planners.motion.swing import clear_swing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import standing_forces
 from stancekit.planners.robot.kinematics import Kinematics

@@ -16,8 +16,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import plan_of
-from stancekit.planners.search.chords import cut, halving_chord
-from stancekit.planners.search.cuts import CutSearch, alone, spreads
+from stancekit.planners.search.cuts import CutSearch, alone, cut, halving_chord, spreads
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan

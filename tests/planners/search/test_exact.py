@@ -19,7 +19,7 @@ from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search import cuts
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.chords import cut, halving_chord
+from stancekit.planners.search.cuts import cut, halving_chord
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner

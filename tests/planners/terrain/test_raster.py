@@ -8,8 +8,8 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.import_options import ImportOptions
-from stancekit.planners.terrain.raster import EDGE, PAIRS, raised
 from stancekit.planners.terrain.terrain_file import read_terrain
+from stancekit.planners.terrain.triangle_mesh import EDGE, PAIRS, raised
 from tests.refusals import assert_names, refuses
 
 X, Y = np.linspace(-1.0, 1.0, 41), np.linspace(-0.5, 0.7, 31)

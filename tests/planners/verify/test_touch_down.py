@@ -17,7 +17,7 @@ from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.geometry import patch_distances
 from stancekit.planners.verify.ground import off_terrain
-from stancekit.planners.verify.touch_down import ground_group
+from stancekit.planners.verify.plans import ground_group
 
 
 @pytest.fixture(scope="module")

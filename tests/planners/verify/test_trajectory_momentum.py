@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stancekit.planners.verify.trajectory_momentum import MomentumMeasurements
+from stancekit.planners.verify.trajectories import MomentumMeasurements
 from stancekit.planners.verify.trajectory_series import Series
 
 

@@ -22,7 +22,7 @@ from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import GROUPS, check_certificate, check_plan, explain, geometry
 from stancekit.planners.verify.geometry import cut, sag, triangle_distances
-from stancekit.planners.verify.work import least_works
+from stancekit.planners.verify.lagrangian import least_works
 from tests.refusals import assert_names
 
 SEEDS = st.integers(0, 2**32 - 1)

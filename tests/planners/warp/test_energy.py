@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from stancekit.planners.terrain.reference import reference_terrain
+from stancekit.planners.warp.conformal import gauss_newton, point_blocks, residual_slopes
 from stancekit.planners.warp.energy import MapEnergy, shear
-from stancekit.planners.warp.gauss_newton import gauss_newton, point_blocks, residual_slopes
 from stancekit.planners.warp.gradient import descend
 from stancekit.planners.warp.local_global import accelerated, published
 from stancekit.planners.warp.quadrature import QuadratureGrid

@@ -14,8 +14,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.gait.constraints.bodies import Overlaps, apart
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.method.densification import Checks, DenseProgram, densified
-from stancekit.planners.gait.method.leg_loads import leg_loads
+from stancekit.planners.gait.method.portfolio import Checks, DenseProgram, densified, leg_loads
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.gait.variables.samples import sampled
 from stancekit.planners.problem.walk import Walk

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.constraints.reach import reach
-from stancekit.planners.gait.method.densification import (
+from stancekit.planners.gait.method.portfolio import (
     Checks,
     DenseProgram,
     densified,

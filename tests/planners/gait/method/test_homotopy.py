@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
-from stancekit.planners.gait.method.homotopy import (
+from stancekit.planners.gait.method.portfolio import (
     GENTLE,
     GROWTH,
     follow_homotopy,
