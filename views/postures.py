@@ -4,10 +4,12 @@ envelope.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
@@ -21,7 +23,6 @@ from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.terrain import Patch
 
 from .camera import Camera, best_view
-from .envelope_strip import draw_strip
 from .legend import Entry, draw_legend, force_entry, mark_com
 from .robots import RobotShape, ball, cone, cone_body, hexapod, limb_of_three
 from .scene import UP, Arrow, DrawnBody, Facet, Label, Layer, Path, Scene
@@ -31,16 +32,86 @@ from .sheet import (
     DEFAULT_STYLE,
     INK,
     LEG_COLOURS,
+    QUIET,
     SIZE_PX,
     Size,
     friction_colours,
     headline,
     leg_colour,
     plain_axes,
+    quiet_axes,
     sheet,
 )
 from .still import Still
 from .terrain import plane, stone
+
+COMPONENTS = ("$p_x$", "$p_y$", "$p_z$", "$f_n$", "$f_y$", "$f_z$")
+
+
+def draw_strip(
+    figure: Figure, legs: Sequence[str], envelope: Envelope, points: Array | None
+) -> None:
+    """One panel a limb, at the foot of the sheet: the bounds on each component as a bar and the
+    answer as a dot.
+
+    Arguments:
+        points: the answer's [p, f], non-dimensional, shape (N, 6); None draws the bounds only.
+    """
+    width, height = 100.0 * figure.get_figwidth(), 100.0 * figure.get_figheight()
+    words = "Envelope: bounds on [p, f], non-dimensional" + (
+        "" if points is None else "; the dot is this posture"
+    )
+    figure.text(30.0 / width, 238.0 / height, words, size=11, color=QUIET, va="center")
+    shown = [envelope.low, envelope.high, *([] if points is None else [points])]
+    reach = max(1.0, *(float(np.max(np.abs(values))) for values in shown))
+    panel = (width - 90.0 + 18.0) / len(legs)
+    for index, leg in enumerate(legs):
+        axes = figure.add_axes(
+            ((60.0 + panel * index) / width, 32.0 / height, (panel - 18.0) / width, 166.0 / height)
+        )
+        _frame_panel(axes, reach, named=index == 0)
+        axes.set_title(
+            leg,
+            size=11.5,
+            weight="bold",
+            color=leg_colour(index),
+            loc="left",
+            pad=5,
+            parse_math=False,
+        )
+        for row in range(6):
+            low, high = float(envelope.low[index, row]), float(envelope.high[index, row])
+            dot = None if points is None else float(points[index, row])
+            _bound_bar(axes, row, low, high, dot, leg_colour(index))
+
+
+def _frame_panel(axes: Axes, reach: float, *, named: bool) -> None:
+    axes.set(xlim=(-1.06 * reach, 1.06 * reach), ylim=(5.75, -0.75), facecolor="#f6f7f9")
+    axes.set_yticks(
+        range(6), COMPONENTS if named else [""] * 6, size=12, color=INK, parse_math=True
+    )
+    ticks = (
+        [-1.0, 0.0, 1.0] if reach < 1.5 else [-float(np.floor(reach)), 0.0, float(np.floor(reach))]
+    )
+    axes.set_xticks(ticks, [f"{tick:g}".replace("-", "−") for tick in ticks], size=10, color=QUIET)
+    quiet_axes(axes, grid="x", sides=())
+    axes.axhspan(2.5, 5.75, color="#eceff3", lw=0, zorder=0)
+    axes.axvline(0.0, color="#b9c1ca", lw=1.0, zorder=1)
+
+
+def _bound_bar(
+    axes: Axes, row: int, low: float, high: float, dot: float | None, colour: str
+) -> None:
+    axes.plot(
+        [low, high], [row, row], color=colour, lw=7.5, alpha=0.32, solid_capstyle="butt", zorder=2
+    )
+    axes.vlines([low, high], row - 0.3, row + 0.3, color=colour, lw=1.4, zorder=3)
+    if dot is not None:
+        inside = low - 1e-6 <= dot <= high + 1e-6
+        axes.plot(
+            [dot], [row], "o", ms=6.5, mfc=INK if inside else ACCENT, mec="white", mew=0.9, zorder=4
+        )
+
 
 WEIGHT_ARROW = 0.8
 """Length of an arrow as heavy as the robot, in units of the mean reach."""

@@ -20,8 +20,8 @@ from stancekit.runner.safety.estop import (
     reader_source,
     watched,
 )
+from stancekit.runner.safety.guard import Watchdog
 from stancekit.runner.safety.latch import Source, StopLatch, Stopped
-from stancekit.runner.safety.watchdog import Watchdog
 from tests.refusals import refuses
 
 

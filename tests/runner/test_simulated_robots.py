@@ -19,7 +19,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.runner.control.loop_stiffness import LoopStiffness
+from stancekit.runner.control.tracker import LoopStiffness
 from stancekit.runner.worlds import Imperfections, make_world
 from stancekit.runner.worlds.simulated_body import simulated_body
 from stancekit.runner.worlds.world import Ground, State, World

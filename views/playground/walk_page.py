@@ -4,17 +4,29 @@ then played.
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
 import threading
+import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.report import acceptance_word
+from stancekit.planners.answer.report import Report, acceptance_word
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.formats.trajectory_file import write_trajectory
+from stancekit.planners.gait.method.attempt import Attempt
+from stancekit.planners.gait.method.portfolio import Caps
+from stancekit.planners.gait.method.way import plan_walk
+from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.motion.feet_motion import feet_motion
+from stancekit.planners.problem.walk import Walk
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..scene import DrawnBody, Label, Scene
@@ -39,8 +51,121 @@ from .page_parts import (
 )
 from .player import Player
 from .tables import LimbLoad, cone_share, key_values, limb_table
-from .walk_planning import WalkAnswer, WalkPlanning
 from .walk_scenario import WalkScenario
+
+ITERATIONS, TOTAL_S = 80, 120.0
+"""Most iterations of a solve, and CPU time of all solves of a walk [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkAnswer:
+    """Answer about a walk: how far its planning is, or what came of it.
+
+    Arguments:
+        seconds: since it was begun.
+    """
+
+    done: bool
+    message: str
+    seconds: float
+    trajectory: Trajectory | None = None
+    report: Report[Trajectory] | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Tell whether the verifier accepts it."""
+        return self.report is not None and self.report.accepted
+
+
+Told = Callable[[int, WalkAnswer], None]
+
+
+class WalkPlanning:
+    """Plans one walk at a time. on_answer(number, answer): in a thread of its own, for every step
+    and at the end.
+    """
+
+    def __init__(self, on_answer: Told) -> None:
+        self._on_answer = on_answer
+        self._process: Any = None
+        self._lock = threading.Lock()
+
+    def begin(self, number: int, task: Walk) -> None:
+        """Plan this walk, and no other any more."""
+        self.end()
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_serve, args=(there, task), daemon=True)
+        with self._lock:
+            process.start()
+            self._process = process
+        there.close()
+        threading.Thread(
+            target=self._listen, args=(number, process, here, time.monotonic()), daemon=True
+        ).start()
+
+    def end(self) -> None:
+        """Stop planning."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.join()
+
+    def _listen(self, number: int, process: Any, pipe: Any, begun_s: float) -> None:
+        done = False
+        with suppress(EOFError, OSError):
+            while not done:
+                done, message, *result = pipe.recv()
+                trajectory, report = result or (None, None)
+                took_s = time.monotonic() - begun_s
+                self._on_answer(
+                    number,
+                    WalkAnswer(
+                        done=done,
+                        message=message,
+                        seconds=took_s,
+                        trajectory=trajectory,
+                        report=report,
+                    ),
+                )
+        if (
+            not done and self._process is process
+        ):  # nobody ended it: it was killed, or there was no memory left
+            message = "the process that planned it ended without an answer"
+            self._on_answer(
+                number, WalkAnswer(done=True, message=message, seconds=time.monotonic() - begun_s)
+            )
+
+
+def _serve(pipe: Any, task: Walk) -> None:
+    """The process's whole life; its own children end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    last = [0.0]
+
+    def progress(
+        attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
+    ) -> bool:
+        if time.monotonic() - last[0] > 0.15:
+            last[0] = time.monotonic()
+            words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
+            with suppress(OSError):
+                pipe.send((False, words))
+        return os.getppid() == 1
+
+    try:
+        settings, caps = (
+            GaitSettings(max_iterations=ITERATIONS),
+            Caps(iterations=ITERATIONS, total_s=TOTAL_S),
+        )
+        plan = plan_walk(task, settings, progress, caps=caps)
+        best = plan.best if plan.best is not None and plan.best.solution.success else None
+        answer = (True, plan.message, best and best.trajectory, best and best.report)
+    except StancekitError as error:
+        answer = (True, str(error), None, None)
+    with suppress(OSError):  # nobody asks any more
+        pipe.send(answer)
+
 
 REST_S = 0.6
 """A walk that nobody changed for so long is planned."""

@@ -13,9 +13,8 @@ import warnings
 import numpy as np
 import pytest
 
-from stancekit.views.playground.gate import FEW, may_connect, misfit, own_names
 from stancekit.views.playground.keys_scenario import KeysScenario
-from stancekit.views.playground.serving import served
+from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 
 pytest.importorskip("viser")
 GRIP = "/grips/goal"

@@ -12,9 +12,8 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.views.playground import session as session_module
 from stancekit.views.playground.answer import SceneAnswer
-from stancekit.views.playground.files import Files
 from stancekit.views.playground.keys_scenario import KeysScenario
-from stancekit.views.playground.playground import struck
+from stancekit.views.playground.playground import Files, struck
 from stancekit.views.playground.session import Session
 from stancekit.views.playground.tables import cone_share, limb_table, loads, margins, verdict
 from tests.refusals import refuses
