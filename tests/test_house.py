@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("api", "planners", "runner", "views", "envs", "learners", "cli", "configs")
 """Each is the package of its name, but api, which is the root."""
 BESIDE = {"tests", "benchmarks", "docs", ".ci", ".github"}
-KINDS = {"", ".md", ".toml", ".py", ".txt", ".cff", ".in", ".yaml"}
+KINDS = {"", ".cff", ".md", ".py", ".toml", ".txt"}
 """Endings of the files that lie at the root."""
 
 # Run by an interpreter without site (-I -S), so that no .pth file and hence no editable install
