@@ -81,7 +81,7 @@ def test_a_foreign_page_is_refused_before_it_can_say_anything(page, origin, capl
     with caplog.at_level(logging.WARNING), pytest.raises(InvalidStatus) as refused:
         joined(page, origin)
     assert refused.value.response.status_code == 403
-    (line,) = [each.getMessage() for each in caplog.records if each.name.endswith("gate")]
+    (line,) = [each.getMessage() for each in caplog.records if each.name.endswith("serving")]
     assert line.startswith("refused: ")
     assert page.playground.session.number == before
 
@@ -181,7 +181,7 @@ def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(page, name,
     ):
         warnings.simplefilter("always")
         line.send(msgspec.msgpack.encode(WRONG[name](page)))
-        wait_until(lambda: any(each.name.endswith("gate") for each in caplog.records))
+        wait_until(lambda: any(each.name.endswith("serving") for each in caplog.records))
         said = [each.getMessage() for each in caplog.records if each.levelno >= logging.WARNING]
     assert len(said) == 1, said
     assert said[0].startswith(("ignored: a page sent ", "ended: a page sent what is no message: "))
