@@ -255,7 +255,7 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
         for _ in range(COURSE_BISECTIONS):
             middle = 0.5 * (least + most)
             least, most = (least, middle) if bears(under, middle) else (middle, most)
-    if worst is None:
+    if worst is None or least == 0.0:  # any grip would do, if feet could press without end
         return None
     names = ", ".join(course.robot.limb_names[i] for i in worst.limbs)
     now = float(numbers.friction[0].max())
