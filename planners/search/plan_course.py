@@ -157,7 +157,7 @@ def plan_course(
         search_end = end if limits is None else _search_end(end)
         outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
         if outcome.certificate is not None and not stated:
-            outcome = _undecided(outcome, LAID)
+            outcome = _undecided(outcome, LAID + _slipping(outcome, alternative))
         elif (
             outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer"
         ):
@@ -370,6 +370,20 @@ def _as_wide(course: Problem) -> Problem:
         if course.tilt_limit_rad == LEVEL_RAD
         else course
     )
+
+
+def _slipping(refuted: Answer[Plan], alternative: Alternative) -> str:
+    """What friction feet would need that slip in every layout, said of the one that was asked for;
+    empty where they hold.
+    """
+    if alternative != AS_ASKED or refuted.certificate is None:
+        return ""
+    from ..verify.explain import explain  # slow to import
+
+    first = next(iter(explain(refuted.certificate).relaxations), None)
+    if first is None or not first.parameter.startswith("friction everywhere"):
+        return ""
+    return f": feet slip: {first.parameter} would have to rise from {first.now:.3g} to {first.needed:.3g}"
 
 
 def _undecided(inner: Answer[Plan], message: str) -> Answer[Plan]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stancekit
+from tests.refusals import assert_names
 
 
 def slope(folder, degrees):
@@ -40,8 +41,7 @@ def test_a_slope_that_friction_forbids_names_friction_and_how_much_it_needs(
     degrees, friction, tmp_path
 ):
     answer = planned(slope(tmp_path, degrees), (0.6, 0.0), friction)
-    assert answer.status.value == "infeasible"
-    first = stancekit.explain(answer).relaxations[0]
-    assert first.parameter.startswith("friction everywhere")
-    assert first.now == pytest.approx(friction)
-    assert 0.99 * np.tan(np.radians(degrees)) < first.needed <= np.tan(np.radians(degrees))
+    assert answer.status.value == "undecided"  # a layout of the planner's own proves nothing
+    assert_names(answer.message, "friction everywhere", f"{friction:g}")
+    needed = float(answer.message.partition(" to ")[2].partition(" to ")[2].partition(";")[0])
+    assert 0.99 * np.tan(np.radians(degrees)) < needed <= 1.001 * np.tan(np.radians(degrees))
