@@ -32,7 +32,8 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from _bench import ROOT, Lines, Options, Row, launch, of_checkout, tally
+from _bench import ROOT, Lines, Options, Row, launch, tally
+from _checkouts import of_checkout
 
 import stancekit
 from stancekit.planners.files.arrays import Array

@@ -114,7 +114,7 @@ def questions() -> Iterator[Question]:
     for expected, heights_m in (
         ("feasible", (0.48, 0.5)),
         ("undecided", (0.52, 0.56, 0.57, 0.58)),
-        ("infeasible", (0.6, 0.62, 0.64, 0.66)),
+        ("infeasible", (0.69, 0.7, 0.71, 0.72)),
     ):
         for height_m in heights_m:
             yield Question(name=f"dog-{height_m:g}", expected=expected, keys=_dog(height_m))

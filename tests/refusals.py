@@ -18,7 +18,7 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput, StancekitError
 
-PLACE = re.compile(r"\S.*?: \S|expected |the Ray cluster at ")
+PLACE = re.compile(r"\S.*?: \S|expected |the Ray cluster at |e-stop ")
 """A line begins with the file, the option, the key or the part that it is about; where it begins
 with ``expected``, the reader of a value in hand leaves that to its caller.
 """
@@ -33,7 +33,7 @@ OTHERWISE = re.compile(
     r"|measured .* after|times the |from where it should be|beyond its limit"  # a figure beside its limit
     r"|do not belong|does not point|its entries are|plans do not|rests at|would go|at most$"  # what is wrong
     r"|^the Ray cluster at |(method|planner) \S+: \w+: "  # a cluster; an error of somebody's own code
-    r"|line \d+, column \d+|encoding"  # XML that is broken, in its parser's words
+    r"|line \d+, column \d+|encoding|expected another"  # XML that is broken, in its parser's words
     r"|should (have|match)|unknown array|are missing|already|has lost|does not answer|is closed|pressed on|was \w+$"
 )
 """Other ways to say it, in one place."""

@@ -92,7 +92,7 @@ def calls(folder: Path) -> dict[str, Call]:
     ]
     proofs = [
         stancekit.plan(asked[name].file(folder))
-        for name in ("slick-2-0.05", "slick-3-0.1", "dog-0.6")
+        for name in ("slick-2-0.05", "slick-3-0.1", "dog-0.7")
     ]
     assert len(refuted) == len(held) == 3
     assert all(plans)

@@ -16,7 +16,7 @@ FEW = (
     "flat-2-0.4",
     "gait-all",
     "slick-2-0.1",
-    "dog-0.66",
+    "dog-0.7",
     "wall-0",
     "ground-1",
 )

@@ -13,7 +13,7 @@ assert outcome.status.value == "infeasible"
 """
 EXPLAIN = """
 assert stancekit.verify(outcome.certificate).accepted
-assert stancekit.explain(outcome.certificate).changes
+assert stancekit.explain(outcome.certificate).relaxations
 """
 ENVIRONMENT = """
 import gymnasium

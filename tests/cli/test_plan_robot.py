@@ -94,7 +94,7 @@ def test_a_plan_has_joints_and_verify_says_the_same_of_its_file(call):
 
 @pytest.mark.parametrize(
     ("height_m", "code", "status"),
-    [(0.5, 0, "feasible"), (0.58, 1, "undecided"), (0.66, 1, "infeasible")],
+    [(0.5, 0, "feasible"), (0.58, 1, "undecided"), (0.7, 1, "infeasible")],
 )
 def test_plans_are_in_inner_sets_and_proofs_over_outer_ones(call, height_m, code, status):
     Path("step.yaml").write_text(HEIGHTS.format(height_m))

@@ -16,7 +16,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.views.plans import PlanView, draw_plan, ghosts
 from stancekit.views.sheet import check_picture, save, to_rgb
 from stancekit.views.terrain import ICE, cells
-from tests.refusals import refuses
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture(scope="module")
@@ -59,19 +59,12 @@ def test_a_frame_that_there_is_not_is_refused(frame, plan):
         draw_plan(plan, frame=frame)
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("a.jpg", "expected a name that ends in .png, .pdf, .svg, got .jpg"),
-        ("a", "expected a name that ends in .png, .pdf, .svg, got no suffix"),
-        ("none/a.png", "expected an existing folder none"),
-    ],
-)
-def test_a_name_that_is_no_picture_is_refused(name, message, tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["a.jpg", "a", "none/a.png"])
+def test_a_name_that_is_no_picture_is_refused(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidInput) as refused:
         check_picture(name)
-    assert str(refused.value) == f"{name}: {message}"
+    assert_names(str(refused.value), name)
 
 
 def test_ghosts_are_other_frames_and_few(plan):

@@ -15,7 +15,7 @@ from stancekit.planners.answer.hindrance import plan_hindrance
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import WHOLE_BODY
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
+from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
@@ -153,25 +153,6 @@ def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
     from stancekit.configs import config_path
 
     assert config_path("robots/hexapod.urdf").read_text(encoding="utf-8") == hexapod_urdf(hexapod())
-
-
-def test_an_older_plan_with_joints_is_judged_with_the_legs_that_it_had(tmp_path: Path) -> None:
-    """Before a file could ask for drawn-up legs, all limbs had them: joints of a plan are
-    theirs.
-    """
-    drawn = build_course(spec_from(four(torque_nm=40.0)))
-    found = plan_course(drawn, TwoStagePlanner()).solution
-    assert found is not None
-    assert found.joints_rad is not None
-    report = check_plan(found, joints=True)
-    write_plan(tmp_path / "plan.json", found, report)
-    path = tmp_path / "plan.json"
-    _as_before(path, found)
-    plan, header = read_plan(path)
-    assert "legs" not in header["course"]["robot"]
-    assert plan.problem.robot.drawn == Servo()
-    assert check_file(path).report.accepted == report.accepted
-    assert check_file(path).report.unchecked == report.unchecked
 
 
 def _as_before(path: Path, plan: Plan) -> None:

@@ -24,7 +24,7 @@ from stancekit.planners.verify.geometry import cut
 from stancekit.planners.verify.lagrangian import least_lagrangians
 from stancekit.planners.verify.multipliers import multiplier_count
 from stancekit.planners.verify.stances import Schedule
-from tests.refusals import assert_names, refuses
+from tests.refusals import assert_names
 
 SEEDS = st.integers(0, 2**32 - 1)
 LEAF = (0, 0, 0, 0, 0)
@@ -198,38 +198,6 @@ def test_a_leaf_without_a_candidate_needs_no_proof(refuted):
     )
     swapped = Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows[::-1])
     assert not check_certificate(swapped.of(problem)).accepted
-
-
-def test_older_forms_are_read_as_what_they_meant():
-    rows = [[1.0] * 15] * 4
-    old = [
-        [2, 1, 0.5, 2.0],
-        [1, 2, 0, 0.25],
-        [0, 0, 0, 0],
-        [0, 0, 0, 0],
-        [1, 0, 1, -0.5],
-        [0, 0, 0, 0],
-        [0, 0, 0, 0],
-    ]
-    new = [[2, 1, 0, 0.5, 2.0], [3, 2, 0, 0.25, 0], LEAF, LEAF, [3, 0, 1, -0.5, 0], LEAF, LEAF]
-    read = Certificate.from_json({"tree": old, "multipliers": rows})
-    np.testing.assert_array_equal(read.tree, new)
-    again = Certificate.from_json(json.loads(json.dumps(read.to_json())))
-    np.testing.assert_array_equal(again.tree, new)
-    course = Certificate.from_arrays(
-        np.array([(4, 1), (-1, -1), (5, 0), (-1, -1), (-1, -1)]), np.ones((3, 7))
-    )
-    np.testing.assert_array_equal(course.tree, [(1, 4, 1, 0, 0), LEAF, (1, 5, 0, 0, 0), LEAF, LEAF])
-    with refuses("tree"):
-        Certificate.from_arrays(np.zeros((1, 3)), np.ones((1, 9)))
-
-
-def test_a_kind_that_the_older_form_had_not_stays_malformed(refuted):
-    problem, proof = refuted[0]
-    read = Certificate.from_arrays(
-        np.array([[3.0, 0, 0, 0.5], [0] * 4, [0] * 4]), np.repeat(proof.multipliers[:1], 2, 0)
-    )
-    assert not check_certificate(read.of(problem)).accepted
 
 
 def test_the_proof_of_a_posture_is_a_file_like_that_of_a_course(refuted, tmp_path):

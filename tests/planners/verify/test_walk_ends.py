@@ -45,16 +45,14 @@ def test_a_foot_that_comes_down_from_before_the_file_or_leaves_it_in_the_air_is_
 
 def test_a_walk_ends_with_the_heading_asked_for_and_turns_on_the_spot() -> None:
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    found = stancekit.walk(
-        level, (0.0, 0.0), heading_end_rad=0.4, duration_s=2.0, chart="decoupled"
-    )
+    found = stancekit.walk(level, (0.0, 0.0), end_yaw_rad=0.4, duration_s=2.0, chart="decoupled")
     assert found.status.value == "feasible", found.message
     walk = found.solution
     assert walk is not None
     axis = walk.rotation[-1, :, 0]
     assert float(np.arctan2(axis[1], axis[0])) == pytest.approx(0.4, abs=0.01)
-    assert walk.header()["asked"]["heading_end_rad"] == 0.4
-    otherwise = check_trajectory(replace(walk, heading_end_rad=0.3), body=False)
+    assert walk.header()["asked"]["end_yaw_rad"] == 0.4
+    otherwise = check_trajectory(replace(walk, end_yaw_rad=0.3), body=False)
     assert [group.name for group in otherwise.refused] == ["heading"]
 
 
