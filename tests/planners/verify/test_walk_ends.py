@@ -51,8 +51,8 @@ def test_a_walk_ends_with_the_heading_asked_for_and_turns_on_the_spot() -> None:
     assert walk is not None
     axis = walk.rotation[-1, :, 0]
     assert float(np.arctan2(axis[1], axis[0])) == pytest.approx(0.4, abs=0.01)
-    assert walk.header()["asked"]["end_yaw_rad"] == 0.4
-    otherwise = check_trajectory(replace(walk, end_yaw_rad=0.3), body=False)
+    assert walk.header()["asked"]["heading_end_rad"] == 0.4
+    otherwise = check_trajectory(replace(walk, heading_end_rad=0.3), body=False)
     assert [group.name for group in otherwise.refused] == ["heading"]
 
 
