@@ -15,6 +15,8 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
+from roslibpy.comm import comm_asyncio
+
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
@@ -80,6 +82,24 @@ def on_robot_time(bridge: RosBridge) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def heard() -> Iterator[None]:
+    """Let the connections of this process count what they hear meanwhile."""
+    protocol = comm_asyncio.AsyncioRosBridgeProtocol
+
+    class Counting(protocol):  # type: ignore[misc, valid-type]  # roslibpy has no types
+        """Counts, then hears."""
+
+        def onMessage(self, payload: bytes, isBinary: bool) -> None:
+            port = self.transport.get_extra_info("sockname")[1]
+            rosbridge_protocol.HEARD[port] = rosbridge_protocol.HEARD.get(port, 0) + 1
+            super().onMessage(payload, isBinary)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(comm_asyncio.AsyncioRosBridgeClientFactory, "protocol", Counting)
+        yield
+
+
+@contextlib.contextmanager
 def emulated(
     names: Sequence[str] = JOINTS,
     position_rad: Array = START,
@@ -92,7 +112,11 @@ def emulated(
     with pytest.MonkeyPatch.context() as patched:
         for module in (rosbridge, rosbridge_protocol):
             patched.setattr(module, "time", clock)
-        with RosBridge(names, position_rad, **settings) as bridge, on_robot_time(bridge):
+        with (
+            heard(),
+            RosBridge(names, position_rad, **settings) as bridge,
+            on_robot_time(bridge),
+        ):
             yield bridge
 
 

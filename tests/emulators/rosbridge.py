@@ -5,7 +5,8 @@ It is as unkind as a real one: what is published on a topic that was advertised 
 late, or never; a goal is accepted late, and a cancel that overtakes that is never acted on; a
 controller that does not run says nothing; subscriptions of another type than the topic's are
 silent, as are types that it does not know; a stamp in the past makes a trajectory void. Where the
-computer is too slow the robot's time stands still meanwhile, so that no joint seems to jump.
+computer is too slow the robot's time stands still meanwhile, so that no joint seems to jump; and
+while a host that counts what it hears has not yet been run, so that nothing seems to be late.
 
 It speaks the public rosbridge v2 protocol: every operation and message that comes is held against
 the fields and types of ``rosbridge_protocol``, and what does not conform is answered with a status
@@ -68,6 +69,8 @@ TICK_S = 0.005
 FEEDBACK_S = 0.05
 MOST_S = 0.03
 """The robot's time goes on by no more than this at once."""
+HEARD_S = 3.0
+"""The robot's time waits so long for a host that has yet to hear what was sent."""
 CONNECT_S = 0.1
 """A topic that is advertised has its subscribers so much later; what was published meanwhile comes
 then."""
@@ -145,7 +148,7 @@ class RosBridge:
             self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL)
         )
         self.port = int(self._server.socket.getsockname()[1])
-        self.robot.now_s = self._ticked_s = time.monotonic()
+        self.robot.now_s = self._ticked_s = self._heard_s = time.monotonic()
         self.robot.stop()
         for target in (self._server.serve_forever, self._live):
             threading.Thread(target=target, daemon=True).start()
@@ -533,7 +536,8 @@ class RosBridge:
                         act()
                     except Exception as error:  # a bad message must not stop the robot
                         self.errors.append(f"{type(error).__name__}: {error}")
-                self.robot.advance(self.robot.now_s + min(now - self._ticked_s, MOST_S))
+                passed_s = 0.0 if self._awaited(now) else min(now - self._ticked_s, MOST_S)
+                self.robot.advance(self.robot.now_s + passed_s)
                 self._ticked_s = now
                 if self.ros == 1:
                     self._live1()
@@ -541,6 +545,12 @@ class RosBridge:
                 if self.robot.now_s >= published + self._period_s - 0.5 * TICK_S:
                     published = self.robot.now_s
                     self._speak()
+
+    def _awaited(self, now: float) -> bool:
+        """Tell whether a host has still to hear what was sent, for ``HEARD_S`` at most."""
+        if not any(client.behind() for client in list(self._clients)):
+            self._heard_s = now
+        return now - self._heard_s < HEARD_S and self._heard_s < now
 
     def _others_live(self, now: float) -> None:
         """Other publishers, and another client of the controller."""

@@ -63,6 +63,10 @@ FIELDS = {
 """Fields of the ROS messages; a rosbridge refuses any other."""
 
 
+HEARD: dict[int, int] = {}
+"""Messages that a host of this process took from its connection, by the connection's own port."""
+
+
 class Client:
     """One connection: what it listens to, and a thread that sends, so that a delay can be put
     in.
@@ -70,6 +74,8 @@ class Client:
 
     def __init__(self, socket: ServerConnection) -> None:
         self.socket, self.topics = socket, set[str]()
+        self._sent, self._port = 0, int(socket.remote_address[1])
+        HEARD.pop(self._port, None)
         self.advertised = dict[str, float]()  # topic, and when
         self.ended = set[str]()  # topics that were advertised no more, once
         self._waiting: queue.Queue[tuple[float, str] | None] = queue.Queue()
@@ -92,7 +98,12 @@ class Client:
         while (item := self._waiting.get()) is not None:
             time.sleep(max(0.0, item[0] - time.monotonic()))
             with contextlib.suppress(ConnectionClosed, OSError):
+                self._sent += 1
                 self.socket.send(item[1])
+
+    def behind(self) -> bool:
+        """Tell whether a host that counts what it hears (``HEARD``) has yet to hear something."""
+        return HEARD.get(self._port, self._sent) < self._sent
 
 
 def operation_wrong(message: Any) -> str | None:

@@ -169,8 +169,8 @@ def test_a_search_that_fails_ends_with_its_time(apart):
     found = plan_gait(steep, caps=Caps(total_s=3.0, in_subprocess=apart))
     assert not found.verified
     assert (
-        cpu_s() - began < 1.15 * 3.0
-    )  # 1.6 when building a program and judging what is no walk came on top
+        cpu_s() - began < 1.4 * 3.0
+    )  # 1.6 when building a program and judging what is no walk came on top, about 1.1 now
 
 
 def test_a_solver_that_does_not_answer_has_found_nothing(monkeypatch, plan):
