@@ -276,8 +276,8 @@ def run(command: Command) -> int:
         return _ended_by(error)
 
 
-TURNED = ".* closed parts narrower than .* are inside out"
-"""How this package's warning of a mesh begins that was mended."""
+OF_GROUND = ".* closed parts narrower than .* are inside out|.*: no ground: |mesh .*: its hull "
+"""How this package's warnings begin of a ground that was mended, or that is not all of its file."""
 
 
 @contextmanager
@@ -299,7 +299,7 @@ def _without_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         if not os.environ.get(TRACE):
             warnings.simplefilter("ignore")
-            warnings.filterwarnings("always", TURNED, UserWarning)
+            warnings.filterwarnings("always", OF_GROUND, UserWarning)
             warnings.showwarning = show
         yield
 

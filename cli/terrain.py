@@ -22,10 +22,10 @@ class ShowTerrain:
     """Show the footholds of a terrain: planar convex pieces, what was refused and why, and how
     certain each is.
 
-    TERRAIN is a mesh (.stl, .obj, .ply, .dae, .off, .glb; broken ones, too), a grid of heights
-    (.npy, .npz, .csv, .png), a point cloud (.ply, .pcd, .xyz, .npy, .csv), a function of x and y as
-    FILE.py:NAME, or a ground by its name: ripple, cone, hill, pit, pit-84 or pit-87, or
-    FAMILY:LEVEL:SEED with a level from 0 to 1, as stairs:0.5:7.
+    TERRAIN is a mesh (.stl, .obj, .ply, .dae, .off, .glb; broken ones, too), a MuJoCo scene (.xml),
+    a grid of heights (.npy, .npz, .csv, .png), a point cloud (.ply, .pcd, .xyz, .npy, .csv), a
+    function of x and y as FILE.py:NAME, or a ground by its name: ripple, cone, hill, pit, pit-84 or
+    pit-87, or FAMILY:LEVEL:SEED with a level from 0 to 1, as stairs:0.5:7.
 
       stairs  height of a riser: 0.5 · level m
       stones  clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m

@@ -17,10 +17,10 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from ..errors import InvalidInput, not_installed
+from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.documents import parse_xml, read_text
 from ..files.validation import shown
+from ..terrain.scene_file import compiled_mjcf
 from .hulls import hull_corners
 from .separation import Index
 from .shapes import shape_elements, text_of, write_pose
@@ -33,8 +33,6 @@ FLOOR_M = 0.05
 """A robot stands in another key frame if its lowest point is so near to the plane z = 0 [m]."""
 UPRIGHT = 0.95
 """Cosine of the most that its base leans there."""
-LONGEST = 160
-"""Letters of a compiler's message that are passed on."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,63 +75,12 @@ def read_mjcf(path: Path, name: str = "") -> Mjcf:
         InvalidInput: in one line, for what MuJoCo does not compile, and for a world whose largest
             tree of bodies is no robot under a free base.
     """
-    try:
-        parse_xml(read_text(path), "mujoco")
-    except InvalidInput as error:
-        text = str(error)
-        raise InvalidInput(
-            text if text.startswith(str(path)) else f"{path}: expected an MJCF: {text}"
-        ) from None
-    try:
-        import mujoco
-    except ImportError:
-        raise not_installed(str(path), "mujoco", "MJCF", "robots") from None
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        touching, absent = _without_what_is_elsewhere(spec, path)
-        spec.compiler.discardvisual = False
-        model = spec.compile()
-    except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        reason = " ".join(str(error).split())
-        raise InvalidInput(f"{path}: expected an MJCF: {reason:.{LONGEST}}") from None
+    model, touching, absent = compiled_mjcf(path)
+    import mujoco
+
     reader = _Reader(mujoco=mujoco, model=model, where=str(path), touching=touching)
     reader.doubts += [(f"mesh {mesh}", "no such file, no body") for mesh in absent]
     return reader.read(name or path.stem)
-
-
-def _without_what_is_elsewhere(spec: Any, path: Path) -> tuple[set[str], list[str]]:
-    """Take out pairs with geoms of a scene that the file is meant to be part of, and meshes and
-    textures whose files are not there.
-
-    Returns:
-        the geoms of the robot in such pairs, and the names of the meshes.
-    """
-    known = {geom.name for geom in spec.geoms if geom.name}
-    touching = set[str]()
-    for pair in list(spec.pairs):
-        ends = {pair.geomname1, pair.geomname2}
-        if not ends <= known:
-            touching |= ends & known
-            spec.delete(pair)
-    folder = path.parent
-    absent = {mesh.name for mesh in spec.meshes if _missing(mesh.file, folder, spec.meshdir)}
-    for geom in list(spec.geoms):
-        if geom.meshname in absent:
-            spec.delete(geom)
-    for mesh in list(spec.meshes):
-        if mesh.name in absent:
-            spec.delete(mesh)
-    for looks in (*list(spec.textures), *list(spec.skins)):
-        if _missing(looks.file, folder, spec.texturedir):
-            spec.delete(looks)
-    return touching, sorted(absent)
-
-
-def _missing(file: str, folder: Path, inside: str | None) -> bool:
-    """Tell whether a file of an asset is at neither place where MuJoCo looks for it."""
-    return bool(file) and not any(
-        (place / file).is_file() for place in (folder / (inside or ""), folder)
-    )
 
 
 @dataclass(eq=False, kw_only=True)

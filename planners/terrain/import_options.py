@@ -19,7 +19,7 @@ UPS = ("x", "y", "z")
 KINDS: tuple[Kind, ...] = ("mesh", "grid", "cloud")
 SUFFIXES_OF: dict[Kind, tuple[str, ...]] = {
     "grid": (".npy", ".npz", ".csv", ".png"),
-    "mesh": (".stl", ".obj", ".ply", ".dae", ".off", ".glb"),
+    "mesh": (".stl", ".obj", ".ply", ".dae", ".off", ".glb", ".xml"),
     "cloud": (".pcd", ".xyz"),
 }
 """Endings of files that say by their name what they hold, but for a .ply."""

@@ -16,7 +16,9 @@ from . import cloud_file, grid_file, mesh_file
 from .elevation import ElevationMap
 from .heightfield import WIDEST_M, HeightField
 from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind
+from .mesh_formats.numbers import Surface
 from .mesh_formats.ply import HEAD_BYTES
+from .scene_file import read_scene
 from .triangle_mesh import TriangleMesh
 
 MAY_HOLD = SUFFIXES_OF | {
@@ -51,10 +53,10 @@ def read_terrain(
     if options.height_m is not None and path.suffix.lower() != ".png":
         raise InvalidInput(f"height_m: expected a .png with it, got {path}")
     if kind == "mesh":
-        corners, triangles = mesh_file.read_corners(path, options.most_triangles, AS_MAP)
+        corners, triangles = _surface(path, options.most_triangles, AS_MAP)
         return TriangleMesh.of(corners, triangles, options, label)
     if kind == "grid" and path.suffix.lower() in SUFFIXES_OF["mesh"]:
-        seen = mesh_file.read_corners(path, max(options.most_triangles, MOST_SEEN))
+        seen = _surface(path, max(options.most_triangles, MOST_SEEN))
         mesh = TriangleMesh.as_given(*seen, options, label)
         mesh.check_size()
         return mesh.from_above(options.spacing_m).with_holes(options.holes)
@@ -94,6 +96,13 @@ def read_heights(
     )
     _check_held(smoothed, checked(tolerance_m, "tolerance_m", above=0.0))
     return smoothed
+
+
+def _surface(path: Path, most_triangles: int, hint: str = "simplify it") -> Surface:
+    """Corners and triangles of a mesh, or of a MuJoCo scene."""
+    if path.suffix.lower() == ".xml":
+        return read_scene(path, most_triangles, hint)
+    return mesh_file.read_corners(path, most_triangles, hint)
 
 
 def _kind(path: Path, wanted: Kind | None) -> Kind:
