@@ -31,6 +31,10 @@ SEEDS, TRIES = 8_000, 2
 """Postures to start inverse kinematics from, and how many of them for each point."""
 CHECKED, CUTS = 4_000, 16
 """Points by which a polytope is checked, and by which shares are measured; how often it is cut."""
+RETREATS, ENOUGH = (0.5, 1.0, 1.5), 0.4
+"""Voxels by which half-spaces stay away from those that are not reached, one after the other until
+the polytope covers so much: a thin set, of joints with narrow ranges, is cut to nothing where they
+are near."""
 MISSED = 0.0008
 """Share of a polytope that may be out of reach, as far as its points tell."""
 DEAR = 25.0
@@ -76,15 +80,22 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
         )
     rng = np.random.default_rng(seed)
     voxels, seeds = _Voxels(leg, rng), Seeds(leg, leg.random_angles(SEEDS, rng), tries=TRIES)
-    inner = _cut(voxels.polytope(leg.nominal_m), seeds, rng)
-    useful = voxels.useful(CHECKED, rng)
-    held = inner.contains(useful[_reached(seeds, useful)])
+    cover, inner = -1.0, Polytope(normals=np.zeros((0, 3)), offsets_m=np.zeros(0))
+    for retreat in RETREATS:
+        tried = _cut(voxels.polytope(leg.nominal_m, retreat), seeds, rng)
+        useful = voxels.useful(CHECKED, rng)
+        held = tried.contains(useful[_reached(seeds, useful)])
+        share = float(held.mean()) if len(held) else 0.0
+        if share > cover:
+            cover, inner = share, tried
+        if cover >= ENOUGH:
+            break
     return Workspace(
         inner=inner,
         ball_m=inner.largest_ball,
         box_m=inner.largest_box(),
         reach_m=voxels.reach_m,
-        cover=float(held.mean()) if len(held) else 0.0,
+        cover=cover,
         unreachable=float(1.0 - _reached(seeds, inner.sample(CHECKED, rng)).mean()),
     )
 
@@ -107,8 +118,10 @@ class _Voxels:
         swings = leg.chain.frames(leg.stance_rad[None])[1][0, min(1, len(leg.joints) - 1)]
         self.useful_m = float(swings[2] - USEFUL * leg.chain.length_m)
 
-    def polytope(self, home: Array) -> Polytope:
-        """Half-spaces around the home of a foot that no unreached voxel is in."""
+    def polytope(self, home: Array, retreat: float) -> Polytope:
+        """Half-spaces around the home of a foot that no unreached voxel is in, so many voxels away
+        from it.
+        """
         from scipy.ndimage import binary_dilation, distance_transform_edt  # slow to import
 
         walls = self._centres(binary_dilation(self.reached) & ~self.reached)
@@ -119,7 +132,7 @@ class _Voxels:
         for start in (home, deepest):
             metric, centre = np.eye(3), start
             for _ in range(ROUNDS):
-                normals, offsets = self._tangents(walls, metric, centre, home)
+                normals, offsets = self._tangents(walls, metric, centre, home, retreat)
                 within = inside[np.all(inside @ normals.T <= offsets, axis=1)]
                 worth = int(np.count_nonzero(within[:, 2] < self.useful_m))
                 if worth > best[0]:
@@ -146,9 +159,9 @@ class _Voxels:
         return np.asarray(self.corner + self.size * (np.argwhere(cells) + 0.5))
 
     def _tangents(
-        self, walls: Array, metric: Array, centre: Array, home: Array
+        self, walls: Array, metric: Array, centre: Array, home: Array, retreat: float
     ) -> tuple[Array, Array]:
-        """Planes against the walls, the nearest first in the ellipsoid's metric, half a voxel
+        """Planes against the walls, the nearest first in the ellipsoid's metric, so many voxels
         before each.
         """
         inverse = np.linalg.inv(metric)
@@ -162,7 +175,7 @@ class _Voxels:
                 wall - home,
             ):  # the second one keeps home inside
                 normal = normal / np.linalg.norm(normal)
-                offset = float(normal @ wall) - 0.5 * self.size
+                offset = float(normal @ wall) - retreat * self.size
                 if normal @ home < offset:
                     break
             normals.append(normal)

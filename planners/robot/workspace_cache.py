@@ -25,7 +25,7 @@ from .workspace import Workspace, workspace_of
 if TYPE_CHECKING:
     from .robot_model import RobotModel
 
-VERSION = "workspace/2"
+VERSION = "workspace/3"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
 
 

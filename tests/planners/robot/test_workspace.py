@@ -19,7 +19,7 @@ from stancekit.planners.robot.polytope import Polytope
 from stancekit.planners.robot.robot_file import hexapod_model
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.urdf import hexapod_urdf
-from stancekit.planners.robot.workspace import Workspace
+from stancekit.planners.robot.workspace import Workspace, workspace_of
 from stancekit.planners.robot.workspace_cache import workspaces_of
 from tests.planners.robot.small_urdfs import HIPS, joint, leg, link, quadruped, robot
 from tests.refusals import refuses
@@ -138,6 +138,21 @@ def test_inner_sets_are_reached_and_cover_most_of_what_is_of_use(measured: Measu
         points = workspace.inner.sample(1000, rng)
         _, error = Seeds(each, each.random_angles(8000, rng)).solve(points)
         assert np.mean(error <= REACHED_M) >= 0.99
+
+
+def test_joints_with_narrow_ranges_leave_room_to_plan_in() -> None:
+    (leg,) = model_of(quadruped(("LF",))).legs
+    limits = ((-0.25, 0.25), (0.2, 1.0), (-1.6, -0.9))
+    joints = [
+        replace(joint, lower_rad=low, upper_rad=high)
+        for joint, (low, high) in zip(leg.joints, limits, strict=True)
+    ]
+    workspace = workspace_of(
+        replace(leg, joints=tuple(joints), stance_rad=np.array([0, 0.6, -1.2]))
+    )
+    assert workspace.cover > 0.3
+    assert workspace.unreachable < 0.005
+    assert workspace.ball_m[3] > 0.05 * leg.chain.length_m
 
 
 def test_balls_and_boxes_are_inside_and_touch(measured: Measured) -> None:
