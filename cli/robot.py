@@ -81,28 +81,37 @@ class ShowRobot:
         return 0
 
     def _list(self) -> int:
-        """Print the robots with a name, and what installs the URDF of each.
+        """Print the robots with a name, and what installs the file of each.
 
         Raises InvalidInput for an option.
         """
         from stancekit.planners.errors import InvalidInput, install_command
-        from stancekit.planners.robot.catalogue import catalogue, provider_folder
+        from stancekit.planners.robot.catalogue import (
+            CATALOGUE,
+            as_they_come,
+            catalogue,
+            provider_folder,
+        )
         from stancekit.planners.robot.robot_file import BUILT_IN, read_keys
 
         for name, value in (("--picture", self.picture), ("--srdf", self.srdf)):
             if value is not None:
                 raise InvalidInput(f"{name}: expected a robot with it, got none")
-        rows: list[tuple[str, str, bool]] = [(name, "stancekit", True) for name in BUILT_IN]
-        for name, path in catalogue().items():
-            provider = read_keys(path).provider
-            rows.append((name, provider, provider_folder(provider) is not None))
+        named = {name: read_keys(path).provider for name, path in catalogue().items()}
+        named |= {name: provider for name, provider, _ in as_they_come()}
+        there = {each: provider_folder(each) is not None for each in set(named.values())}
+        rows = [(name, "stancekit", True) for name in BUILT_IN]
+        rows += [(name, each, there[each]) for name, each in sorted(named.items())]
         if self.json:
-            for name, source, there in rows:
-                emit({"name": name, "provider": source, "installed": there})
+            for name, source, installed in rows:
+                emit({"name": name, "provider": source, "installed": installed})
             return 0
-        table = _columns("robot", "URDF from", "")
-        for name, source, there in rows:
-            table.add_row(name, source, "" if there else install_command("catalogue"))
+        table = _columns("robot", "file from", "")
+        for name, source, installed in rows:
+            command = (
+                install_command("catalogue") if source in CATALOGUE else f"pip install {source}"
+            )
+            table.add_row(name, source, "" if installed else command)
         out.print(table)
         return 0
 

