@@ -21,7 +21,7 @@ from stancekit.planners.errors import install_command, not_installed
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("api", "planners", "runner", "views", "envs", "learners", "cli", "configs")
 """Each is the package of its name, but api, which is the root."""
-BESIDE = {"tests", "benchmarks", "docs", ".ci", ".github"}
+BESIDE = {"tests", "benchmarks", "docs", "findings", ".ci", ".github"}
 KINDS = {"", ".cff", ".md", ".py", ".toml", ".txt"}
 """Endings of the files that lie at the root."""
 
