@@ -5,17 +5,18 @@ inverse kinematics.
         [--correct FILE.yaml ...] [--json] [--markdown]
     # quadrupeds over a step, and what their postures are decided by
     python benchmarks/robots.py --step
+    # all of them, and what is no robot with legs, over four grounds
+    python benchmarks/robots.py --crossings FOLDER [--limit 40]
 
-The hexapod, the robots of pybullet_data, and those of example-robot-data where it is installed:
-every URDF of theirs with two legs or more; --robots: those of a folder. --correct: robots as YAML
-files correct them, in addition.
+The robots that have a name and whose package is installed, and other files of these packages;
+--robots: those of a folder. --correct: robots as YAML files correct them, in addition.
 
 load: the file read and its legs found. ws: one leg's workspace measured. cover: of what the foot
 reaches usefully below its hip, the share in the inner polytope; unr.: share of the polytope out of
 reach; outer: of 100,000 random postures, feet outside the outer set. IK: feet drawn from the inner
 polytopes of all measured legs, the share that joint angles are found for, and the time of a stance
 of all legs in a batch of 1000. Times are of this process's CPU. --step, --natural: see
-_robot_step.py.
+_robot_step.py; --crossings, --limit: see _crossings.py.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ from typing import Any
 
 import numpy as np
 from _bench import Options, launch, share
+from _crossings import counts
+from _crossings import line as crossing_line
+from _crossings import robots as named
+from _crossings import rows as crossings
 from _robot_step import REACHED_M, step_line, step_row
 
 from stancekit.planners.errors import InvalidInput
@@ -39,50 +44,28 @@ from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.workspace import Workspace, workspace_of
 
-PYBULLET = (
-    "a1/a1",
-    "aliengo/aliengo",
-    "laikago/laikago",
-    "laikago/laikago_toes",
-    "laikago/laikago_toes_limits",
-    "mini_cheetah/mini_cheetah",
-    "quadruped/spirit40",
-    "quadruped/spirit40newer",
-    "quadruped/vision60",
-    "quadruped/minitaur",
-    "quadruped/quadruped",
-    "biped/biped2d_pybullet",
-    "humanoid/humanoid",
-)
-EXAMPLES = (
-    "anymal_b_simple_description/robots/anymal",
-    "anymal_c_simple_description/urdf/anymal",
-    "solo_description/robots/solo",
-    "solo_description/robots/solo12",
-    "go1_description/urdf/go1",
-    "go2_description/urdf/go2",
-    "a1_description/urdf/a1",
-    "b1_description/urdf/b1",
-    "b1_description/urdf/b1-z1",
-    "hyq_description/robots/hyq_no_sensors",
-    "laikago_description/urdf/laikago",
-    "bolt_description/robots/bolt",
-    "talos_data/robots/talos_reduced",
-    "talos_data/robots/talos_full_v2",
-    "g1_description/urdf/g1_29dof_rev_1_0",
-    "romeo_description/urdf/romeo_small",
-    "romeo_description/urdf/romeo",
-    "simple_humanoid_description/urdf/simple_humanoid",
-    "icub_description/robots/icub",
-    "icub_description/robots/icub_reduced",
-    "quadruped_description/urdf/quadruped",
-    "centauro_description/urdf/centauro",
-    "alex_description/urdf/alex_nub_hands",
-    "alexander_description/urdf/alexander_v1.lowerBodyOnly",
-    "cassie_description/robots/cassie_v2",
-    "human_description/robots/human",
-)
-"""Those of the package that have legs."""
+OTHERS = {
+    "pybullet": (
+        "laikago/laikago_toes.urdf",
+        "laikago/laikago_toes_limits.urdf",
+        "mini_cheetah/mini_cheetah.urdf",
+        "quadruped/spirit40.urdf",
+        "quadruped/quadruped.urdf",
+        "humanoid/humanoid.urdf",
+    ),
+    "example-robot-data": (
+        "b1_description/urdf/b1-z1.urdf",
+        "laikago_description/urdf/laikago.urdf",
+        "talos_data/robots/talos_full_v2.urdf",
+        "romeo_description/urdf/romeo_small.urdf",
+        "icub_description/robots/icub_reduced.urdf",
+        "quadruped_description/urdf/quadruped.urdf",
+        "centauro_description/urdf/centauro.urdf",
+        "alex_description/urdf/alex_nub_hands.urdf",
+        "cassie_description/robots/cassie_v2.urdf",
+    ),
+}
+"""Files with legs that have no name."""
 STANCES, RANDOM = 1000, 100_000
 
 
@@ -97,6 +80,8 @@ class Asked(Options):
         correct: robots as YAML files correct them, in addition.
         step: quadrupeds alone: a plan over a step, natural postures.
         natural: postures to decide a robot, with ``--step``.
+        crossings: folder of rows, of plans over four grounds.
+        limit: of each of these plans [s].
     """
 
     robots: Path | None = None
@@ -105,11 +90,20 @@ class Asked(Options):
     correct: tuple[Path, ...] = ()
     step: bool = False
     natural: int = 40
+    crossings: Path | None = None
+    limit: float = 40.0
 
 
 def main(arguments: Asked) -> None:
     """Measure and print."""
     wanted = [part for part in arguments.only.split(",") if part]
+    if arguments.crossings is not None:
+        answers = []
+        for each in crossings(arguments.crossings, wanted, arguments.limit):
+            arguments.say(each, crossing_line)
+            answers.append(each)
+        arguments.say(counts(answers))
+        return
     rows = []
     for name, file in (
         *robots(arguments.robots),
@@ -137,17 +131,16 @@ def main(arguments: Asked) -> None:
 
 def robots(folder: Path | None) -> Iterator[tuple[str, str]]:
     """Names and files."""
-    yield "hexapod", "hexapod"
     if folder is not None:
         yield from ((path.stem, str(path)) for path in sorted(folder.rglob("*.urdf")))
         return
-    for package, names in (("pybullet", PYBULLET), ("example-robot-data", EXAMPLES)):
+    for file, name, negative in named():
+        if not negative:
+            yield name, file
+    for package, paths in OTHERS.items():
         root = provider_folder(package)
-        for name in names:
-            path = Path(f"{root}/{name}.urdf")
-            if root is not None and path.exists():
-                where = path.relative_to(root).parts[0].split("_description")[0]
-                yield f"{package}: {where}/{path.stem}", str(path)
+        for path in paths if root is not None else ():
+            yield f"{package}: {path.rpartition('/')[2]}", str(root / path)
 
 
 def row(name: str, file: str, legs: int) -> dict[str, Any]:

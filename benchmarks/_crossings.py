@@ -1,0 +1,147 @@
+"""Robots by their names, and files that are none, over four grounds: ``benchmarks/robots.py
+--crossings FOLDER``.
+
+Each is asked for a plan over 1 m of flat ground, a step of 10 cm, a slope of 12° and a gap of 12
+cm, and what is planned is executed in MuJoCo. Rows are kept in the folder, one a line, and an
+interrupted run goes on there. A negative, of which nothing may be accepted, is an arm, a car, a
+robot in a plane, or one whose legs have two joints.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Iterator
+from itertools import pairwise
+from math import radians, tan
+from pathlib import Path
+
+from _bench import Lines, Row, tally
+
+import stancekit
+from stancekit.planners.robot.catalogue import as_they_come, catalogue, provider_folder
+from stancekit.planners.robot.robot_file import BUILT_IN
+
+HALF_M = 1.5
+RISE = tan(radians(12.0))
+PROFILES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
+    "flat": (((-2.0, 0.0), (3.0, 0.0)),),
+    "step": (((-2.0, 0.0), (0.5, 0.0), (0.5, 0.1), (3.0, 0.1)),),
+    "slope": (((-2.0, -2.0 * RISE), (3.0, 3.0 * RISE)),),
+    "gap": (((-2.0, 0.0), (0.44, 0.0)), ((0.56, 0.0), (3.0, 0.0))),
+}
+"""Grounds by their profiles (x, z), which go on across the way [m]."""
+START, GOAL = (0.0, 0.0), (1.0, 0.0)
+NEGATIVES = {
+    "example-robot-data": (
+        "panda_description/urdf/panda.urdf",
+        "ur_description/urdf/ur5_robot.urdf",
+        "z1_description/urdf/z1.urdf",
+        "finger_edu_description/robots/finger_edu.urdf",
+        "solo_description/robots/solo.urdf",
+        "pr2_description/urdf/pr2.urdf",
+    ),
+    "pybullet": (
+        "racecar/racecar.urdf",
+        "quadruped/minitaur.urdf",
+        "biped/biped2d_pybullet.urdf",
+        "kuka_iiwa/model.urdf",
+    ),
+    "mjlab": ("i2rt_yam/xmls/yam.xml",),
+    "gymnasium": (
+        "ant.xml",
+        "walker2d_v5.xml",
+        "half_cheetah.xml",
+        "hopper.xml",
+        "pusher_v5.xml",
+        "inverted_pendulum.xml",
+    ),
+    "dm-control": ("cheetah.xml", "manipulator.xml", "fish.xml"),
+}
+"""Files by package that are no robots with legs to walk on."""
+
+
+def robots() -> Iterator[tuple[str, str, bool]]:
+    """What is asked for, its name, and whether it is a negative, of packages that are installed."""
+    for name in (*BUILT_IN, *catalogue()):
+        yield name, name, False
+    for name, provider, _ in as_they_come():
+        if provider_folder(provider) is not None:
+            yield name, name, False
+    for provider, paths in NEGATIVES.items():
+        folder = provider_folder(provider)
+        for path in paths if folder is not None else ():
+            yield str(folder / path), f"{provider}: {path.rpartition('/')[2]}", True
+
+
+def ground(name: str, folder: Path) -> Path:
+    """The mesh of a ground."""
+    corners, faces = list[str](), list[str]()
+    for piece in PROFILES[name]:
+        for (x0, z0), (x1, z1) in pairwise(piece):
+            first = len(corners) + 1
+            ends = ((x0, -1, z0), (x1, -1, z1), (x1, 1, z1), (x0, 1, z0))
+            corners += [f"v {x} {HALF_M * side} {z}" for x, side, z in ends]
+            faces.append(f"f {first} {first + 1} {first + 2} {first + 3}")
+    path = folder / f"{name}.obj"
+    path.write_text("\n".join([*corners, *faces, ""]))
+    return path
+
+
+def crossed(robot: str, terrain: Path, limit_s: float) -> Row:
+    """What is answered, and what comes of it in MuJoCo."""
+    begun, row = time.process_time(), {"status": "refused", "run": ""}
+    try:
+        answer = stancekit.plan(
+            terrain,
+            robot=robot,
+            start_xy_m=START,
+            goal_xy_m=GOAL,
+            time_limit_s=limit_s,
+        )
+        row |= {"status": answer.status.value, "says": answer.message}
+        if answer.status.value == "feasible":
+            report = stancekit.simulate(answer.solution)
+            row["run"] = "as planned" if report.succeeded else report.message
+    except stancekit.InvalidInput as error:
+        where = "run" if row["status"] != "refused" else "says"
+        row[where] = str(error)
+    return row | {"cpu_s": time.process_time() - begun}
+
+
+def rows(folder: Path, wanted: list[str], limit_s: float) -> Iterator[Row]:
+    """A row a robot and ground, asked or kept."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = Lines(folder / "crossings.jsonl")
+    for name in PROFILES:
+        terrain = ground(name, folder)
+        for robot, called, negative in robots():
+            if wanted and not any(part in called for part in wanted):
+                continue
+            if (key := f"{called} {name}") not in kept.rows:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    kept.add(key, {"negative": negative, **crossed(robot, terrain, limit_s)})
+            yield kept.rows[key]
+
+
+def line(row: Row) -> str:
+    """A row for people."""
+    ran = f"; run: {row['run']:.80}" if row["run"] else ""
+    return (
+        f"{row['key']:48} {row['status']:10} {row['cpu_s']:6.1f} s {row.get('says', ''):.150}{ran}"
+    )
+
+
+def counts(found: list[Row]) -> Row:
+    """How many crossed each ground and were executed as planned; negatives that were accepted."""
+    told: Row = {
+        name: tally(
+            "executed" if row["run"] == "as planned" else row["status"]
+            for row in found
+            if row["key"].endswith(f" {name}") and not row["negative"]
+        )
+        for name in PROFILES
+    }
+    accepted = [row["key"] for row in found if row["negative"] and row["status"] == "feasible"]
+    return told | {"negatives": sum(row["negative"] for row in found), "accepted of them": accepted}
