@@ -31,6 +31,8 @@ class ShowRobot:
       stancekit robot
       stancekit robot go1 --picture go1.png
 
+    Exit code 1 for a robot that nothing can be planned for, as with legs of two joints.
+
     reach: how far from its hip a foot gets. cover: share of what a foot reaches, usefully below its
     hip, that plans may use, a convex polytope; unreachable: share of that polytope that the leg
     does not reach. Proofs use an outer set that nothing reachable is outside of.
@@ -68,7 +70,7 @@ class ShowRobot:
             )
         if self.json:
             emit(_record(model, workspaces, trouble))
-            return 0
+            return int(bool(trouble))
         out.print(_head(model))
         for table in (_legs(model, workspaces), _joints(model)):
             out.print()
@@ -78,7 +80,7 @@ class ShowRobot:
             out.print(f"{remark.kind}: {remark.text}")
         if trouble:
             out.print(f"no workspace: {trouble}")
-        return 0
+        return int(bool(trouble))
 
     def _list(self) -> int:
         """Print the robots with a name, and what installs the file of each.

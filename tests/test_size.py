@@ -31,15 +31,15 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1560, 17063),
-    "cli": (3695, 40350),
+    "cli": (3695, 40364),
     "configs": (3, 30),
     "envs": (3116, 41851),
     "learners": (5756, 80052),
-    "planners": (34763, 540682),
-    "runner": (7380, 95665),
+    "planners": (34842, 541959),
+    "runner": (7382, 95712),
     "views": (4621, 70028),
 }
-CAPS: dict[str, int] = {"tests": 43_900, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 43_940, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
@@ -47,7 +47,7 @@ ALLOWANCES: dict[str, int] = {
     "slopes and doors": 84,
     "MJCF": 0,
     "training": 400,
-    "promises": 424,
+    "promises": 343,
     "worlds": 200,
     "formats": 38,
     "stepping over": 250,

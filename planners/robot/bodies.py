@@ -741,6 +741,9 @@ def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str
         missing.setdefault("joint|: no shape of what they carry", []).extend(
             leg.joint_names[k] for k in bare
         )
+    if all(model.mounts[shape.link].leg is not None for shape in model.shapes):
+        trunk = [name for name, mount in model.mounts.items() if mount.leg is None][:1]
+        missing["link|: no shape"] = trunk
     lines = [(*key.split("|"), names) for key, names in missing.items() if names]
     return solids, tuple(
         f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}"

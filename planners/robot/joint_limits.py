@@ -18,6 +18,10 @@ from ..files.validation import shown
 from .rotation import rotation_of
 from .shapes import numbers_of, pose_of, write_pose
 
+GUESSED_RAD_S = 3.0
+"""Speed of a joint with a torque limit and no velocity limit, between key frames [rad/s]."""
+SPEED = "speed"
+"""Attribute of a joint whose velocity limit is none of its file's."""
 GUESSED = "guessed"
 """Attribute of a joint whose limits are none of its file's: the reason."""
 MOST_RAD = 8.0 * math.pi
@@ -39,10 +43,16 @@ def mend_limits(root: Element, file: str) -> tuple[bool, dict[str, str]]:
     """
     written, gaps = False, dict[str, str]()
     for joint in root.findall("joint"):
-        if joint.get("type") not in ("revolute", "prismatic"):
-            continue
         name, limit = joint.get("name", ""), joint.find("limit")
         where = f"{file}: joint {name}"
+        if joint.get("type") in ("revolute", "continuous") and limit is not None:
+            effort, velocity = (_number(limit, key, where) for key in ("effort", "velocity"))
+            if effort > 0.0 and velocity <= 0.0:
+                limit.set("velocity", repr(GUESSED_RAD_S))
+                joint.set(SPEED, GUESSED)
+                written = True
+        if joint.get("type") not in ("revolute", "prismatic"):
+            continue
         ends = [_number(limit, key, where) for key in ("lower", "upper")]
         soft = joint.find("safety_controller")
         inner = [_number(soft, f"soft_{key}_limit", where) for key in ("lower", "upper")]
@@ -103,6 +113,11 @@ def limit_doubts(root: Element) -> Iterator[tuple[str, str]]:
     for joint in root.findall("joint"):
         if reason := joint.get(GUESSED):
             yield joint.get("name", ""), reason
+
+
+def speed_doubts(root: Element) -> list[str]:
+    """Names of the joints whose velocity limit was guessed."""
+    return [joint.get("name", "") for joint in root.findall("joint") if joint.get(SPEED)]
 
 
 def _in_degrees(low: float, high: float) -> bool:

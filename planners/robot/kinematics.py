@@ -66,7 +66,7 @@ class Kinematics:
     joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm,
     velocity_rad_s: limits of the joints, shape (J,); torque is inf where the robot's own file has
     none that can be believed, velocity 0 where it has none. rotor_kg_m2: inertia of every joint's
-    rotor, behind its gears. legs: the number of the leg of every joint, shape (J,). known:
+    rotor, behind its gears, shape (J,). legs: the number of the leg of every joint, shape (J,). known:
     pinocchio's model; columns: where it has the joints' velocities, shape (J,). near_rad: posture of a
     robot that is already somewhere, at which motions begin, shape (J,); None elsewhere. Raises InvalidInput
     where pinocchio is not installed, and for a robot whose legs are not known.
@@ -86,7 +86,7 @@ class Kinematics:
         self._pin = pin = pinocchio()
         legs, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
         self.joints, self.radii_m = self.model.joint_names, robot.source.foot_radii_m
-        self.rotor_kg_m2 = self.model.drive[2]
+        self.rotor_kg_m2 = self.model.rotors_kg_m2
         self.lower_rad, self.upper_rad = (
             np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad")
         )

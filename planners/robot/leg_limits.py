@@ -16,6 +16,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import YAML, read_yaml
 from ..files.validation import validated
+from .joint_limits import speed_doubts
 from .leg import Leg
 from .legged import robot_of
 from .model import LegLimits, Robot
@@ -72,11 +73,12 @@ def no_motors(model: RobotModel) -> str:
     """Gaps in a robot's file about its joints' efforts and velocities, in words; empty where there
     are all.
     """
+    guessed = speed_doubts(model.tree)
     slow = [
         f"joint {joint.name}"
         for leg in model.legs
         for joint in leg.joints
-        if joint.velocity_rad_s <= 0.0
+        if joint.velocity_rad_s <= 0.0 or joint.name in guessed
     ]
     lacks = [*model.lines_of(model.torque_doubts)]
     if slow:

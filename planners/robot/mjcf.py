@@ -22,13 +22,12 @@ from ..files.arrays import Array
 from ..files.validation import shown
 from ..terrain.scene_file import compiled_mjcf
 from .hulls import hull_corners
+from .plausibility import BETWEEN
 from .separation import Index
 from .shapes import shape_elements, text_of, write_pose
 
 KEY_FRAMES = ("stand", "standing", "home", "default", "init")
 """Names of key frames in which a robot stands, whatever the height of its base, in this order."""
-GUESSED_RAD_S = 3.0
-"""Speed limit of every joint, since an MJCF has none [rad/s]."""
 FLOOR_M = 0.05
 """A robot stands in another key frame if its lowest point is so near to the plane z = 0 [m]."""
 UPRIGHT = 0.95
@@ -238,15 +237,14 @@ class _Reader:
             self._limit(joint, j)
             yield joint
             if not last:
-                yield Element("link", name=child)
+                yield Element("link", {"name": child, BETWEEN: "joints"})
             carrier, turn, place = child, np.eye(3), np.zeros(3)
 
     def _limit(self, joint: Element, j: int) -> None:
         """Write what a joint can do."""
         model, called = self.model, self._name("joint", j)
         zero = float(model.qpos0[model.jnt_qposadr[j]])
-        limit = SubElement(joint, "limit", velocity=repr(GUESSED_RAD_S))
-        limit.set("effort", repr(self._torque(j)))
+        limit = SubElement(joint, "limit", velocity="0", effort=repr(self._torque(j)))
         if self._kind(j) == self.slide:
             joint.set("type", "prismatic")
         elif not model.jnt_limited[j]:
@@ -256,10 +254,11 @@ class _Reader:
             limit.set("lower", repr(low))
             limit.set("upper", repr(high))
         dof = int(model.jnt_dofadr[j])
-        losses = float(model.dof_damping[dof].ravel()[0]), float(model.dof_frictionloss[dof])
-        if any(losses):
-            damping, friction = map(repr, losses)
-            SubElement(joint, "dynamics", damping=damping, friction=friction)
+        names = ("damping", "frictionloss", "armature")
+        moved = [float(getattr(model, f"dof_{each}")[dof].ravel()[0]) for each in names]
+        if any(moved):
+            damping, friction, armature = map(repr, moved)
+            SubElement(joint, "dynamics", damping=damping, friction=friction, armature=armature)
         if abs(zero) > 1e-9:
             self.guesses.append(f"joint {called}: angles are from the file's {zero:g} on")
 

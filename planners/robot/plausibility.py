@@ -8,6 +8,7 @@ whose masses were forgotten.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -32,10 +33,17 @@ SLIGHT = 1e-3
 frame with a placeholder, or with moments that no body has."""
 FAR = 10.0
 """A moment of this many times m R² is one in other units."""
+NO_SHAPE = "no shape"
+VAST = 20.0
+"""A shape of so many lengths of a leg is in other units."""
 LEAST_SHARE = 0.01
 """Share of the robot's mass that its trunk has at least."""
 SMALLEST_M, LARGEST_M = 0.02, 5.0
 """Lengths of legs between which robots are."""
+BETWEEN = "between"
+"""Attribute of a link that is there to have two joints at one place, and need not weigh anything."""
+CLOSED = 0.07
+"""Two legs whose feet are so near to each other, as a share of their length, hold one foot."""
 UPWARD = 0.25
 """A leg whose foot is on average this share of its length above its hip points up."""
 SAMPLES = 500
@@ -89,15 +97,14 @@ def body_doubts(
         if why := _inertia_doubt(mass, moments, _size_m(name, centre, shapes, reach), slight):
             yield f"link {name}", why
     total = sum(masses.values())
+    between = {link.get("name") for link in root.findall("link") if link.get(BETWEEN)}
     if masses.get((None, -1), 0.0) < LEAST_SHARE * total:
         yield f"link {_first(mounts, None, -1)}", "the trunk weighs nothing, or next to nothing"
     for i, leg in enumerate(legs):
         for k in range(len(leg.joints)):
-            if masses.get((i, k), 0.0) <= 0.0:
-                yield (
-                    f"link {leg.foot if k == len(leg.joints) - 1 else _first(mounts, i, k)}",
-                    "weighs nothing",
-                )
+            name = leg.foot if k == len(leg.joints) - 1 else _first(mounts, i, k)
+            if masses.get((i, k), 0.0) <= 0.0 and name not in between:
+                yield f"link {name}", "weighs nothing"
 
 
 def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[Doubt]:
@@ -106,6 +113,31 @@ def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[Doubt]:
     for leg in legs:
         if masses.get(leg.foot, 0.0) <= 0.0:
             yield f"link {leg.foot}", "a foot without a mass"
+
+
+def shape_doubts(
+    root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
+) -> Iterator[Doubt]:
+    """Doubts that keep nothing from being simulated: a trunk without a shape, shapes in other
+    units, and a moment of inertia of 0 beside others.
+    """
+    reach = max((leg.chain.length_m for leg in legs), default=1.0)
+    mine = [mounts[shape.link].leg for shape in shapes if shape.link in mounts]
+    if None not in mine:
+        yield f"link {_first(mounts, None, -1)}", NO_SHAPE
+    for shape in shapes:
+        points = shape_points(shape)
+        size = 0.0 if points is None else float(np.ptp(points, axis=0).max())
+        if size > VAST * reach:
+            yield f"link {shape.link}", f"a shape of {size:.3g} m: other units?"
+    for link in root.findall("link"):
+        mass, _, (small, middle, large) = link_inertia(link)
+        flat = large > middle + ROUNDED * large  # a rod has two moments that are the same
+        if mass > 0.0 and small <= 0.0 and large > ROUNDED_KGM2 and flat:
+            yield (
+                f"link {link.get('name')}",
+                f"a moment of inertia of {small:.3g} kg m² beside others",
+            )
 
 
 def impossible(mass_kg: float, moments: Array) -> str:
@@ -165,10 +197,22 @@ def wrong_links(root: Element) -> str:
 
 
 def leg_doubts(legs: Sequence[Leg]) -> Iterator[Doubt]:
-    """Legs that are longer or shorter than robots', which are in other units."""
+    """Legs that are longer or shorter than robots', which are in other units, and those that end at
+    one place.
+    """
     for leg in legs:
         if not SMALLEST_M <= leg.chain.length_m <= LARGEST_M:
             yield f"link {leg.foot}", f"a leg of {leg.chain.length_m:.3g} m: other units?"
+    for one, two in combinations(legs, 2):
+        apart, before = (
+            float(np.linalg.norm(getattr(one, place) - getattr(two, place)))
+            for place in ("nominal_m", "hip_m")
+        )
+        if apart < min(before, CLOSED * one.chain.length_m):
+            yield (
+                f"link {one.foot}",
+                f"ends where {two.foot} does: a closed chain, which no URDF has?",
+            )
 
 
 def rest_angles(root: Element, legs: Sequence[Leg]) -> dict[str, float]:

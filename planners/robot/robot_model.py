@@ -26,11 +26,19 @@ from ..physics import GRAVITY_M_S2
 from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .inverse_kinematics import REACHED_M, descend
-from .joint_limits import hold, limit_doubts, mend_limits
+from .joint_limits import GUESSED_RAD_S, hold, limit_doubts, mend_limits, speed_doubts
 from .leg import FootContact, Leg, Mount
 from .leg_search import Found, Waist, legs_of
 from .mjcf import Mjcf
-from .plausibility import body_doubts, foot_doubts, leg_doubts, rest_angles, rest_gaps, wrong_links
+from .plausibility import (
+    body_doubts,
+    foot_doubts,
+    leg_doubts,
+    rest_angles,
+    rest_gaps,
+    shape_doubts,
+    wrong_links,
+)
 from .servo import Servo
 from .shapes import Shape, disabled_pairs, shapes_of
 from .urdf_reader import (
@@ -91,6 +99,11 @@ robot's weight at a leg's length [Nm], and Kd / Kp [s]."""
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
+STRAIGHT, BENT = 0.94, 0.9
+"""Shares of the greatest distance from its hip that a foot or an ankle gets to: beyond the first
+a leg is straight, and it bends if it gets to the second."""
+KNEE_RAD = 0.6
+"""Angle by which the knee of a straight leg is bent."""
 STANDS = 0.25
 """Share of its length by which a leg's foot is below its hip, where a robot stands."""
 IDENTITY_DIGITS = 12
@@ -259,6 +272,19 @@ class RobotModel:
         stiffness = STIFFNESS * self.carried_nm
         return stiffness, DAMPING_S * stiffness, ROTOR_S2 * self.carried_nm
 
+    @cached_property
+    def rotors_kg_m2(self) -> Array:
+        """The rotors' inertia behind the gears as every joint feels it, shape (J,): what an MJCF
+        says, else that of ``drive``.
+        """
+        said = {
+            joint.get("name", ""): _angle(moved.get("armature", "0"), f"joint {joint.get('name')}")
+            for joint in self.tree.findall("joint")
+            if (moved := joint.find("dynamics")) is not None
+        }
+        told = np.array([said.get(name, 0.0) for name in self.joint_names])
+        return np.where(told > 0.0, told, self.drive[2])
+
     @property
     def torque_doubts(self) -> tuple[tuple[str, str], ...]:
         """Joints whose torque limit counts for nothing, by name, and why: there is none, or one
@@ -389,7 +415,13 @@ def model_of(
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
     doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
     mounts = _mounts(model, legs, rest)
+    doubts += [
+        (f"joint {name}", f"no velocity limit, taken for {GUESSED_RAD_S:g} rad/s, not for leaps")
+        for name in speed_doubts(root)
+        if name in moved
+    ]
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
+    doubts += shape_doubts(root, legs, shapes, mounts)
     made = RobotModel(
         name=called,
         urdf=text,
@@ -474,6 +506,10 @@ def _stand(
         if not all(_below(leg, angles) for leg in legs):
             guesses.append(f"not the posture of {source}, whose feet are not below its hips")
             state, angles = None, {}
+        else:
+            straight = [leg.name for leg in legs if _unbent(leg, angles)]
+            if straight:
+                guesses.append(f"knees are bent that are straight in the posture of {source}")
     for pattern, angle in (posture_rad or {}).items():
         angles.update(dict.fromkeys(matching(pattern, names, "posture_rad"), float(angle)))
     stood, unsaid = [], []
@@ -499,6 +535,40 @@ def _below(leg: Leg, angles: Mapping[str, float]) -> bool:
         return True
     foot = leg.chain.feet(np.array([[angles[name] for name in leg.joint_names]]))[0]
     return float(leg.hip_m[2] - foot[2]) > STANDS * leg.chain.length_m
+
+
+def _lengths(leg: Leg, angles: Array) -> Array:
+    """Distance of a leg's ankle from its hip, or of its foot where the last joint is its knee, shape
+    (K,) [m].
+
+    Arguments:
+        angles: shape (K, n), over much of what the joints do.
+    """
+    ankle = np.linalg.norm(leg.chain.frames(angles)[1][:, -1] - leg.hip_m, axis=1)
+    if ankle.min() < BENT * ankle.max():
+        return np.asarray(ankle)
+    return np.asarray(np.linalg.norm(leg.chain.feet(angles) - leg.hip_m, axis=1))
+
+
+def _unbent(leg: Leg, angles: dict[str, float]) -> bool:
+    """Tell whether a leg is straight in a posture, and bend its knee if so: the joint that shortens
+    it most.
+    """
+    if not all(name in angles for name in leg.joint_names):
+        return False
+    stood = np.array([angles[name] for name in leg.joint_names])
+    side = np.where(leg.upper_rad - stood > stood - leg.lower_rad, KNEE_RAD, -KNEE_RAD)
+    tries = np.clip(stood + np.diag(side), leg.lower_rad, leg.upper_rad)
+    every = leg.random_angles(SAMPLES, np.random.default_rng(0))
+    far = _lengths(leg, np.concatenate([stood[None], tries, every]))
+    if far[0] < STRAIGHT * far.max():
+        return False
+    bent = tries[int(np.argmin(far[1 : 1 + len(tries)]))][None]
+    straight, foot = (leg.chain.feet(each) - leg.hip_m for each in (stood[None], bent))
+    down = straight * (np.linalg.norm(foot) / np.linalg.norm(straight))
+    bent = descend(leg, leg.hip_m + down, bent)[0]
+    angles |= dict(zip(leg.joint_names, bent[0].tolist(), strict=True))
+    return True
 
 
 def _angle(text: str, where: str) -> float:

@@ -72,7 +72,13 @@ class Drives:
             if actuators is None
             else actuators.of(names)
         )
-        loops = np.array([_loop(actuator, model.drive) for actuator in models])
+        gains = model.drive[:2]
+        loops = np.array(
+            [
+                _loop(actuator, (*gains, float(rotor)))
+                for actuator, rotor in zip(models, model.rotors_kg_m2, strict=True)
+            ]
+        )
         return cls(
             joints=names,
             lower_rad=np.array([joint.lower_rad for joint in joints]),

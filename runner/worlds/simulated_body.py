@@ -19,7 +19,7 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.leg import Leg
-from stancekit.planners.robot.plausibility import body_doubts, link_inertia
+from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, link_inertia
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.shapes import Shape
 
@@ -228,8 +228,8 @@ def _check_weights(root: Element, model: RobotModel) -> None:
 
 
 def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float) -> None:
-    """Scale all masses, make inertias ones that bodies have, and give the root a speck of mass
-    where it has less.
+    """Scale all masses, make inertias ones that bodies have, and give the root, and links that are
+    there to have two joints at one place, a speck of mass where they have less.
     """
     for link in links.values():
         if (mass := link.find("inertial/mass")) is not None and share != 1.0:
@@ -237,13 +237,14 @@ def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float
         if (inertia := link.find("inertial/inertia")) is not None:
             inertia_given = share * _inertia(inertia)
             _set_inertia(inertia, inertia_given + _rounded_off(inertia_given) * np.eye(3))
-    mass = links[base].find("inertial/mass")
-    if mass is None or float(mass.get("value", "0")) < SPECK * mass_kg:
-        for inertial in links[base].findall("inertial"):
-            links[base].remove(inertial)
-        inertial = SubElement(links[base], "inertial")
-        SubElement(inertial, "mass", {"value": repr(SPECK * mass_kg)})
-        _set_inertia(SubElement(inertial, "inertia"), SPECK * mass_kg * SPECK_M**2 * np.eye(3))
+    for link in (links[base], *(link for link in links.values() if link.get(BETWEEN))):
+        mass = link.find("inertial/mass")
+        if mass is None or float(mass.get("value", "0")) < SPECK * mass_kg:
+            for inertial in link.findall("inertial"):
+                link.remove(inertial)
+            inertial = SubElement(link, "inertial")
+            SubElement(inertial, "mass", {"value": repr(SPECK * mass_kg)})
+            _set_inertia(SubElement(inertial, "inertia"), SPECK * mass_kg * SPECK_M**2 * np.eye(3))
 
 
 def _add_rotor(link: Element, rotor_kg_m2: float) -> None:

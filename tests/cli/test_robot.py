@@ -77,7 +77,7 @@ def test_feet_that_stay_on_a_surface_make_a_robot_without_workspaces(
         '<joint name="LF_HAA" type="revolute"', '<joint name="LF_HAA" type="fixed"'
     )
     (tmp_path / "flat.urdf").write_text(text)
-    assert run(ShowRobot(str(tmp_path / "flat.urdf"))) == 0
+    assert run(ShowRobot(str(tmp_path / "flat.urdf"))) == 1
     assert "no workspace: leg LF: expected three joints or more" in capsys.readouterr().out
 
 

@@ -244,7 +244,7 @@ def test_what_has_no_shape_is_said() -> None:
     parts = [
         f"{leg}_{part}" for leg in ("LF", "RF", "LH", "RH") for part in ("HIP", "THIGH", "SHANK")
     ]
-    whole = [shape(part, "sphere", [0.01]) for part in parts]
+    whole = [shape(part, "sphere", [0.01]) for part in (*parts, "base")]
     assert bodies(whole).missing == ()
     assert bodies([*whole, shape("base", "mesh", [1, 1, 1])]).missing == ("link base: no mesh",)
     follows = "joint wag: follows LF_HFE, which plans do not: make it a fixed joint"

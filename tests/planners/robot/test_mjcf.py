@@ -11,9 +11,11 @@ import pinocchio as pin
 import pytest
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.robot.leg_limits import no_motors
 from stancekit.planners.robot.mjcf import Mjcf, read_mjcf
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
+from tests.planners.robot import small_urdfs
 
 TORQUES = {
     "ctrl": ('<motor joint="{j}" ctrlrange="-20 20" gear="2"/>', 40.0),
@@ -295,3 +297,34 @@ def test_one_chain_of_joints_is_no_robot_with_legs(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput) as refused:
         model.check_known()
     assert "legs: " in str(refused.value)
+
+
+def test_a_straight_posture_is_bent_at_the_knees_and_rotors_are_the_file_s(tmp_path: Path) -> None:
+    straight = STANDS.replace("{stand}", " ".join(["0 0 -.01"] * 4))
+    text = quadruped(knee='range="-2.6 0.1" armature=".02"', more=straight)
+    model = read(text, tmp_path)
+    np.testing.assert_allclose([leg.stance_rad[2] for leg in model.legs], -0.6, atol=0.1)
+    np.testing.assert_allclose(model.rotors_kg_m2, [model.drive[2], model.drive[2], 0.02] * 4)
+    assert all(text in remarks(model) for text in ("key frame home", "no velocity limit"))
+    assert "velocity limit" in no_motors(model)
+    assert model.unrunnable == ()
+
+
+def test_one_robot_in_two_files_is_one_robot(tmp_path: Path) -> None:
+    urdf = small_urdfs.quadruped(bone='<box size=".04 .04 .1"/>')
+    (tmp_path / "robot.urdf").write_text(urdf)
+    spec = mujoco.MjSpec.from_string(urdf)  # MuJoCo's own conversion, which makes the trunk a world
+    spec.compile()
+    trunk = (
+        '<body name="base"><freejoint/><inertial pos="0 0 0" mass="10" diaginertia=".01 .01 .01"/>'
+    )
+    text = spec.to_xml().replace("<worldbody>", f"<worldbody>{trunk}")
+    one = read(text.replace("</worldbody>", "</body></worldbody>"), tmp_path)
+    two = named_robot(tmp_path / "robot.urdf")
+    assert (one.leg_names, one.joint_names) == (two.leg_names, two.joint_names)
+    assert one.stand_height_m == pytest.approx(two.stand_height_m, abs=1e-6)
+    np.testing.assert_allclose(one.body.inertia_kgm2, two.body.inertia_kgm2, atol=1e-6)
+    for mine, theirs in zip(one.legs, two.legs, strict=True):
+        np.testing.assert_allclose(mine.nominal_m, theirs.nominal_m, atol=1e-6)
+        np.testing.assert_array_equal(mine.torque_nm, theirs.torque_nm)
+        assert mine.radius_m == pytest.approx(theirs.radius_m)

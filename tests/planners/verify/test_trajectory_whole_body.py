@@ -91,11 +91,7 @@ def test_power_of_joints_feet_and_base_is_what_the_energy_changes_by() -> None:
         + pin.computePotentialEnergy(model, data, pin.integrate(model, q, 0.5 * STEP_S * v))
         for q, v in zip(states[:-1], between, strict=True)
     ]
-    rotors = (
-        0.5
-        * body.kinematics.rotor_kg_m2
-        * np.square(between[:, body.kinematics.columns]).sum(axis=1)
-    )
+    rotors = 0.5 * np.square(between[:, body.kinematics.columns]) @ body.kinematics.rotor_kg_m2
     change = np.diff(energy + rotors) / STEP_S
     velocity = 0.5 * (between[1:] + between[:-1])
     rates = velocity[:, body.kinematics.columns]
