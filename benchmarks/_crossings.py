@@ -103,9 +103,12 @@ def crossed(robot: str, terrain: Path, limit_s: float) -> Row:
         if answer.status.value == "feasible":
             report = stancekit.simulate(answer.solution)
             row["run"] = "as planned" if report.succeeded else report.message
-    except stancekit.InvalidInput as error:
+    except Exception as error:  # a death is a row, too
         where = "run" if row["status"] != "refused" else "says"
-        row[where] = str(error)
+        died = (
+            "" if isinstance(error, stancekit.InvalidInput) else f"died of {type(error).__name__}: "
+        )
+        row[where] = f"{died}{error}"
     return row | {"cpu_s": time.process_time() - begun}
 
 

@@ -50,14 +50,21 @@ def compiled_mjcf(path: Path) -> tuple[Any, set[str], list[str]]:
         import mujoco
     except ImportError:
         raise not_installed(str(path), "mujoco", "MJCF", "robots") from None
+    warned, before = list[str](), mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(warned.append)  # else it prints, and writes a log where it runs
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         touching, absent = _without_what_is_elsewhere(spec, path)
         spec.compiler.discardvisual = False
-        return spec.compile(), touching, absent
+        model = spec.compile()
+        if wrong := [text for text in warned if "NaN" in text]:
+            raise ValueError(wrong[0])
+        return model, touching, absent
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise InvalidInput(f"{path}: expected an MJCF: {reason:.{LONGEST}}") from None
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def read_scene(path: Path, most_triangles: int, hint: str = "simplify it") -> Surface:

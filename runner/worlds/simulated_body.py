@@ -88,6 +88,8 @@ def simulated_body(
     for joint in root.findall("joint"):
         if joint.get("name") not in joints:
             joint.set("type", "fixed")
+        for again in joint.findall("axis")[1:]:  # of which the first counts
+            joint.remove(again)
     links = {link.get("name", ""): link for link in root.findall("link")}
     hulls, missing = _hulled(links, [shape for shape in model.shapes if shape.collides])
     for leg in model.legs:

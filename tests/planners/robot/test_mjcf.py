@@ -228,6 +228,7 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
         ("trunk", "other"),
     ),
     "not-xml": ("<mujoco", ("MJCF",)),
+    "nan": (quadruped(knee='range="-2 nan"'), ("MJCF", "NaN")),
     "no-such-joint": (quadruped(drive='<motor joint="none"/>'), ("none",)),
     "entities": ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', ("MJCF",)),
 }
