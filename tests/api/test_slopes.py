@@ -25,11 +25,14 @@ def planned(terrain, goal, friction=None):
     return stancekit.plan(terrain, start_xy_m=(0.0, 0.0), goal_xy_m=goal)
 
 
-@pytest.mark.parametrize(("degrees", "goal"), [(20, (0.6, 0.0)), (25, (-0.4, 0.0))])
-def test_slopes_are_planned(degrees, goal, tmp_path):
+@pytest.mark.parametrize(
+    ("degrees", "goal"), [(20, (0.6, 0.0)), (30, (-0.4, 0.0)), (33, (0.6, 0.0))]
+)
+def test_slopes_are_planned_over_layouts_that_need_no_bending(degrees, goal, tmp_path):
     answer = planned(slope(tmp_path, degrees), goal, 0.9)
     assert answer.status.value == "feasible"
     assert answer.report.accepted
+    assert answer.details["torque_steps"] == 0
 
 
 def test_stairs_whose_risers_the_legs_can_step_are_planned_from_a_tread():
