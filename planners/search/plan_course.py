@@ -53,9 +53,9 @@ ALL_FRICTION = (1.0,)
 PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
-STEEP = 0.3
-"""Gradient of the ground from which on layouts are looked at before any plan is bent (17°)."""
-LOOK_S = 3.0
+STEEP = 0.4
+"""Gradient of the ground from which on layouts are looked at before any plan is bent (22°)."""
+LOOK_S = 6.0
 """Processor time that such a look at a layout takes at most [s]."""
 LAID = "no plan over this layout, which is one of many"
 """Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
@@ -282,13 +282,18 @@ def _leaning(
     holding.
     """
     began, short_m = (time.perf_counter(), time.process_time()), dict[Alternative, float]()
-    for alternative in LEANING:
+    try:
+        course = question("inner", AS_ASKED)
+    except (InvalidInput, PlanningFailed):
+        return None, layouts
+    if _gradient(course) < STEEP or in_pieces(course):
+        return None, layouts
+    first = AS_ASKED if course.robot.source.own else LEANING[0]  # whose belly is known to be high
+    for alternative in sorted(LEANING, key=lambda each: each is not first):
         try:
             course = question("inner", alternative)
         except (InvalidInput, PlanningFailed):
-            break
-        if _gradient(course) < STEEP or in_pieces(course):
-            return None, layouts
+            continue
         end = min(time.perf_counter() + _wall_s(began, LOOK_S), deadline)
         outcome = answered(course, end, alternative, bend=False)
         if outcome.status is Status.FEASIBLE:
