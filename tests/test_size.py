@@ -35,16 +35,16 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3116, 41851),
     "learners": (5756, 80052),
-    "planners": (34657, 538681),
+    "planners": (34704, 539708),
     "runner": (7380, 95665),
-    "views": (4621, 70028),
+    "views": (4623, 70063),
 }
 CAPS: dict[str, int] = {"tests": 43_900, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
     "soles": 373,
-    "slopes and doors": 54,
+    "slopes and doors": 5,
     "MJCF": 0,
     "training": 400,
     "promises": 450,
