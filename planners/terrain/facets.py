@@ -397,7 +397,9 @@ def _unrounded(
         mine = np.flatnonzero(pair[labels] >= 0)
         of = pair[labels[mine]]
         off = np.abs(np.vecdot(corners[mine] - about - middle[of][:, None], normal[of][:, None]))
-        facing = np.vecdot(normals[mine], normal[of]) * np.sign(np.vecdot(up[first[of]], normal[of]))
+        facing = np.vecdot(normals[mine], normal[of]) * np.sign(
+            np.vecdot(up[first[of]], normal[of])
+        )
         worst = np.zeros(len(both))
         np.maximum.at(worst, pair[labels[mine]], np.where(facing > 0.5, off.max(axis=1), np.inf))
         tried = np.concatenate([tried, key[rms >= ROUNDED_M], key[both[worst > ROUNDED_M]]])
