@@ -4,13 +4,17 @@ get the same answer.
     python benchmarks/clothes.py --quick
     python benchmarks/clothes.py --folder out/clothes
     python benchmarks/clothes.py --quick --against ../before
+    python benchmarks/clothes.py --sample 200 --seed 1
+    python benchmarks/clothes.py --slopes
 
 A row a pair: a ground, a robot and a cloth beside the plain question, which is the ground's mesh as
 an OBJ file and the robot's own file, asked of ``stancekit.plan``. Rows are kept in the folder, one
 a line, and an interrupted run goes on there. At the end there is a table of what differs by cloth.
 Equal is: the same status, and for cloths that lose nothing the same objective to six digits. Where
 both refuse, the pair counts only if a refusal is right. Places, turns and sizes are printed, and
-not counted. --against: another checkout, in which `python setup.py links` was run; the same pairs
+not counted. A drawn robot is asked over grounds of its size. --sample: so many drawn rows of the
+whole table. --slopes: CPU time of planes of 5 to 33 degrees, up, down and across, over that of flat
+ground. --against: another checkout, in which `python setup.py links` was run; the same pairs
 are asked there first.
 """
 
@@ -23,20 +27,30 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from math import cos, pi, radians, sin, tan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from _bench import ROOT, Lines, Options, Row, launch, tally
+from _bench import ROOT, Lines, Options, Row, launch, spread, tally
 from _checkouts import of_checkout
 
 import stancekit
+from stancekit.envs.traverse import TraverseEnv
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.course_terrain import FileTerrain
+from stancekit.planners.projection.support_margin import PRESSES
+from stancekit.planners.search.answer import objective_of
+from stancekit.planners.search.friction_margin import SHARES
+from stancekit.planners.search.replan import replan
+from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.views.playground.answer import patient_answer
+from stancekit.views.playground.between_scenario import BetweenScenario
 
 HALF_M = 1.2
 """Half of a ground's width across the way [m]."""
@@ -45,14 +59,17 @@ PIECE_M, DIGITS = 0.05, 3
 SPACING_M = 0.02
 """Of a grid [m]."""
 FRICTION = 0.9
-LIMIT_S = 600.0
-"""Of a plan [s]: so long that a loaded machine changes nothing."""
+LIMIT_S = 120.0
+"""Of a plan [s]: twice the usual, so that a loaded machine changes little."""
 SHIPPED = ("hexapod", "configs/demo/ant.yaml", "a1", "aliengo", "laikago", "spirit40", "vision60")
-DRAWN = 12
+DRAWN, SIZE_M = 12, 0.6
+"""Drawn robots, and the size from foot to foot that grounds are made for [m]."""
 QUICK = {
     "grounds": "flat,slope20,slope30,ramp25,steps,stairs,wall,door",
     "robots": "hexapod,ant",
 }
+NONE = "no course"
+"""The status of a door that takes courses alone, where none has a plan."""
 FIGURES, VERDICT, PRINTED = "figures", "verdict", "printed"
 """What has to be the same: status and objective; status; nothing, the row is printed."""
 
@@ -63,8 +80,8 @@ FIGURES, VERDICT, PRINTED = "figures", "verdict", "printed"
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """Triangles, shape (T, 3, 3) [m], two places, and whether a robot that is large enough gets
-    from one to the other.
+    """Triangles, shape (T, 3, 3) [m], two places, whether a robot that is large enough gets from
+    one to the other, and the scale of all lengths.
     """
 
     name: str
@@ -73,6 +90,19 @@ class Ground:
     goal: tuple[float, float] = (0.6, 0.0)
     passable: bool = True
     friction: float = FRICTION
+    scale: float = 1.0
+
+    def of_size(self, scale: float, *, passable: bool) -> Ground:
+        """The ground by a scale, and whether a robot is one that plans are made for."""
+        start, goal = ((scale * x, scale * y) for x, y in (self.start, self.goal))
+        return replace(
+            self,
+            triangles=scale * self.triangles,
+            start=start,
+            goal=goal,
+            scale=scale,
+            passable=self.passable and passable,
+        )
 
 
 def quad(*corners: tuple[float, float, float]) -> Array:
@@ -167,11 +197,21 @@ def grounds() -> Iterator[Ground]:
 # robots
 
 
+def size_m(seed: int) -> float:
+    """Size of a drawn robot, 0.1 to 2 m from foot to foot [m]."""
+    return float(0.1 * 20.0 ** np.random.default_rng(seed).uniform())
+
+
+def joints_of(seed: int) -> int:
+    """Joints of each leg of a drawn robot; legs of two have no workspace with an inside, and are
+    refused.
+    """
+    return 2 + seed % 5
+
+
 def drawn(seed: int) -> str:
-    """A robot as a URDF: 3 to 8 legs of 2 to 6 joints about a ring, 0.1 to 2 m from foot to foot."""
-    rng = np.random.default_rng(seed)
-    legs, joints = 3 + seed % 6, 2 + seed % 5
-    size = 0.1 * 20.0 ** rng.uniform()
+    """A robot as a URDF: 3 to 8 legs of 2 to 6 joints about a ring."""
+    legs, joints, size = 3 + seed % 6, joints_of(seed), size_m(seed)
     mass = 12.0 * size**3 / 0.5**3
     text = _link("base", mass, f'<cylinder radius="{0.2 * size:.6g}" length="{0.1 * size:.6g}"/>')
     kinds = {2: "pp", 3: "ypp", 4: "yppp", 5: "yrppp", 6: "yrpppp"}[joints]
@@ -264,17 +304,27 @@ def plan(ground: Ground, path: Any, robot: str | None, *, shift: Array | None = 
         "robot": robot,
         "time_limit_s": LIMIT_S,
     }
+    return row_of(lambda: stancekit.plan(path, **asked))
+
+
+def row_of(answered: Callable[[], Any]) -> Row:
+    """What an answer of the library says, and its CPU time."""
     begin = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            answer = stancekit.plan(path, **asked)
+            answer = answered()
             row = {"status": answer.status.value, "message": answer.message}
             if answer.status.value == "feasible":
                 row["objective"] = float(answer.objective)
         except stancekit.StancekitError as error:
-            row = {"status": "refused", "message": f"{type(error).__name__}: {error}"}
+            row = refused(error)
     return {**row, "cpu_s": round(time.process_time() - begin, 2)}
+
+
+def refused(error: stancekit.StancekitError) -> Row:
+    """The row of a question that is refused."""
+    return {"status": "refused", "message": f"{type(error).__name__}: {error}", "cpu_s": 0.0}
 
 
 def footholds_of(ground: Ground, path: Path, robot: str | None, **options: Any) -> Any:
@@ -295,22 +345,38 @@ def as_file(
     **options: Any,
 ) -> Row:
     """A mesh of this kind, changed, and the options of ``stancekit.terrain`` that undo it."""
+    footholds = written(ground, robot, folder, suffix, change=change, **options)
+    if isinstance(footholds, dict):
+        return footholds
+    return plan(ground, footholds, robot, shift=shift)
+
+
+def written(
+    ground: Ground,
+    robot: str | None,
+    folder: Path,
+    suffix: str = ".obj",
+    *,
+    change: Change | None = None,
+    **options: Any,
+) -> Any:
+    """Footholds of the ground's mesh, or the row of their refusal."""
     mesh, path = mesh_of(ground), folder / f"{ground.name}{suffix}"
     mesh = mesh if change is None else change(mesh)
     mesh.export(path, **({"digits": 12} if suffix == ".obj" else {}))
     try:
-        footholds = footholds_of(ground, path, robot, **options)
+        return footholds_of(ground, path, robot, **options)
     except stancekit.StancekitError as error:
-        return {"status": "refused", "message": f"{type(error).__name__}: {error}", "cpu_s": 0.0}
-    return plan(ground, footholds, robot, shift=shift)
+        return refused(error)
 
 
 def as_grid(ground: Ground, robot: str | None, folder: Path) -> Row:
     """The heights of the upper side on a grid, NaN where there is none or a bottom far below."""
     low, high = (getattr(ground.triangles, name)(axis=(0, 1)) for name in ("min", "max"))
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    count = (2.0 * half[:2] / SPACING_M + 1e-6).astype(int)
-    lines = [middle[k] + SPACING_M * (np.arange(n) - 0.5 * (n - 1)) for k, n in enumerate(count)]
+    spacing = SPACING_M * ground.scale
+    count = (2.0 * half[:2] / spacing + 1e-6).astype(int)
+    lines = [middle[k] + spacing * (np.arange(n) - 0.5 * (n - 1)) for k, n in enumerate(count)]
     heights = np.full(tuple(count), np.nan)
     for a, b, c in ground.triangles:
         u, v = b - a, c - a
@@ -325,11 +391,92 @@ def as_grid(ground: Ground, robot: str | None, folder: Path) -> Row:
     np.save(path, heights)
     try:
         footholds = footholds_of(
-            ground, path, robot, kind="grid", spacing_m=SPACING_M, offset_m=(*middle[:2], 0.0)
+            ground, path, robot, kind="grid", spacing_m=spacing, offset_m=(*middle[:2], 0.0)
         )
     except stancekit.StancekitError as error:
-        return {"status": "refused", "message": f"{type(error).__name__}: {error}", "cpu_s": 0.0}
+        return refused(error)
     return plan(ground, footholds, robot)
+
+
+def by_playground(ground: Ground, robot: str | None, folder: Path) -> Row:
+    """The playground, once nothing is changed."""
+    footholds = written(ground, robot, folder)
+    if isinstance(footholds, dict):
+        return footholds
+    scenario = BetweenScenario(
+        terrain=FileTerrain.of(footholds),
+        start_m=ground.start,
+        goal_m=ground.goal,
+        robot=robot or "hexapod",
+    )
+    begin = time.process_time()
+    answer = patient_answer(scenario)
+    status = "refused" if answer.status is None else answer.status.value
+    row = {"status": status, "message": answer.message}
+    if answer.accepted:
+        row["objective"] = float(objective_of(answer.plan))
+    return {**row, "cpu_s": round(time.process_time() - begin, 2)}
+
+
+def laid(ground: Ground, robot: str | None, folder: Path) -> Problem | Row:
+    """The course that the plain answer has a plan over, or a row where there is none: one that is
+    handed over states its layout, and so is another question where it has no plan.
+    """
+    footholds = written(ground, robot, folder)
+    if isinstance(footholds, dict):
+        return footholds
+    asked = {"start_xy_m": ground.start, "goal_xy_m": ground.goal, "robot": robot}
+    try:
+        answer = stancekit.plan(footholds, **asked, time_limit_s=LIMIT_S)
+    except stancekit.StancekitError as error:
+        return {**refused(error), "status": NONE}
+    if answer.status.value == "feasible":
+        return answer.solution.problem
+    return {"status": NONE, "message": answer.message, "cpu_s": 0.0}
+
+
+def by_value(ground: Ground, robot: str | None, folder: Path) -> Row:
+    """The course that was laid out, as a value."""
+    course = laid(ground, robot, folder)
+    if isinstance(course, dict):
+        return course
+    return row_of(lambda: stancekit.plan(course, time_limit_s=LIMIT_S))
+
+
+def by_loop(ground: Ground, robot: str | None, folder: Path) -> Row:
+    """The function of the closed loop, asked for all of the course."""
+    course = laid(ground, robot, folder)
+    if isinstance(course, dict):
+        return course
+    planner = TwoStagePlanner(time_limit_s=LIMIT_S)
+    given = {"shares": SHARES, "presses": PRESSES, "limits": stancekit.WholeBodyLimits()}
+    deadline = time.perf_counter() + LIMIT_S
+    return row_of(lambda: replan(None, course, planner=planner, deadline=deadline, **given))
+
+
+def by_environment(ground: Ground, robot: str | None, folder: Path) -> Row:
+    """Traverse-v0 over the course, in one window from where its robot stands."""
+    course = laid(ground, robot, folder)
+    if isinstance(course, dict):
+        return course
+    begin = time.process_time()
+    regions = max(len(each.candidates) for each in course.footholds)
+    env = TraverseEnv(
+        lambda _: course,
+        limbs=len(course.robot.limbs),
+        regions=regions,
+        horizon=course.frames - 1,
+    )
+    env.reset(seed=0)
+    over, info = False, dict[str, Any]()
+    while not over:
+        _, _, terminated, truncated, info = env.step(np.int64(0))
+        over = terminated or truncated
+    status = (
+        "feasible" if info["is_success"] else "infeasible" if info["infeasible"] else "undecided"
+    )
+    row = {"status": status, "message": f"key frame {info['frame']} of {course.frames - 1}"}
+    return {**row, "cpu_s": round(time.process_time() - begin, 2)}
 
 
 def by_command(ground: Ground, robot: str | None, folder: Path) -> Row:
@@ -403,7 +550,7 @@ def mirrored(ground: Ground, robot: str | None, folder: Path) -> Row:
 
 
 def _replaced(ground: Ground, triangles: Array) -> Ground:
-    return Ground(**{**vars(ground), "triangles": triangles})
+    return replace(ground, triangles=triangles)
 
 
 def far(distance_m: float, ground: Ground, robot: str | None, folder: Path) -> Row:
@@ -440,6 +587,10 @@ CLOTHES = (
     Cloth(name="rounded", same=VERDICT, ask=partial(as_file, ".obj", change=rounded)),
     Cloth(name="grid", same=VERDICT, ask=as_grid),
     Cloth(name="command", same=FIGURES, ask=by_command),
+    Cloth(name="playground", same=FIGURES, ask=by_playground),
+    Cloth(name="value", same=FIGURES, ask=by_value),
+    Cloth(name="loop", same=FIGURES, ask=by_loop),
+    Cloth(name="environment", same=VERDICT, ask=by_environment),
     Cloth(name="mirrored", same=PRINTED, ask=mirrored),
     Cloth(name="1 m away", same=PRINTED, ask=partial(far, 1.0)),
     Cloth(name="1000 m away", same=PRINTED, ask=partial(far, 1000.0)),
@@ -464,6 +615,10 @@ class ClothesOptions(Options):
     """Names with commas between them; all where it is empty."""
     clothes: str = ""
     """Names with commas between them; all where it is empty."""
+    sample: int | None = None
+    """So many pairs of a ground, a robot and a cloth, drawn by the seed."""
+    slopes: bool = False
+    """CPU time of slopes over that of flat ground."""
     against: Path | None = None
     """Another checkout, asked first."""
 
@@ -488,6 +643,8 @@ def judged(ground: Ground, cloth: Cloth, plain: Row, row: Row) -> str:
     """A word for a pair."""
     if cloth.same == PRINTED:
         return "printed"
+    if row["status"] == NONE and plain["status"] != "feasible":
+        return "no course"
     if not alike(cloth, plain, row):
         return "differs"
     if ground.passable and plain["status"] in ("refused", "infeasible"):
@@ -503,6 +660,7 @@ def pairs(asked: ClothesOptions) -> Iterator[Row]:
     over = chosen(names["grounds"], {ground.name: ground for ground in grounds()})
     who = chosen(names["robots"], robots(asked.folder))
     clothes = chosen(asked.clothes, {cloth.name: cloth for cloth in CLOTHES})
+    scales = {f"drawn{seed}": (size_m(seed) / SIZE_M, joints_of(seed) > 2) for seed in range(DRAWN)}
 
     def answer(cloth: Cloth, ground: Ground, name: str) -> Row:
         key = f"{ground.name} {name} {cloth.name}"
@@ -510,21 +668,52 @@ def pairs(asked: ClothesOptions) -> Iterator[Row]:
             return kept.rows[key]
         return kept.add(key, cloth.ask(ground, who[name], asked.folder))
 
-    for ground in over.values():
-        for name in who:
-            first = answer(PLAIN, ground, name)
-            for cloth in clothes.values():
-                row = answer(cloth, ground, name)
-                yield {
-                    "ground": ground.name,
-                    "robot": name,
-                    "cloth": cloth.name,
-                    "is": judged(ground, cloth, first, row),
-                    "plain": first["status"],
-                    "dressed": row["status"],
-                    "cpu_s": [first.get("cpu_s"), row.get("cpu_s")],
-                    "says": row["message"],
-                }
+    every = list(product(over.values(), who, clothes.values()))
+    if asked.sample is not None:
+        rng = np.random.default_rng(asked.seed)
+        every = [every[k] for k in rng.permutation(len(every))[: asked.sample]]
+    for plain, name, cloth in every:
+        scale, planned = scales.get(name, (1.0, True))
+        ground = plain.of_size(scale, passable=planned)
+        first, row = answer(PLAIN, ground, name), answer(cloth, ground, name)
+        yield {
+            "ground": ground.name,
+            "robot": name,
+            "cloth": cloth.name,
+            "is": judged(ground, cloth, first, row),
+            "plain": first["status"],
+            "dressed": row["status"],
+            "cpu_s": [first.get("cpu_s"), row.get("cpu_s")],
+            "says": row["message"],
+        }
+
+
+def slopes(asked: ClothesOptions) -> Iterator[Row]:
+    """CPU time of slopes, and how often it is that of flat ground: by mesh, by grid, by family."""
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    over = {ground.name: ground for ground in grounds()}
+    who = robots(asked.folder)
+    grid = next(cloth for cloth in CLOTHES if cloth.name == "grid")
+    up = [f"slope{degrees}" for degrees in (5, 10, 15, 20, 25, 30, 33)]
+    aside = ["down20", "down30", "across20", "across30"]
+    sets = [("hexapod", PLAIN, up + aside), ("ant", PLAIN, up[1::2] + aside[1::2])]
+    sets += [("a1", PLAIN, up[1::2] + aside), ("hexapod", grid, up[1::2] + aside[1::2])]
+    for name, cloth, names in sets:
+        flat = [cloth.ask(over["flat"], who[name], asked.folder) for _ in range(3)][1:]
+        least = min(row["cpu_s"] for row in flat)
+        for each in names:
+            row = cloth.ask(over[each], who[name], asked.folder)
+            yield _times(each, name, cloth.name, row, least)
+    asks = {"start_xy_m": (0.0, 0.0), "goal_xy_m": (0.6, 0.0), "time_limit_s": LIMIT_S}
+    ways = [partial(stancekit.plan, f"slopes:{level:g}:4", **asks) for level in (0.0, 0.3, 0.6)]
+    first, *others = [row_of(way) for way in (ways[0], *ways)][1:]
+    for level, row in zip((0.3, 0.6), others, strict=True):
+        yield _times(f"slopes:{level:g}:4", "hexapod", "family", row, first["cpu_s"])
+
+
+def _times(ground: str, robot: str, cloth: str, row: Row, flat_s: float) -> Row:
+    spent = {"cpu_s": row["cpu_s"], "flat_s": flat_s, "times": round(row["cpu_s"] / flat_s, 2)}
+    return {"ground": ground, "robot": robot, "cloth": cloth, "status": row["status"], **spent}
 
 
 def line(row: Row) -> str:
@@ -546,6 +735,12 @@ def main(asked: ClothesOptions) -> int:
             check=False,
         )
     rows = list[Row]()
+    if asked.slopes:
+        for row in slopes(asked):
+            asked.say(row)
+            rows.append(row)
+        print(f"times of flat: {spread([row['times'] for row in rows])}", file=sys.stderr)
+        return 0
     for row in pairs(asked):
         asked.say(row, line)
         rows.append(row)

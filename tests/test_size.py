@@ -44,7 +44,7 @@ CAPS: dict[str, int] = {"tests": 43_940, "benchmarks": 13_500}
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
     "soles": 373,
-    "slopes and doors": 84,
+    "slopes and doors": 5,
     "MJCF": 0,
     "training": 400,
     "promises": 335,

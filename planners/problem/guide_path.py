@@ -55,9 +55,13 @@ DOUBTED = 4.0
 """A way costs so many times its length where a map says that the robot is not likely to stand."""
 UPRIGHT = 0.3
 """Surfaces whose normals are steeper than this have one height at a place."""
+LEANS = 0.85
+"""Surfaces whose normals are steeper than this, and not upright, are slopes to people (32°)."""
 BELLY, TOP = 0.4, 0.5
 """Solids are in the way from so far below the centre of mass on, in heights of the body over its
 toes, and up to so far above it, where nobody knows the robot's links."""
+NEXT_TO_M = 0.06
+"""The ground that a solid stands on begins so near to it [m]."""
 ALIKE_M = 5e-3
 """Heights of a border that differ by less are one to people [m]."""
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
@@ -535,7 +539,8 @@ class _Lattice:
         at = np.round((place - self.corner_m) / self.spacing_m).astype(int)
         where = f"{name}: expected footholds for every toe about ({place[0]:g}, {place[1]:g})"
         if not np.isfinite(self.z_m).any():
-            raise NoPlace(f"{where}, got a terrain on which the robot can stand nowhere")
+            why = ": some are too far above or below the others" if self.apart.any() else ""
+            raise NoPlace(f"{where}, got a terrain on which the robot can stand nowhere{why}")
         inside = bool(np.all((at >= 0) & (at < self.z_m.shape)))
         low, high = self._border
         beyond = float(np.linalg.norm(np.maximum(low - place, 0.0) + np.maximum(place - high, 0.0)))
@@ -614,7 +619,17 @@ class _Lattice:
         gaps[~np.isfinite(self.z_m)] = np.inf
         node = np.unravel_index(int(gaps.argmin()), gaps.shape)
         level = self.footprint.level(self.z_m[node], self.slope[node])
-        return float(level - self.footprint.down_m + self.slope[node] @ away[node])
+        about = float(level - self.footprint.down_m + self.slope[node] @ away[node])
+        below = [
+            float(
+                patch.centre_m[2] - (at - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+            )
+            for patch in self.surfaces
+            if patch.normal[2] > LEANS
+            and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], at) - at) < NEXT_TO_M
+        ]
+        near = [height for height in below if abs(height - about) < ASIDE * self.footprint.reach_m]
+        return min(near, key=lambda height: abs(height - about), default=about)
 
     def _named(self, number: int, place: Array) -> str:
         """Words for a surface: wall or bar, where near a place, and how high over the ground
@@ -627,7 +642,18 @@ class _Lattice:
             )
             near = self.corner_m + self.spacing_m * np.array([i, j])
             return f"wall at {_at(near)}, {_m(self.heights_m[i, j] - self._ground(place, near))} m high"
-        near, low, high = _top_near(self.surfaces[number], place, self.footprint.radius_m)
+        patch = self.surfaces[number]
+        if UPRIGHT < patch.normal[2] < LEANS:
+            at = _at(_nearest_on(patch.vertices_m[:, :2], place))
+            return f"slope of {np.degrees(np.arccos(patch.normal[2])):.0f} degrees at {at}"
+        tops = [_top_near(patch, place, self.footprint.radius_m)]
+        for other in self.surfaces:  # of the sides of a solid the nearest
+            if abs(other.vertices_m[:, 2].max() - patch.vertices_m[:, 2].max()) < ALIKE_M:
+                tops.append(_top_near(other, place, self.footprint.radius_m))
+        tops = [each for each in tops if each[2] > tops[0][2] - ALIKE_M]
+        near, low, high = min(
+            tops, key=lambda each: (round(float(np.linalg.norm(each[0] - place)), 3), each[1])
+        )
         ground = self._ground(place, near)
         if low > ground + 0.02:
             return (
@@ -674,8 +700,28 @@ class _Lattice:
             wall = self._wall_near(toe)
             return f"{head}: {wall or 'hole or border: ' + message}: {beyond}{self._widest(ends, width) if wall else ''}"
         wall = self._wall_near(place)
-        step = f"step at {_at(place)} that is higher than the legs can take"
+        step = f"step at {_at(self._edge_near(place))} that is higher than the legs can take"
         return f"{head}: {wall or step}: {beyond}{self._widest(ends, width) if wall else ''}"
+
+    def _edge_near(self, place: Array) -> Array:
+        """Where the ground below the highest toe of the body at a place ends on the way to the
+        lowest, shape (2,).
+        """
+        below = list[tuple[float, int, Array]]()
+        for toe in place + self.footprint.toes_m[:, :2]:
+            over = [
+                (float(patch.centre_m[2] - (toe - patch.centre_m[:2]) @ slope), number, toe)
+                for number, patch in enumerate(self.surfaces)
+                if patch.normal[2] > LEANS
+                and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], toe) - toe) < ALIKE_M
+                for slope in [patch.normal[:2] / patch.normal[2]]
+            ]
+            below += [max(over, key=lambda each: each[0])] if over else []
+        if not below:
+            return place
+        high, low = (pick(below, key=lambda each: each[0]) for pick in (max, min))
+        edge = _nearest_on(self.surfaces[high[1]].vertices_m[:, :2], low[2])
+        return place if high[1] == low[1] else edge
 
     def _wall_near(self, place: Array) -> str:
         """The highest solid over the ground that is near to a place, for people; empty for none."""
@@ -945,6 +991,12 @@ def _nearest_on(polygon: Array, place: Array) -> Array:
     )
     points = polygon + share[:, None] * ahead
     return np.asarray(points[int(np.linalg.norm(points - place, axis=1).argmin())])
+
+
+def _nearest_in(polygon: Array, place: Array) -> Array:
+    """The point of a convex polygon that is nearest to a place, shape (2,)."""
+    normals, offsets = half_planes(polygon)
+    return place if np.all(normals @ place <= offsets) else _nearest_on(polygon, place)
 
 
 def _top_near(patch: Patch, place: Array, radius_m: float) -> tuple[Array, float, float]:

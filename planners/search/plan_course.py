@@ -21,7 +21,7 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
 from ..problem import Problem
-from ..problem.alternatives import AS_ASKED, HIGHER, Alternative, ordered
+from ..problem.alternatives import AS_ASKED, HIGHER, LEANING, Alternative, ordered
 from ..problem.candidates import NoPlace
 from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
@@ -53,6 +53,10 @@ ALL_FRICTION = (1.0,)
 PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
+STEEP = 0.4
+"""Gradient of the ground from which on layouts are looked at before any plan is bent (22°)."""
+LOOK_S = 6.0
+"""Processor time that such a look at a layout takes at most [s]."""
 LAID = "no plan over this layout, which is one of many"
 """Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
 UNPROVED = (
@@ -132,7 +136,9 @@ def plan_course(
         assert limits is not None
         return with_whole_body(outcome, limits, angles, margins=False, deadline=end)
 
-    def answered(course: Problem, end: float, alternative: Alternative = AS_ASKED) -> Answer[Plan]:
+    def answered(
+        course: Problem, end: float, alternative: Alternative = AS_ASKED, *, bend: bool = True
+    ) -> Answer[Plan]:
         if push_n > course.push_n:
             course = replace(course, push_n=push_n)
         check_push(course, planner)
@@ -165,12 +171,17 @@ def plan_course(
         if limits is not None and outcome.solution is not None:
             from .whole_body_outcome import with_whole_body  # slow to import
 
-            outcome = with_whole_body(outcome, limits, start_rad, deadline=end)
+            within = limits if bend else replace(limits, steps=0)
+            outcome = with_whole_body(outcome, within, start_rad, deadline=end)
         undecided = outcome.status not in (Status.FEASIBLE, Status.INFEASIBLE)
         return so_far if so_far is not None and undecided else outcome
 
     if not callable(question):
         return answered(question, deadline)
+    if not stated and limits is not None and len(layouts) > 1:
+        outcome, layouts = _leaning(question, layouts, answered, deadline)
+        if outcome is not None:
+            return outcome
     return _laid_out(question, layouts, answered, deadline, stated)
 
 
@@ -258,6 +269,47 @@ def _loaded(question: Problem | LayOut, wrench: Array | None) -> Problem | LayOu
         return question(sets, alternative).loaded(wrench)
 
     return loaded
+
+
+def _leaning(
+    question: LayOut,
+    layouts: Sequence[Alternative],
+    answered: Callable[..., Answer[Plan]],
+    deadline: float,
+) -> tuple[Answer[Plan] | None, Sequence[Alternative]]:
+    """On steep ground the answer over the first layout whose plan holds as it is found, without
+    being bent, None where there is none; and the layouts, those first whose plans are nearest to
+    holding.
+    """
+    began, short_m = (time.perf_counter(), time.process_time()), dict[Alternative, float]()
+    try:
+        course = question("inner", AS_ASKED)
+    except (InvalidInput, PlanningFailed):
+        return None, layouts
+    if _gradient(course) < STEEP or in_pieces(course):
+        return None, layouts
+    first = AS_ASKED if course.robot.source.own else LEANING[0]  # whose belly is known to be high
+    for alternative in sorted(LEANING, key=lambda each: each is not first):
+        try:
+            course = question("inner", alternative)
+        except (InvalidInput, PlanningFailed):
+            continue
+        end = min(time.perf_counter() + _wall_s(began, LOOK_S), deadline)
+        outcome = answered(course, end, alternative, bend=False)
+        if outcome.status is Status.FEASIBLE:
+            return (_of_layout(outcome, alternative) if alternative.message else outcome), layouts
+        if outcome.solution is not None and outcome.report is not None:
+            short_m[alternative] = max(
+                float(group.figures.get("short_m", 0.0)) for group in outcome.report.groups
+            )
+    nearest = sorted(short_m, key=lambda each: short_m[each])
+    return None, [*nearest, *(each for each in layouts if each not in nearest)]
+
+
+def _gradient(course: Problem) -> float:
+    """Gradient of the ground below toes, in the median of all footholds."""
+    normals = np.abs([each.candidates[0].normal for each in course.footholds])
+    return float(np.median(np.hypot(*normals[:, :2].T) / np.maximum(normals[:, 2], 1e-9)))
 
 
 def _laid_out(

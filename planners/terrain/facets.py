@@ -367,13 +367,20 @@ def _unrounded(
     for total, each in zip(sums, _moments(corners - about), strict=True):
         np.add.at(total, labels, each)
     up, tried = np.zeros((number, 3)), np.zeros(0, dtype=np.int_)
+    known, spread = np.zeros(0, dtype=np.int_), np.zeros(0)  # rms of pairs of groups
     np.add.at(up, labels, normals)
     pairs = pairs[np.vecdot(normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0.5]
     while True:
-        key = np.sort(labels[pairs], axis=1) @ [number, 1]
-        key = np.setdiff1d(key[labels[pairs[:, 0]] != labels[pairs[:, 1]]], tried)
+        pairs = pairs[labels[pairs[:, 0]] != labels[pairs[:, 1]]]
+        key = np.setdiff1d(np.sort(labels[pairs], axis=1) @ [number, 1], tried)
+        new = np.setdiff1d(key, known, assume_unique=True)
+        one, other = np.divmod(new, number)
+        rms = _planes(*(total[one] + total[other] for total in sums))[2]
+        known, spread = np.concatenate([known, new]), np.concatenate([spread, rms])
+        order = np.argsort(known)
+        known, spread = known[order], spread[order]
+        rms = spread[np.searchsorted(known, key)]
         one, other = np.divmod(key, number)
-        middle, normal, rms = _planes(*(total[one] + total[other] for total in sums))
         best = np.full(number, np.inf)
         np.minimum.at(best, one, rms)
         np.minimum.at(best, other, rms)
@@ -383,12 +390,16 @@ def _unrounded(
         both = both[~np.isin(one[both], other[both])]
         if not len(both):
             return np.asarray(labels)
+        first, second = one[both], other[both]
+        middle, normal, _ = _planes(*(total[first] + total[second] for total in sums))
         pair = np.full(number, -1)
         pair[one[both]] = pair[other[both]] = np.arange(len(both))
         mine = np.flatnonzero(pair[labels] >= 0)
-        of = both[pair[labels[mine]]]
+        of = pair[labels[mine]]
         off = np.abs(np.vecdot(corners[mine] - about - middle[of][:, None], normal[of][:, None]))
-        facing = np.vecdot(normals[mine], normal[of]) * np.sign(np.vecdot(up[one[of]], normal[of]))
+        facing = np.vecdot(normals[mine], normal[of]) * np.sign(
+            np.vecdot(up[first[of]], normal[of])
+        )
         worst = np.zeros(len(both))
         np.maximum.at(worst, pair[labels[mine]], np.where(facing > 0.5, off.max(axis=1), np.inf))
         tried = np.concatenate([tried, key[rms >= ROUNDED_M], key[both[worst > ROUNDED_M]]])
@@ -398,7 +409,11 @@ def _unrounded(
         whose = np.arange(number)
         whose[other] = one
         labels = whose[labels]
-        tried = tried[~np.isin(np.stack(np.divmod(tried, number)), [one, other]).any(axis=0)]
+        changed = np.zeros(number, dtype=bool)
+        changed[one] = changed[other] = True
+        tried = tried[~changed[np.stack(np.divmod(tried, number))].any(axis=0)]
+        same = ~changed[np.stack(np.divmod(known, number))].any(axis=0)
+        known, spread = known[same], spread[same]
 
 
 def _moments(triangles: Array) -> tuple[Array, Array, Array]:

@@ -12,8 +12,9 @@ from functools import partial
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
-from stancekit.planners.errors import StancekitError
+from stancekit.planners.errors import PlanningFailed, StancekitError
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.candidates import NoPlace
 from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import Report, explain
@@ -37,7 +38,7 @@ class SceneAnswer:
     Arguments:
         course: what is asked for; None where it makes no sense.
         plan: accepted by the verifier as far as its contacts go.
-        status: None where there is no course.
+        status: None where the question makes no sense; undecided where no way was found for a course.
         message: why there is no plan, or what is wrong with it; empty where nothing is.
         report: on all of the plan, once it was judged.
         patient: whether all was looked at.
@@ -113,8 +114,14 @@ def _planned(
         laid = time.process_time()
         outcome = plan(scenario.course)
     except StancekitError as error:
+        nowhere = isinstance(scenario, BetweenScenario) and isinstance(
+            error, NoPlace | PlanningFailed
+        )
         return SceneAnswer(
-            message=str(error), patient=patient, seconds=(time.process_time() - begin, 0.0)
+            status=Status.UNDECIDED if nowhere else None,
+            message=str(error),
+            patient=patient,
+            seconds=(time.process_time() - begin, 0.0),
         )
     seconds = (laid - begin, time.process_time() - laid)
     return _answer(outcome, course, seconds, patient=patient)

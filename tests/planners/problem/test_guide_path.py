@@ -116,6 +116,13 @@ def test_a_gap_that_is_narrower_than_the_robot_is_named_with_its_place_and_width
     assert widest == pytest.approx(gap, abs=2 * LATTICE_M)
 
 
+def test_of_a_solid_the_near_side_is_named():
+    wall = (1.9, 2.1, -2.5, 2.5, 0.0, 1.2)
+    for start, near in (((0, 0), "(1.9,"), ((4, 0), "(2.1,")):
+        with refuses(f"wall at {near}", kind=PlanningFailed):
+            path(over([LEVEL], wall), start, (4 - start[0], 0))
+
+
 def test_a_gap_that_is_wider_than_the_robot_is_gone_through():
     left, right = (1.9, 2.1, -2.5, 0.55, 0.0, 1.2), (1.9, 2.1, 1.45, 2.5, 0.0, 1.2)
     found = path(over([LEVEL], left, right), (0, 0), (4, 0))
