@@ -35,7 +35,7 @@ from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.plan_settings import PlanSettings
-from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
+from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
 
 if TYPE_CHECKING:
@@ -236,9 +236,7 @@ def _leaps(question: LaidBetween, settings: PlanSettings) -> bool:
     """
     if question.robot is None or settings.push_n > 0.0 or settings.wrench is not None:
         return False
-    from stancekit.planners.robot.robot_file import robot_of  # reads files
-
-    return robot_of(question.robot).source.own
+    return question.robot.source.own
 
 
 def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:
@@ -319,7 +317,13 @@ def _question(
             raise InvalidInput(
                 f"start_xy_m: expected none with a {type(course).__name__}, which has its own"
             )
-        return _between(course, start, goal, frames, who, standing)
+        from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
+
+        if isinstance(standing, str | Path):
+            standing = StandingMap.read(standing)
+        if standing is not None:
+            _check_map(standing, course)
+        return laid_between(course, start, goal, robot=who, frames=frames, standing=standing)
     if isinstance(course, Footholds):
         raise InvalidInput("start_xy_m, goal_xy_m: expected both with a terrain, got none")
     if standing is not None:
@@ -328,27 +332,6 @@ def _question(
         course.check_whole()
         return _of_problem(course, frames, robot)
     return _of_file(str(course), frames, who)
-
-
-def _between(
-    course: Footholds | str | Path,
-    start: Array | Sequence[float],
-    goal: Array | Sequence[float],
-    frames: int | None,
-    robot: Robot | str | None,
-    standing: StandingMap | str | Path | None,
-) -> LayOut:
-    """The generator of the course over a terrain, from a start to a goal."""
-    from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
-    from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
-
-    if isinstance(standing, str | Path):
-        standing = StandingMap.read(standing)
-    if standing is not None:
-        _check_map(standing, course)
-    if isinstance(course, str) and names_ground(course):
-        course = _footholds(course, None if robot == "hexapod" else robot)
-    return laid_between(course, start, goal, robot=robot, frames=frames, standing=standing)
 
 
 def _of_problem(course: Problem, frames: int | None, robot: Robot | str | Path | None) -> Problem:
@@ -403,20 +386,6 @@ def _check_map(standing: StandingMap, terrain: Footholds | str | Path) -> None:
         mine = identity_of(name)
         if standing.terrain != mine:
             raise InvalidInput(f"standing: expected a map of {mine}, got one of {standing.terrain}")
-
-
-def _footholds(name: str, robot: Robot | str | None) -> Footholds:
-    """The footholds of a ground by its name, for the feet of a robot; as wide as ``terrain`` has
-    them where none is.
-    """
-    from stancekit.planners.robot.robot_file import robot_of
-    from stancekit.planners.terrain.foothold_search import (
-        footholds_of,
-    )  # splines are slow to import
-    from stancekit.planners.terrain.reference import named_surface
-
-    radius_m = 0.0 if robot is None else robot_of(robot).source.known_radius_m
-    return footholds_of(named_surface(name), FootholdLimits.for_foot(radius_m), 0.8)
 
 
 def _called(robot: Robot | str | Path) -> str:

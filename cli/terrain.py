@@ -103,9 +103,9 @@ class ShowTerrain:
     def _found(self) -> Footholds:
         from stancekit.terrains import terrain
 
-        limits = self.footholds.limits(self.robot)
+        meaning, limits = vars(self.file.asked()), self.footholds.limits()
         with in_options():
-            return terrain(self.terrain, friction=1.0, limits=limits, **vars(self.file.asked()))
+            return terrain(self.terrain, friction=1.0, robot=self.robot, limits=limits, **meaning)
 
 
 def _table(found: Footholds) -> Table:

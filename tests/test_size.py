@@ -30,21 +30,21 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1560, 17063),
-    "cli": (3693, 40286),
+    "api": (1536, 16772),
+    "cli": (3687, 40158),
     "configs": (3, 30),
     "envs": (3116, 41851),
     "learners": (5756, 80052),
-    "planners": (34627, 538217),
+    "planners": (34665, 538619),
     "runner": (7380, 95665),
-    "views": (4621, 70028),
+    "views": (4620, 70014),
 }
 CAPS: dict[str, int] = {"tests": 43_900, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
     "soles": 373,
-    "slopes and doors": 84,
+    "slopes and doors": 77,
     "MJCF": 0,
     "training": 400,
     "promises": 450,

@@ -18,14 +18,14 @@ from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_int, read_only
 from ..files.validation import validated
-from ..robot.model import Robot
+from ..robot.model import Robot, hexapod
 from ..terrain.footholds import Footholds
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
 from .course_keys import CourseSpec
 from .course_layout import build_course
-from .file_terrain import FileTerrain
+from .file_terrain import FileTerrain, footholds_for
 from .guide_path import Footprint, guide_path
 from .passage import NEAR, Passage
 from .problem import MOST_FRAMES, Problem
@@ -87,6 +87,7 @@ def course_between(
 
     spec = described()
     body = spec.make_robot(folder)
+    terrain = terrain.for_robot(body)
     spec = alternative.of(spec.standing(body), body)
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
@@ -135,7 +136,7 @@ def course_between(
         "candidates": {
             "count": CANDIDATES + alternative.candidates,
             "window_m": float(np.clip(0.8 * reach, 0.1, 0.5)),
-            "margin_m": terrain.footholds.margin_m,
+            "margin_m": terrain.footholds.inset_m,
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
     }
@@ -185,7 +186,7 @@ def laid_between(
     start_m: Array | Sequence[float],
     goal_m: Array | Sequence[float],
     *,
-    robot: Robot | str | None = None,
+    robot: Robot | str | Path | None = None,
     frames: int | None = None,
     standing: StandingMap | None = None,
 ) -> LaidBetween:
@@ -193,22 +194,19 @@ def laid_between(
     ``course_between``.
 
     Arguments:
-        terrain: its footholds, or its file.
+        terrain: its footholds; or its file or name, whose footholds are those for the robot's feet.
     """
+    from ..robot.robot_file import robot_of  # reads files
+
     start, goal = (
         read_only(place, (2,), name).tolist()
         for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m))
     )
     count = None if frames is None else checked_int(frames, "frames", least=1, most=MOST_FRAMES)
-    over = (
-        FileTerrain.of(terrain)
-        if isinstance(terrain, Footholds)
-        else FileTerrain(file=str(Path(terrain).resolve()))
-    )
-    who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
-
+    who = None if robot is None else robot_of(robot)
+    found = terrain if isinstance(terrain, Footholds) else footholds_for(who, terrain)
     return LaidBetween(
-        terrain=over,
+        terrain=FileTerrain.of(found),
         start_m=tuple(start),
         goal_m=tuple(goal),
         robot=who,
@@ -226,7 +224,7 @@ class LaidBetween:
     terrain: FileTerrain
     start_m: tuple[float, ...]
     goal_m: tuple[float, ...]
-    robot: Robot | str | None
+    robot: Robot | None
     frames: int | None
     standing: StandingMap | None = None
     straight: bool = False
@@ -245,9 +243,7 @@ class LaidBetween:
 
         Raises InvalidInput.
         """
-        from ..robot.robot_file import robot_of  # reads files
-
-        robot = robot_of("hexapod" if self.robot is None else self.robot)
+        robot = self.robot or hexapod()
         terrain = self.terrain.along(np.array([self.goal_m]), Path())
         far = max(float(np.linalg.norm(limb.shoulder_m)) + limb.reach_m for limb in robot.limbs)
         return Passage(

@@ -19,6 +19,8 @@ SLOPE_RAD = 0.6
 """About the friction cone of μ = .68."""
 FOOT_M = 0.02
 """Radius of a foot where no robot says otherwise [m]."""
+FRICTION = 0.8
+"""Coefficient of a terrain where nobody says another."""
 CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
 REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "round", "hole")
 """Why a surface is no foothold: its slope; something else within the clearance above it; a solid
@@ -36,8 +38,9 @@ class FootholdLimits:
     Arguments:
         slope_rad: largest angle between the surface's normal and the vertical [rad].
         clearance_m: what is free above the surface, along its normal [m].
-        margin_m: of every foothold from the borders of its surface [m].
-        width_m: least width of what is left [m].
+        margin_m: of every foothold from the borders of its surface; None for the radius of the
+            robot's foot, or of ``FOOT_M`` without a robot that has one [m].
+        width_m: least width of what is left; None likewise [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
         noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
             roughness; None estimates it from the heights [m].
@@ -49,27 +52,41 @@ class FootholdLimits:
 
     Example:
         >>> from stancekit import FootholdLimits
-        >>> FootholdLimits(slope_rad=0.4).margin_m
-        0.02
+        >>> FootholdLimits(slope_rad=0.4).for_foot(0.03).margin_m
+        0.03
     """
 
     slope_rad: Annotated[float, Within(least=0.0, most=np.pi)] = SLOPE_RAD
     clearance_m: Length = CLEARANCE_M
-    margin_m: Length = FOOT_M
-    width_m: Length = FOOT_M
+    margin_m: Length | None = None
+    width_m: Length | None = None
     roughness_m: Annotated[float, Within(above=0.0, most=1.0)] = ROUGHNESS_M
     noise_m: Length | None = None
 
     def __post_init__(self) -> None:
         check_limits(self)
 
-    @classmethod
-    def for_foot(cls, radius_m: float, **others: Any) -> FootholdLimits:
-        """The limits whose margin and least width are a foot's radius, or ``FOOT_M`` where that is
-        0.
+    def for_foot(self, radius_m: float) -> FootholdLimits:
+        """These limits, their margin and least width that of a foot where they are None; of
+        ``FOOT_M`` where the radius is 0.
         """
         foot = radius_m or FOOT_M
-        return cls(**{"margin_m": foot, "width_m": foot, **others})
+        margin, width = self.margin_m, self.width_m
+        return replace(
+            self,
+            margin_m=foot if margin is None else margin,
+            width_m=foot if width is None else width,
+        )
+
+    @property
+    def inset_m(self) -> float:
+        """The margin, of ``FOOT_M`` where it is None [m]."""
+        return FOOT_M if self.margin_m is None else self.margin_m
+
+    @property
+    def least_m(self) -> float:
+        """The least width likewise [m]."""
+        return FOOT_M if self.width_m is None else self.width_m
 
     @property
     def rms_m(self) -> float:

@@ -19,6 +19,8 @@ FEW = (
     "dog-0.7",
     "wall-0",
     "ground-1",
+    "step-big",
+    "beam-big",
 )
 QUESTIONS = {question.name: question for question in questions()}
 
