@@ -125,8 +125,9 @@ class FootholdOptions:
 
     slope_rad: float = 0.6
     """Steepest ground to stand on [rad]."""
-    headroom_m: float = 0.1
-    """What is free above a foothold, along its normal [m]."""
+    headroom_m: OptionalFloat = None
+    """What is free above a foothold, along its normal [m]; unless given, 0.1 of a robot of the
+    default hexapod's size, and in proportion."""
     margin_m: OptionalFloat = None
     """Margin of footholds from the borders of their surface [m]; unless given, the radius of the
     robot's foot, else 0.02."""

@@ -35,16 +35,16 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3116, 41851),
     "learners": (5756, 80052),
-    "planners": (34708, 539357),
-    "runner": (7382, 95678),
+    "planners": (34735, 539749),
+    "runner": (7383, 95684),
     "views": (4620, 70014),
 }
-CAPS: dict[str, int] = {"tests": 43_900, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 43_945, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
     "soles": 373,
-    "slopes and doors": 28,
+    "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,
     "promises": 450,

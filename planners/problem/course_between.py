@@ -23,10 +23,11 @@ from ..terrain.footholds import Footholds
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
-from .course_keys import CourseSpec
+from .course_keys import BodySpec, CourseSpec
 from .course_layout import build_course
 from .file_terrain import FileTerrain, footholds_for
 from .guide_path import Footprint, guide_path
+from .limits import Weights
 from .passage import NEAR, Passage
 from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
@@ -88,7 +89,12 @@ def course_between(
     spec = described()
     body = spec.make_robot(folder)
     terrain = terrain.for_robot(body)
-    spec = alternative.of(spec.standing(body), body)
+    spec = spec.standing(body)
+    if not body.source.own:
+        usual = spec.stance
+        lower = {key: body.size * getattr(usual, key) for key in ("outward_m", "down_m")}
+        spec = spec.model_copy(update={"stance": usual.model_copy(update=lower)})
+    spec = alternative.of(spec, body)
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     terrain_along = terrain.along(np.array(keys["goal_m"])[None], folder)
@@ -135,22 +141,27 @@ def course_between(
         "via_m": [tuple(point) for point in way[1:-1].tolist()],
         "candidates": {
             "count": CANDIDATES + alternative.candidates,
-            "window_m": float(np.clip(0.8 * reach, 0.1, 0.5)),
+            "window_m": max(0.8 * reach, 0.01),
             "margin_m": terrain.footholds.inset_m,
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
     }
+    rooms = {"first_radius_m": BodySpec().first_radius_m * body.size}
+    if not body.source.own:  # of others the height says it, too
+        rooms["com_radius_m"] = BodySpec().com_radius_m * body.size
+    update["body"] = BodySpec(**rooms)
     if len(body.limbs) < 4:  # the body goes from over one foot to over another
         aside = float(np.linalg.norm(toes[:, :2], axis=1).max())
         between = np.linalg.norm(toes[:, None, :2] - toes[:, :2], axis=2)
         nearest = float(between[between > 0.0].min(initial=np.inf))
-        window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02))
+        window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02 * body.size))
         update["candidates"]["window_m"] = window
         room = max(spec.body.com_radius_m, SWAY * aside)
-        update["body"] = spec.body.model_copy(update={"com_radius_m": room})
+        update["body"] = spec.body.model_copy(update=rooms | {"com_radius_m": room})
         update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * SWAY * aside)
+    update["weights"] = {"tilt": Weights().tilt * body.size**2}
     if not alternative.near_toes:
-        update["weights"] = {"stance": 0.0}
+        update["weights"]["stance"] = 0.0
     if alternative.level:
         update["body"] = described(**{k: v for k, v in update.items() if k == "body"}).level()
     return described(stance=spec.stance, **update)

@@ -46,20 +46,21 @@ def footholds_for(
     from ..terrain.heightfield import HeightField
     from ..terrain.reference import footholds_on  # splines are slow to import
 
-    limits = limits.for_foot(_foot_radius_m(robot))
+    limits = limits.for_foot(*_foot(robot))
     if not isinstance(source, HeightField):
         return footholds_on(source, options, limits, friction)
     check_unasked(options, source.name)
     return footholds_of(ElevationMap.of_field(source), limits, friction)
 
 
-def _foot_radius_m(robot: Robot | str | Path | None) -> float:
-    """The largest radius of its feet, 0 where no file says it [m]."""
+def _foot(robot: Robot | str | Path | None) -> tuple[float, float]:
+    """The largest radius of its feet, 0 where no file says it [m], and its size."""
     if robot is None or str(robot) in BUILT_IN:
-        return 0.0
+        return 0.0, 1.0
     if isinstance(robot, Robot):
-        return robot.source.known_radius_m
-    return max((leg.radius_m for leg in named_robot(robot).legs), default=0.0)
+        return robot.source.known_radius_m, robot.size
+    model = named_robot(robot)
+    return max((leg.radius_m for leg in model.legs), default=0.0), model.size
 
 
 class FileTerrain(TerrainSpec):
@@ -127,7 +128,7 @@ class FileTerrain(TerrainSpec):
 
     def for_robot(self, robot: Robot) -> Self:
         """The terrain whose footholds follow the feet of a robot where its limits leave that open."""
-        limits = self.footholds.for_foot(robot.source.known_radius_m)
+        limits = self.footholds.for_foot(*_foot(robot))
         return self if self._given else self.model_copy(update={"footholds": limits})
 
     def read(self, folder: Path) -> Footholds:

@@ -122,6 +122,8 @@ robot's weight at a leg's length [Nm], and Kd / Kp [s]."""
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
+LEG_M = 0.48
+"""Length of the links of a leg of a robot whose size is 1 [m]."""
 STANDS = 0.25
 """Share of its length by which a leg's foot is below its hip, where a robot stands."""
 IDENTITY_DIGITS = 12
@@ -196,6 +198,11 @@ class RobotModel:
     def built(self) -> Any:
         """pinocchio's model of it on a free-flying base, made once; who changes it takes a copy."""
         return built(self.urdf, self.name)
+
+    @property
+    def size(self) -> float:
+        """Length of the longest leg's links, in those of a dog of ``LEG_M``."""
+        return max(leg.chain.length_m for leg in self.legs) / LEG_M
 
     @property
     def leg_names(self) -> tuple[str, ...]:

@@ -37,9 +37,10 @@ class FootholdLimits:
 
     Arguments:
         slope_rad: largest angle between the surface's normal and the vertical [rad].
-        clearance_m: what is free above the surface, along its normal [m].
+        clearance_m: what is free above the surface, along its normal; None for ``CLEARANCE_M`` of
+            a robot of size 1, and as much more or less as it is larger or smaller [m].
         margin_m: of every foothold from the borders of its surface; None for the radius of the
-            robot's foot, or of ``FOOT_M`` without a robot that has one [m].
+            robot's foot, or ``FOOT_M`` by its size where nobody says what that is [m].
         width_m: least width of what is left; None likewise [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
         noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
@@ -57,7 +58,7 @@ class FootholdLimits:
     """
 
     slope_rad: Annotated[float, Within(least=0.0, most=np.pi)] = SLOPE_RAD
-    clearance_m: Length = CLEARANCE_M
+    clearance_m: Length | None = None
     margin_m: Length | None = None
     width_m: Length | None = None
     roughness_m: Annotated[float, Within(above=0.0, most=1.0)] = ROUGHNESS_M
@@ -66,17 +67,13 @@ class FootholdLimits:
     def __post_init__(self) -> None:
         check_limits(self)
 
-    def for_foot(self, radius_m: float) -> FootholdLimits:
-        """These limits, their margin and least width that of a foot where they are None; of
-        ``FOOT_M`` where the radius is 0.
+    def for_foot(self, radius_m: float, size: float = 1.0) -> FootholdLimits:
+        """These limits, what is None of them filled in for a foot of this radius, 0 where nobody
+        says it, and a robot of this size.
         """
-        foot = radius_m or FOOT_M
-        margin, width = self.margin_m, self.width_m
-        return replace(
-            self,
-            margin_m=foot if margin is None else margin,
-            width_m=foot if width is None else width,
-        )
+        foot = radius_m or FOOT_M * size
+        usual = {"margin_m": foot, "width_m": foot, "clearance_m": CLEARANCE_M * size}
+        return replace(self, **{k: v for k, v in usual.items() if getattr(self, k) is None})
 
     @property
     def inset_m(self) -> float:
@@ -87,6 +84,11 @@ class FootholdLimits:
     def least_m(self) -> float:
         """The least width likewise [m]."""
         return FOOT_M if self.width_m is None else self.width_m
+
+    @property
+    def headroom_m(self) -> float:
+        """What is free above, likewise [m]."""
+        return CLEARANCE_M if self.clearance_m is None else self.clearance_m
 
     @property
     def rms_m(self) -> float:

@@ -261,7 +261,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         elif area < limits.least_m * limits.least_m * 0.5:
             refused["small"] += area
         else:
-            free = around.uncovered(facet, limits.clearance_m)
+            free = around.uncovered(facet, limits.headroom_m)
             refused["covered"] += area - free.area
             standing.append((number, replace(facet, polygon=free)))
     outside = around.outside([facet for _, facet in standing])
@@ -301,7 +301,7 @@ def _on_rungs(
         first: number of the first rung as a surface.
     """
     lines = [rung.line(mesh.spread_m[rung.triangles]) for rung in rungs]
-    under = [replace(line, polygon=around.uncovered(line, limits.clearance_m)) for line in lines]
+    under = [replace(line, polygon=around.uncovered(line, limits.headroom_m)) for line in lines]
     pieces = list[TerrainPatch]()
     for number, (each, line, free, outer) in enumerate(
         zip(rungs, lines, under, around.outside(under), strict=True)
