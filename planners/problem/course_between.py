@@ -8,7 +8,7 @@ points; the planner then chooses every toe.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +43,8 @@ SWAY = 1.2
 APART = 0.6
 """Width of their candidates, in distances of toes from each other, so that legs do not cross."""
 CANDIDATES = 3
+ROUND_M = 10.0
+"""Courses are planned about an origin that is this round [m]."""
 
 
 def course_between(
@@ -209,13 +211,13 @@ def laid_between(
     """
     from ..robot.robot_file import robot_of  # reads files
 
+    who = None if robot is None else robot_of(robot)
+    found = terrain if isinstance(terrain, Footholds) else footholds_for(who, terrain)
     start, goal = (
         read_only(place, (2,), name).tolist()
         for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m))
     )
     count = None if frames is None else checked_int(frames, "frames", least=1, most=MOST_FRAMES)
-    who = None if robot is None else robot_of(robot)
-    found = terrain if isinstance(terrain, Footholds) else footholds_for(who, terrain)
     return LaidBetween(
         terrain=FileTerrain.of(found),
         start_m=tuple(start),
@@ -265,6 +267,30 @@ class LaidBetween:
             start_m=np.array(self.start_m),
             goal_m=np.array(self.goal_m),
             near_m=NEAR * far,
+        )
+
+    @cached_property
+    def origin_m(self) -> Array:
+        """Origin about which the course is planned, shape (3,) [m]: the world's, or where the start is
+        far from that a round place near it, so that no digits of contacts' moments are lost.
+        """
+        if self.standing is not None or self.terrain.given is None:
+            return np.zeros(3)
+        heights = self.terrain.given.pieces[0].patch.vertices_m[:, 2]
+        place = np.array([*self.start_m, float(heights.mean())])
+        return np.asarray(ROUND_M * np.round(place / ROUND_M))
+
+    @cached_property
+    def local(self) -> LaidBetween:
+        """The same question about that origin."""
+        if self.terrain.given is None or not self.origin_m.any():
+            return self
+        x, y, _ = self.origin_m.tolist()
+        return replace(
+            self,
+            terrain=FileTerrain.of(self.terrain.given.moved(-self.origin_m)),
+            start_m=(self.start_m[0] - x, self.start_m[1] - y),
+            goal_m=(self.goal_m[0] - x, self.goal_m[1] - y),
         )
 
     @cached_property

@@ -126,6 +126,11 @@ class FileTerrain(TerrainSpec):
         each = [*(patch.with_friction(self.friction) for patch in footholds.surfaces), *lines]
         return Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.inset_m)
 
+    @property
+    def given(self) -> Footholds | None:
+        """The footholds that it was made of; None of a file."""
+        return self._given
+
     def for_robot(self, robot: Robot) -> Self:
         """The terrain whose footholds follow the feet of a robot where its limits leave that open."""
         limits = self.footholds.for_foot(*_foot(robot))

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ..files.arrays import Array
 from ..files.codec import Within, check_limits
 from .certainty import FOUND_SD_M
 from .patch import Patch
@@ -223,6 +224,19 @@ class Footholds:
     noise_m: float | None = None
     noise_length_m: float = 0.0
 
+    def moved(self, by_m: Array) -> Footholds:
+        """The footholds of the terrain elsewhere, by a vector of shape (3,) [m]."""
+        pieces = (replace(piece, patch=piece.patch.moved(by_m)) for piece in self.pieces)
+        surfaces = (patch.moved(by_m) for patch in self.surfaces)
+        return replace(self, pieces=tuple(pieces), surfaces=tuple(surfaces))
+
+    @property
+    def extent_m(self) -> Array:
+        """The least and the largest x, y and z of the terrain, shape (3, 2) [m]."""
+        patches = [*self.surfaces, *(piece.patch for piece in self.pieces)]
+        corners = np.concatenate([patch.vertices_m for patch in patches])
+        return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
+
     @property
     def noise_source(self) -> str:
         """Words for the source of the noise: given, or estimated; and for its correlation."""
@@ -237,6 +251,7 @@ class Footholds:
         """JSON-ready values."""
         return {
             "terrain": self.name,
+            "extent_m": dict(zip("xyz", self.extent_m.tolist(), strict=True)),
             "area_m2": self.area_m2,
             "refused_m2": self.refused_m2,
             "noise_m": self.noise_m,

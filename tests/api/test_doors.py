@@ -73,6 +73,24 @@ def of_size(size: float) -> str:
     )
 
 
+def test_a_plan_far_from_the_origin_is_the_plan_at_it_moved(tmp_path: Path) -> None:
+    step, plans = QUESTIONS["step-hexapod"], list[stancekit.Answer[stancekit.Plan]]()
+    for x, y in ((0.0, 0.0), (400_000.0, 90_000.0)):
+        shift = np.array([x, x, y, y, 0.0])
+        path = replace(step, boxes=(np.array(step.boxes) + shift).tolist()).file(tmp_path)
+        start, goal = (np.array([x, y]) + place for place in PLACES.values())
+        plans.append(stancekit.plan(path, start_xy_m=start, goal_xy_m=goal, settings=WALKS))
+    one, other = plans
+    assert one.solution is not None
+    assert other.solution is not None
+    assert other.objective == pytest.approx(one.objective, rel=1e-6)
+    assert other.solution.com_m - one.solution.com_m == pytest.approx(
+        np.tile([x, y, 0.0], (len(one.solution.com_m), 1)), abs=1e-6
+    )
+    stancekit.save(other, tmp_path / "far.json")
+    assert stancekit.verify(tmp_path / "far.json").accepted
+
+
 @pytest.mark.parametrize("size", [0.25, 4.0])
 @pytest.mark.parametrize("legs", [False, True])
 def test_a_plan_of_a_robot_of_any_size_is_one_plan_scaled(
