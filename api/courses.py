@@ -35,7 +35,7 @@ from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.plan_settings import PlanSettings
-from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
+from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
 
 if TYPE_CHECKING:
@@ -150,9 +150,11 @@ def plan(
         )
     question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
     planner = _planner(method, time_limit_s)
+    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
     by_frames = partial(
         plan_course,
-        question,
+        question.local if isinstance(question, LaidBetween) else question,
         planner,
         limits=settings.body,
         push_n=settings.push_n,
@@ -161,8 +163,6 @@ def plan(
         kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
         progress=progress,
     )
-    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
-
     if isinstance(question, LaidBetween):
         return _between_places(by_frames, question, planner, settings, deadline)
     return by_frames(deadline=deadline)
@@ -194,12 +194,14 @@ def _between_places(
     begin = time.perf_counter()
     answer: Answer[Plan] | None = None
     try:
-        answer = by_frames(deadline=deadline)
+        answer = _moved_back(by_frames(deadline=deadline), question.origin_m)
         if answer.status is Status.FEASIBLE:
             return answer
         why = answer.message or answer.status.value
     except (NoPlace, PlanningFailed) as error:
         why = str(error)
+    if question.origin_m.any():
+        why = f"{why}; places are from {question.origin_m.tolist()}"
     passage = question.passage()
     proof = None if settings.wrench is not None else flood(passage)
     leaps = settings.leaps and _leaps(question, settings)
@@ -230,15 +232,31 @@ def _between_places(
     return replace(infeasible, status=Status.INFEASIBLE, message=why, bound=float("inf"))
 
 
+def _moved_back(answer: Answer[Plan], origin_m: Array) -> Answer[Plan]:
+    """The answer to a question about a local origin, of shape (3,) [m], in the world's frame, judged
+    there.
+    """
+    if not origin_m.any():
+        return answer
+    problem, plan = answer.problem, answer.solution
+    moved = replace(
+        answer, problem=problem.moved(origin_m) if isinstance(problem, Problem) else problem
+    )
+    if plan is None:
+        return moved
+    from stancekit.planners.verify import check_plan
+
+    there = plan.moved(origin_m)
+    return replace(moved, solution=there, report=check_plan(there, joints=True))
+
+
 def _leaps(question: LaidBetween, settings: PlanSettings) -> bool:
     """Tell whether a robot may leap: one that was named and has legs of its own, with nothing on its
     body and nobody who pushes it.
     """
     if question.robot is None or settings.push_n > 0.0 or settings.wrench is not None:
         return False
-    from stancekit.planners.robot.robot_file import robot_of  # reads files
-
-    return robot_of(question.robot).source.own
+    return question.robot.source.own
 
 
 def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:
@@ -319,7 +337,13 @@ def _question(
             raise InvalidInput(
                 f"start_xy_m: expected none with a {type(course).__name__}, which has its own"
             )
-        return _between(course, start, goal, frames, who, standing)
+        from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
+
+        if isinstance(standing, str | Path):
+            standing = StandingMap.read(standing)
+        if standing is not None:
+            _check_map(standing, course)
+        return laid_between(course, start, goal, robot=who, frames=frames, standing=standing)
     if isinstance(course, Footholds):
         raise InvalidInput("start_xy_m, goal_xy_m: expected both with a terrain, got none")
     if standing is not None:
@@ -328,27 +352,6 @@ def _question(
         course.check_whole()
         return _of_problem(course, frames, robot)
     return _of_file(str(course), frames, who)
-
-
-def _between(
-    course: Footholds | str | Path,
-    start: Array | Sequence[float],
-    goal: Array | Sequence[float],
-    frames: int | None,
-    robot: Robot | str | None,
-    standing: StandingMap | str | Path | None,
-) -> LayOut:
-    """The generator of the course over a terrain, from a start to a goal."""
-    from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
-    from stancekit.planners.terrain.reference import names_ground  # splines are slow to import
-
-    if isinstance(standing, str | Path):
-        standing = StandingMap.read(standing)
-    if standing is not None:
-        _check_map(standing, course)
-    if isinstance(course, str) and names_ground(course):
-        course = _footholds(course, None if robot == "hexapod" else robot)
-    return laid_between(course, start, goal, robot=robot, frames=frames, standing=standing)
 
 
 def _of_problem(course: Problem, frames: int | None, robot: Robot | str | Path | None) -> Problem:
@@ -403,20 +406,6 @@ def _check_map(standing: StandingMap, terrain: Footholds | str | Path) -> None:
         mine = identity_of(name)
         if standing.terrain != mine:
             raise InvalidInput(f"standing: expected a map of {mine}, got one of {standing.terrain}")
-
-
-def _footholds(name: str, robot: Robot | str | None) -> Footholds:
-    """The footholds of a ground by its name, for the feet of a robot; as wide as ``terrain`` has
-    them where none is.
-    """
-    from stancekit.planners.robot.robot_file import robot_of
-    from stancekit.planners.terrain.foothold_search import (
-        footholds_of,
-    )  # splines are slow to import
-    from stancekit.planners.terrain.reference import named_surface
-
-    radius_m = 0.0 if robot is None else robot_of(robot).source.known_radius_m
-    return footholds_of(named_surface(name), FootholdLimits.for_foot(radius_m), 0.8)
 
 
 def _called(robot: Robot | str | Path) -> str:

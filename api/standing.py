@@ -16,7 +16,7 @@ from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem.standing_map import StandingMap as StandingMap
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits
 from stancekit.planners.terrain.import_options import ImportOptions
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def map(
     robot: Robot | str | Path | None = None,
     spacing_m: float = 0.1,
     headings: int = 8,
-    friction: float = 0.8,
+    friction: float = FRICTION,
     time_limit_s: float = 60.0,
     fit: bool = False,
     surrogate: Any = None,
@@ -43,7 +43,7 @@ def map(
     seed: int = 0,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, int, str], object] | None = None,
-    limits: FootholdLimits | None = None,
+    limits: FootholdLimits = FootholdLimits(),
     grid_m: float = ImportOptions.spacing_m,
     **meaning: object,
 ) -> StandingMap:
@@ -105,8 +105,7 @@ def map(
     from stancekit.envs.distributions.cut import identity_of
     from stancekit.learners.maps.making import MapSettings, make_map
     from stancekit.learners.maps.poses import Poses
-    from stancekit.planners.robot.robot_file import robot_of
-    from stancekit.planners.terrain.reference import footholds_on
+    from stancekit.planners.problem.file_terrain import footholds_for
 
     if fit and surrogate is not None:
         raise InvalidInput("fit: expected none with a surrogate, which is learned already")
@@ -116,10 +115,7 @@ def map(
     who = str(robot) if isinstance(robot, Path) else robot
     try:
         options = settings_from(ImportOptions, {**meaning, "spacing_m": grid_m}, beside=BESIDE)
-        made = limits or FootholdLimits.for_foot(
-            0.0 if who is None else robot_of(who).source.known_radius_m
-        )
-        footholds = footholds_on(terrain, options, made, friction)
+        footholds = footholds_for(who, terrain, options=options, limits=limits, friction=friction)
     except InvalidInput as refused:  # the file's spacing has another name here
         text = str(refused)
         renamed = (
@@ -149,10 +145,10 @@ def map(
         raise not_installed("fit", missing.name, "networks", "rl") from None
 
 
-def _asked(options: ImportOptions, limits: FootholdLimits | None) -> dict[str, Any]:
+def _asked(options: ImportOptions, limits: FootholdLimits) -> dict[str, Any]:
     """Options of the file and of footholds that are not the usual ones, as JSON has them."""
     unusual = {k: v for k, v in vars(options).items() if v != getattr(ImportOptions, k)}
-    more = {} if limits is None else {"limits": asdict(limits)}
+    more = {} if limits == FootholdLimits() else {"limits": asdict(limits)}
     result: dict[str, Any] = json.loads(json.dumps(unusual | more, default=list))
     return result
 

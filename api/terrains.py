@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from stancekit.planners.arguments import checked, settings_from
+from stancekit.planners.problem.file_terrain import footholds_for
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES
-from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
+from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits, Footholds
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import (
@@ -22,9 +23,9 @@ from stancekit.planners.terrain.terrain import Terrain
 def terrain(
     source: HeightField | str | Path,
     *,
-    friction: float = 0.8,
+    friction: float = FRICTION,
     robot: Robot | str | Path | None = None,
-    limits: FootholdLimits | None = None,
+    limits: FootholdLimits = FootholdLimits(),
     **meaning: object,
 ) -> Footholds:
     """Find the footholds of a terrain: planar convex pieces, each with how certain it is, and what
@@ -35,8 +36,8 @@ def terrain(
             reference terrain ("ripple", "hill", ...); a family's ground as "stairs:0.5:7" (family,
             level, seed); or "FILE.py:NAME".
         friction: Coulomb coefficient of its surfaces.
-        robot: robot whose foot gives the margin and the least width of a foothold, if ``limits``
-            are not given.
+        robot: robot whose foot gives the margin and the least width of a foothold where ``limits``
+            have none.
         limits: limits of what counts as a foothold.
         meaning: fields of ``ImportOptions`` that say what the numbers of a file mean: unit_m, up,
             offset_m, crop_m, spacing_m, height_m, holes, kind, most_triangles.
@@ -56,24 +57,10 @@ def terrain(
         >>> round(stancekit.terrain(level).area_m2, 2)
         3.84
     """
-    from stancekit.planners.robot.robot_file import robot_of
-    from stancekit.planners.terrain.elevation import ElevationMap
-    from stancekit.planners.terrain.foothold_search import check_unasked, footholds_of
-    from stancekit.planners.terrain.reference import footholds_on
-
     options = settings_from(
         ImportOptions, meaning, beside=("source", "friction", "robot", "limits")
     )
-    if limits is None:
-        limits = (
-            FootholdLimits()
-            if robot is None
-            else FootholdLimits.for_foot(_radius_m(robot_of(robot)))
-        )
-    if not isinstance(source, HeightField):
-        return footholds_on(source, options, limits, friction)
-    check_unasked(options, source.name)
-    return footholds_of(ElevationMap.of_field(source), limits, friction)
+    return footholds_for(robot, source, options=options, limits=limits, friction=friction)
 
 
 @checked
@@ -133,8 +120,3 @@ def ground(name: str) -> Terrain:
     if not names_ground(name):
         raise TERRAIN_FAMILIES.unknown(name)
     return named_ground(name)
-
-
-def _radius_m(robot: Robot) -> float:
-    """The largest radius of its feet, 0 where none is known."""
-    return robot.source.known_radius_m

@@ -83,7 +83,7 @@ def walk(
         time_limit_s: processor time of solves and of verdicts between them; the best walk until
             then is the answer [s].
         task: further fields of ``Walk``: start_yaw_rad, end_yaw_rad (which way it faces at the
-            start, from x towards y, and at the end; it turns by the difference of the two [rad]),
+            start, from x towards y, and at the end; it turns the shorter way [rad]),
             friction (Coulomb's ν of the ground, 0.75), adhesive (names of feet that stick: they may
             pull), suction_n (with how much; twice the weight where it is missing [N]), cycle_s (of
             the gait; its own where it is missing [s]), timings. Beside them total_iterations, a

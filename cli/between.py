@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from stancekit.planners.problem import Problem
     from stancekit.planners.problem.file_terrain import FileTerrain
     from stancekit.planners.robot.model import Robot
-    from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
+    from stancekit.planners.terrain.footholds import Footholds
 
 
 @dataclass
@@ -170,11 +170,13 @@ class Between:
         """
         from stancekit.terrains import terrain
 
-        friction, limits = self._friction(), self._limits(robot)
+        friction, limits = self._friction(), self.footholds.limits()
         with in_options():
-            return terrain(Path(name), friction=friction, limits=limits, **vars(self.file.asked()))
+            return terrain(
+                name, friction=friction, robot=robot, limits=limits, **vars(self.file.asked())
+            )
 
-    def terrain(self, name: str, robot: str | None) -> FileTerrain:
+    def terrain(self, name: str) -> FileTerrain:
         """The terrain's file as a description, whose footholds are found when they are asked
         for.
         """
@@ -183,20 +185,19 @@ class Between:
         keys = vars(self.file.asked())
         return FileTerrain(
             file=str(Path(name).resolve()),
-            footholds=self._limits(robot),
+            footholds=self.footholds.limits(),
             friction=self._friction(),
             **{**keys, "kind": keys["kind"] or "file"},
         )
 
-    def _limits(self, robot: str | None) -> FootholdLimits:
-        return self.footholds.limits(None if robot == "hexapod" else robot)
-
     def _friction(self) -> float:
         import math
 
+        from stancekit.planners.terrain.footholds import FRICTION
+
         if self.friction is not None and not 0.0 <= self.friction < math.inf:
             raise InvalidInput(f"--friction: expected a number from 0 on, got {self.friction:g}")
-        return 0.8 if self.friction is None else self.friction
+        return FRICTION if self.friction is None else self.friction
 
 
 def _where_friction_is(name: str) -> str:

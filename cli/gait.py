@@ -55,7 +55,7 @@ class PlanGait:
     a pit it has to face its goal, for the feet that stick are in front."""
     heading_end: Annotated[OptionalText, tyro.conf.arg(metavar="RAD|goal")] = None
     """Which way it faces at the end; as at the start, and not asked for, where there is none. It
-    turns by the difference, on the spot where --goal is --start."""
+    turns the shorter way, on the spot where --goal is --start."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
     """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra robots), or has a
     walker's numbers."""

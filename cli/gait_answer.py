@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from stancekit.planners.problem.walk import Walk
 
 PHASES = ("feasible", "smooth", "densify")
+TURN_RAD = 5e-4
+"""Walks that turn by less are not said to turn."""
 WAY_M = 0.05
 """The ground is looked at so often on the way."""
 
@@ -160,6 +162,8 @@ def words(plan: Attempts) -> list[str]:
             parts.append(
                 f"peak {before:.2f} g" + (f" → {after:.2f} g" if round(after - before, 2) else "")
             )
+        if abs(turn := one.report.figures.get("turn_rad", 0.0)) > TURN_RAD:
+            parts.append(f"turns by {turn:+.3f} rad")
         lines.append(f"{one.attempt.name}: {'; '.join([*parts, verdict(one)])}")
     return [*lines, *plan.failures]
 

@@ -106,12 +106,6 @@ class MapTerrain:
         )
         meaning = vars(self.file.options())
         meaning.pop("spacing_m")
-        usual = self.footholds == FootholdOptions()
-        limits = (
-            None
-            if usual
-            else self.footholds.limits(None if self.robot == "hexapod" else self.robot)
-        )
         with (
             progress(f"map {Path(self.terrain).name}") as bar,
             as_options(*names),
@@ -129,7 +123,7 @@ class MapTerrain:
                 error=self.error,
                 seed=self.seed,
                 checkpoint=checkpoint,
-                limits=limits,
+                limits=self.footholds.limits(),
                 grid_m=self.grid_m,
                 **meaning,
                 progress=lambda done, total, stage: bar(

@@ -139,7 +139,7 @@ class Play:
         suffix = Path(self.course).suffix.lower()
         if suffix in SUFFIXES and self.between.start is not None and self.between.goal is not None:
             (x, y), (x_goal, y_goal) = (each.tolist() for each in self.between.places())
-            terrain = self.between.terrain(self.course, robot)
+            terrain = self.between.terrain(self.course)
             return BetweenScenario(
                 terrain=terrain,
                 start_m=(x, y),

@@ -103,9 +103,9 @@ class ShowTerrain:
     def _found(self) -> Footholds:
         from stancekit.terrains import terrain
 
-        limits = self.footholds.limits(self.robot)
+        meaning, limits = vars(self.file.asked()), self.footholds.limits()
         with in_options():
-            return terrain(self.terrain, friction=1.0, limits=limits, **vars(self.file.asked()))
+            return terrain(self.terrain, friction=1.0, robot=self.robot, limits=limits, **meaning)
 
 
 def _table(found: Footholds) -> Table:
@@ -120,6 +120,8 @@ def _table(found: Footholds) -> Table:
     table.add_row(
         "footholds", f"{len(found.pieces)} patches on {surfaces} surfaces, {found.area_m2:.4g} m²"
     )
+    ends = zip("xyz", found.extent_m.tolist(), strict=True)
+    table.add_row("extent", ", ".join(f"{axis} {a:.4g} to {b:.4g} m" for axis, (a, b) in ends))
     table.add_row("steepest", f"{np.rad2deg(max(piece.slope_rad for piece in found.pieces)):.1f}°")
     table.add_row(
         "rms off plane", f"{1e3 * np.median(rms):.2g} mm median, {1e3 * rms.max():.2g} mm at most"

@@ -125,42 +125,30 @@ class FootholdOptions:
 
     slope_rad: float = 0.6
     """Steepest ground to stand on [rad]."""
-    headroom_m: float = 0.1
-    """What is free above a foothold, along its normal [m]."""
+    headroom_m: OptionalFloat = None
+    """What is free above a foothold, along its normal [m]; unless given, 0.1 of a robot of the
+    default hexapod's size, and in proportion."""
     margin_m: OptionalFloat = None
     """Margin of footholds from the borders of their surface [m]; unless given, the radius of the
     robot's foot, else 0.02."""
     width_m: OptionalFloat = None
-    """Least width of a foothold inside the margin [m]; unless given, as the margin."""
+    """Least width of a foothold inside the margin [m]; unless given, likewise."""
     roughness_m: float = 0.006
     """How far heights of a map may be off a foothold's plane, rms [m]."""
     noise_m: OptionalFloat = None
     """Deviation of the sensor that made a map or a cloud, allowed for beside the roughness; unless
     given, it is estimated from the heights [m]."""
 
-    def limits(self, robot: str | None) -> FootholdLimits:
-        """Limits of footholds, with a robot's own foot where the options say nothing else.
+    def limits(self) -> FootholdLimits:
+        """Limits of footholds.
 
         Raises InvalidInput.
-
-        Arguments:
-            robot: its name or file.
         """
-        from stancekit.planners.robot.robot_file import named_robot
         from stancekit.planners.terrain.footholds import FootholdLimits
 
-        legs = () if robot is None else named_robot(robot).legs
-        foot_m = max((leg.radius_m for leg in legs), default=0.0)
-        sizes = {"margin_m": self.margin_m, "width_m": self.width_m}
+        settings = {k: v for k, v in vars(self).items() if k != "headroom_m"}
         with in_options():
-            return FootholdLimits.for_foot(
-                foot_m,
-                slope_rad=self.slope_rad,
-                clearance_m=self.headroom_m,
-                roughness_m=self.roughness_m,
-                noise_m=self.noise_m,
-                **{name: value for name, value in sizes.items() if value is not None},
-            )
+            return FootholdLimits(clearance_m=self.headroom_m, **settings)
 
 
 @contextmanager

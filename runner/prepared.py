@@ -20,6 +20,7 @@ from stancekit.planners.motion.crossing_motion import CrossingMotion, plans_of
 from stancekit.planners.motion.gait_motion import GaitMotion
 from stancekit.planners.motion.leap_run import LeapRun
 from stancekit.planners.motion.motion import Motion
+from stancekit.planners.motion.path import LIFT_M
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.motion.touch_down import touch_downs_m
 from stancekit.planners.robot.kinematics import Kinematics
@@ -254,7 +255,7 @@ def _of_plan(
         sees=sees,
         pace=pace,
         bound_by=bound_by,
-        clearance_m=motion.timing.clearance_m,
+        clearance_m=motion.path.lift_m,
         terrain=course.terrain,
         surfaces=motion.solids,
         touch_downs_m=touch_downs_m(plan),
@@ -370,7 +371,7 @@ def _paced(
         tracker=tracker,
         first=tracker.start(),
         sees=sees,
-        clearance_m=settings.timing.clearance_m,
+        clearance_m=LIFT_M * kinematics.model.size,
         terrain=terrain,
         surfaces=surfaces,
     )

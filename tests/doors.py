@@ -14,12 +14,15 @@ import hashlib
 import io
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import stancekit
+from stancekit.cli.between import Between
 from stancekit.cli.main import parse, run
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
@@ -35,9 +38,11 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.replan import replan
 from stancekit.views.playground.answer import patient_answer
+from stancekit.views.playground.between_scenario import BetweenScenario
 from stancekit.views.playground.keys_scenario import KeysScenario
 from tests.planners.robot.small_urdfs import quadruped
 
+WALKS = stancekit.PlanSettings(leaps=False)
 NARROW = {"com_radius_m": 0.005, "first_radius_m": 0.005, "tilt_limit_rad": 0.01}
 
 
@@ -47,7 +52,8 @@ class Question:
     problem.
 
     expected: the status that it was made to have. torque_nm: no joint is to take more [Nm]; None:
-    what it has.
+    what it has. boxes: of a course between two places over a mesh, its boxes (x from, to, y from,
+    to, top) [m]; foot_m: radius of the robot's feet, 0 for the default hexapod [m].
     """
 
     name: str
@@ -55,6 +61,16 @@ class Question:
     keys: Mapping[str, Any] = field(default_factory=dict)
     posture: Problem | None = None
     torque_nm: float | None = None
+    boxes: Sequence[Sequence[float]] = ()
+    foot_m: float = 0.0
+
+    def robot(self, folder: Path) -> str | None:
+        """The robot of a course between two places, written as a user would."""
+        if not self.foot_m:
+            return None
+        path = folder / f"{self.name}.urdf"
+        path.write_text(quadruped().replace('radius="0.02"', f'radius="{self.foot_m}"'))
+        return str(path)
 
     @property
     def settings(self) -> stancekit.PlanSettings:
@@ -66,6 +82,10 @@ class Question:
         if self.posture is not None:
             path = folder / f"{self.name}.json"
             write_text(path, json.dumps(self.posture.to_json()))
+            return path
+        if self.boxes:
+            path = folder / f"{self.name}.obj"
+            write_text(path, _mesh(self.boxes))
             return path
         (folder / "dog.urdf").write_text(quadruped())
         path = folder / f"{self.name}.yaml"
@@ -82,12 +102,15 @@ class Reply:
     status: str
     proved: str = ""
     objective: float = math.nan
+    plan: str = ""
+    """Digest of the plan's arrays."""
 
     def same(self, other: Reply) -> bool:
         """Whether both say the same, the objective to 1e-9."""
         near = math.isclose(self.objective, other.objective, rel_tol=1e-9, abs_tol=1e-12)
         both = math.isnan(self.objective) and math.isnan(other.objective)
-        return (self.status, self.proved) == (other.status, other.proved) and (near or both)
+        mine, theirs = ((r.status, r.proved, r.plan) for r in (self, other))
+        return mine == theirs and (near or both)
 
 
 def questions() -> Iterator[Question]:
@@ -125,6 +148,14 @@ def questions() -> Iterator[Question]:
             keys=_flat(2, 0.6),
             torque_nm=torque_nm,
         )
+    for name, foot_m in (("hexapod", 0.0), ("small", 0.012), ("big", 0.045)):
+        for ground, boxes in _grounds().items():
+            yield Question(
+                name=f"{ground}-{name}",
+                expected="undecided" if (ground, name) == ("beam", "big") else "feasible",
+                boxes=boxes,
+                foot_m=foot_m,
+            )
     for number, problem in enumerate(stancekit.sample("wall-3", 8, rng=7)):
         yield Question(name=f"wall-{number}", expected="", posture=problem)
     for number, problem in enumerate(stancekit.sample("ground-3", 9, rng=7)):
@@ -154,6 +185,33 @@ def _walls(frames: int, friction: float) -> dict[str, Any]:
     }
 
 
+PLACES = {"start": (-0.1, 0.0), "goal": (0.7, 0.0)}
+
+
+def _grounds() -> dict[str, Sequence[Sequence[float]]]:
+    """Boxes of grounds: level, a step, and a beam of 7 cm between two gaps."""
+    return {
+        "level": [(-1.5, 2.2, -1.0, 1.0, 0.0)],
+        "step": [(-1.5, 0.3, -1.0, 1.0, 0.0), (0.3, 2.2, -1.0, 1.0, 0.05)],
+        "beam": [
+            (-1.5, 0.3, -1.0, 1.0, 0.0),
+            (0.42, 0.49, -1.0, 1.0, 0.0),
+            (0.61, 2.2, -1.0, 1.0, 0.0),
+        ],
+    }
+
+
+def _mesh(boxes: Sequence[Sequence[float]]) -> str:
+    """Boxes 0.3 m deep as the text of an OBJ file."""
+    lines = list[str]()
+    for number, (x0, x1, y0, y1, top) in enumerate(boxes):
+        corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (top - 0.3, top)]
+        lines += [f"v {x} {y} {z}" for x, y, z in corners]
+        for side in ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"):
+            lines.append("f " + " ".join(str(8 * number + int(k)) for k in side.split()))
+    return "\n".join(lines) + "\n"
+
+
 def _dog(height_m: float) -> dict[str, Any]:
     return {
         "robot": "dog.urdf",
@@ -181,26 +239,38 @@ def by_value(question: Question, folder: Path) -> Reply:
 
 def by_command(question: Question, folder: Path) -> Reply:
     """``stancekit plan``."""
-    proof = folder / f"{question.name}.proof.json"
-    proof.unlink(missing_ok=True)
-    options = [] if question.torque_nm is None else ["--torque-nm", str(question.torque_nm)]
-    record = _command("plan", question.file(folder), "--json", "--proof", proof, *options)
+    proof, plan = (folder / f"{question.name}.{kind}.json" for kind in ("proof", "plan"))
+    for path in (proof, plan):
+        path.unlink(missing_ok=True)
+    options = [] if question.torque_nm is None else ["--torque-nm", question.torque_nm]
+    if question.boxes:
+        options += ["--no-leaps", *(f"--{at}={x},{y}" for at, (x, y) in PLACES.items())]
+        options += ["--robot", question.robot(folder) or "hexapod"]
+    file = question.file(folder)
+    record = _command("plan", file, "--json", "--proof", proof, "--out", plan, *options)
+    if record["status"] == "feasible":
+        arrays = _arrays(stancekit.load(plan, Plan))
+        return Reply(status="feasible", objective=record["objective"], plan=arrays)
     proved = digest_of(read_proof(proof)[0]) if proof.exists() else ""
-    objective = record["objective"] if record["status"] == "feasible" else math.nan
-    return Reply(status=record["status"], proved=proved, objective=objective)
+    return Reply(status=record["status"], proved=proved)
 
 
 def by_playground(question: Question, folder: Path) -> Reply:
     """The playground, once nothing is changed."""
-    answer = patient_answer(KeysScenario.of(str(question.file(folder))))
-    assert answer.status is not None, answer.message
+    file, places = str(question.file(folder)), {f"{at}_m": at_m for at, at_m in PLACES.items()}
+    robot, terrain = question.robot(folder) or "hexapod", Between().terrain(file)
+    answer = patient_answer(
+        BetweenScenario(terrain=terrain, robot=robot, **places)
+        if question.boxes
+        else KeysScenario.of(file)
+    )
+    plan = answer.plan if answer.accepted else None
     proved = answer.status is Status.INFEASIBLE and answer.course is not None
     return Reply(
-        status=answer.status.value,
+        status="undecided" if answer.status is None else answer.status.value,
         proved=digest_of(answer.course) if proved and answer.course is not None else "",
-        objective=objective_of(answer.plan)
-        if answer.plan is not None and answer.accepted
-        else math.nan,
+        objective=math.nan if plan is None else objective_of(plan),
+        plan="" if plan is None else _arrays(plan),
     )
 
 
@@ -241,8 +311,25 @@ def by_plan_of_posture(question: Question, folder: Path) -> Reply:
     return _reply(stancekit.plan(question.posture))
 
 
+def between_by_path(question: Question, folder: Path) -> Reply:
+    """``stancekit.plan`` of a terrain's file and two places."""
+    return _between(question.file(folder), question.robot(folder))
+
+
+def between_by_value(question: Question, folder: Path) -> Reply:
+    """``stancekit.plan`` of what ``stancekit.terrain`` and ``stancekit.robot`` give."""
+    robot = stancekit.robot(question.robot(folder) or "hexapod")
+    return _between(stancekit.terrain(question.file(folder), robot=robot), robot)
+
+
+def _between(terrain: Any, robot: Any) -> Reply:
+    places: Any = {f"{at}_xy_m": place for at, place in PLACES.items()}
+    return _reply(stancekit.plan(terrain, robot=robot, settings=WALKS, **places))
+
+
 DOORS: dict[str, tuple[Door, ...]] = {
     "course": (by_name, by_value, by_command, by_playground, by_replan),
+    "between": (between_by_path, between_by_value, by_command, by_playground),
     "posture": (by_solve, by_solve_command, by_label),
     "posture as a course": (by_plan_of_posture, by_command),
 }
@@ -254,6 +341,7 @@ def ask(question: Question, folder: Path) -> dict[str, dict[str, Reply]]:
     door.
     """
     kinds = ("course",) if question.posture is None else ("posture", "posture as a course")
+    kinds = ("between",) if question.boxes else kinds
     replies = dict[str, dict[str, Reply]]()
     for kind in kinds:
         doors = [
@@ -301,7 +389,15 @@ def _reply(outcome: Answer[Any]) -> Reply:
         proved = digest_of(outcome.problem)
     planned = isinstance(outcome.solution, Plan) and outcome.status is Status.FEASIBLE
     objective = outcome.objective if planned else math.nan
-    return Reply(status=outcome.status.value, proved=proved, objective=objective)
+    plan = _arrays(outcome.solution) if planned else ""
+    return Reply(status=outcome.status.value, proved=proved, objective=objective, plan=plan)
+
+
+def _arrays(plan: Plan) -> str:
+    """SHA-256 of the arrays of a plan."""
+    names = ("com_m", "rotation_rad", "toes_m", "choice", "forces_n")
+    data = b"".join(np.ascontiguousarray(getattr(plan, name)).tobytes() for name in names)
+    return hashlib.sha256(data).hexdigest()
 
 
 def _command(*arguments: object) -> dict[str, Any]:

@@ -44,7 +44,7 @@ CAPS: dict[str, int] = {"tests": 43_940, "benchmarks": 13_500}
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
     "soles": 373,
-    "slopes and doors": 5,
+    "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,
     "promises": 335,
@@ -52,7 +52,7 @@ ALLOWANCES: dict[str, int] = {
     "formats": 38,
     "stepping over": 250,
     "sequences": 300,
-    "pictures": 250,
+    "pictures": 184,
     "speed": 100,
     "margins": 0,
 }

@@ -28,6 +28,9 @@ UNSURE_SD_M = 0.005
 them [m]."""
 OFF_M = 0.003
 """Footholds are drawn so far off their surface [m]."""
+AXES, AXIS = ("#c0392b", "#27803b"), 0.15
+"""Colours of the world's x and y, drawn from the terrain's least corner, and their length, in
+extents of the terrain."""
 LEGEND = ((GOOD, "foothold"), (STONE, "surface"))
 
 
@@ -41,7 +44,12 @@ def draw_footholds(found: Footholds, *, size_px: Size = SIZE_PX) -> Figure:
     refused = ", ".join(
         f"{name} {area:.3g}" for name, area in found.refused_m2.items() if area > 1e-3
     )
-    subtitle = f"{len(found.pieces)} patches, {found.area_m2:.4g} m²{_sure(found)}; not: {refused or 'nothing'}"
+    x, y = (
+        f"{axis} {a:.4g} to {b:.4g} m"
+        for axis, (a, b) in zip("xy", found.extent_m[:2], strict=True)
+    )
+    sizes = f"{len(found.pieces)} patches, {found.area_m2:.4g} m²{_sure(found)}"
+    subtitle = f"{sizes}; {x} (red), {y} (green); not: {refused or 'nothing'}"
     headline(figure, f"footholds of {found.name}", subtitle)
     Still(_foothold_scene(found), _camera(found)).paint(plain_axes(figure, 20.0, 20.0, 90.0))
     return figure
@@ -53,7 +61,13 @@ def _foothold_scene(found: Footholds) -> Scene:
     good = [
         _facet(piece.patch, _colour(piece), GOOD_EDGE, Layer.SPACE, OFF_M) for piece in found.pieces
     ]
-    return Scene(facets=[*surfaces, *good])
+    low, high = found.extent_m.T
+    corner, arms = np.append(low[:2], high[2]), AXIS * float(np.ptp(found.extent_m[:2]))
+    axes = [
+        Path(pieces_m=np.array([[corner, corner + arms * np.eye(3)[k]]]), colour=colour, width=2.0)
+        for k, colour in enumerate(AXES)
+    ]
+    return Scene(facets=[*surfaces, *good], paths=axes)
 
 
 def foothold_motion(found: Footholds) -> Animation:

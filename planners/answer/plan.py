@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -93,6 +93,16 @@ class Plan:
             ", ".join(self.problem.robot.limb_names),
         )
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
+
+    def moved(self, by_m: Array) -> Plan:
+        """The plan in a world that is moved with it, by a vector of shape (3,) [m]."""
+        return replace(
+            self,
+            problem=self.problem.moved(by_m),
+            com_m=self.com_m + by_m,
+            toes_m=self.toes_m + by_m,
+            points_m=None if self.points_m is None else self.points_m + by_m,
+        )
 
     @classmethod
     def of_posture(

@@ -24,7 +24,7 @@ from ..terrain.prism import Solids
 from .touch_down import touch_downs_m
 
 KEPT_M = 0.006
-"""Feet stay this far from the terrain on their path across."""
+"""Feet of a robot of size 1 stay this far from the terrain on their path across [m]."""
 RAISES_M = np.array(
     sorted(
         product((0.0, 0.02, 0.04, 0.07, 0.10, 0.14), repeat=2),
@@ -64,21 +64,22 @@ class Swing:
 def clear_swing(
     ends: tuple[Array, Array],
     normals: tuple[Array, Array],
-    clearance_m: float,
+    lift_m: float,
     solids: Solids,
     radius_m: float = FOOT_RADIUS_M,
     kept_m: float = KEPT_M,
+    raises_m: Array = RAISES_M,
 ) -> Swing:
     """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one
     where none does.
 
     Arguments:
         ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m].
-        clearance_m: least lift.
+        lift_m: least lift.
         radius_m: of the foot.
     """
-    lifted = ends[0] + (clearance_m + RAISES_M[:, :1]) * normals[0]
-    lowered = ends[1] + (clearance_m + RAISES_M[:, 1:]) * normals[1]
+    lifted = ends[0] + (lift_m + raises_m[:, :1]) * normals[0]
+    lowered = ends[1] + (lift_m + raises_m[:, 1:]) * normals[1]
 
     def gaps(its: slice) -> Array:
         paths = lifted[its, None] + SHARES[:, None] * (lowered[its] - lifted[its])[:, None]
@@ -92,10 +93,11 @@ def clear_swing(
     return Swing(start=ends[0], lifted=lifted[k], lowered=lowered[k], end=ends[1])
 
 
-CLEARANCE_M = 0.05
-"""Least height to which feet are lifted."""
+LIFT_M = 0.05
+"""Least height to which feet of a robot of size 1 are lifted [m]."""
 APART_M = 0.01
-"""Between two moments that are judged no foot and no body's origin goes farther."""
+"""Between two moments that are judged no foot and no body's origin of a robot of size 1 goes
+farther [m]."""
 MOST = 50_000
 """More moments than this are not judged."""
 
@@ -170,19 +172,19 @@ class PlanPath:
     """The path of a plan.
 
     normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m];
+    size: that of the robot, which all lengths of swings follow. lift_m: how far feet are lifted.
     touch_downs_m: how far beyond that it may come down until it feels, shape (P,) [m]. Raises
     InvalidInput where all limbs lift at once unless they may: nobody carries, and no position
     control can do that.
 
     Arguments:
-        clearance_m: how far feet are lifted.
         uncarried: all limbs may lift at once.
     """
 
-    def __init__(
-        self, plan: Plan, clearance_m: float = CLEARANCE_M, *, uncarried: bool = False
-    ) -> None:
-        self.plan, self._clearance_m, course = plan, clearance_m, plan.problem
+    def __init__(self, plan: Plan, *, uncarried: bool = False) -> None:
+        self.plan, course = plan, plan.problem
+        self.size = course.robot.size
+        self.lift_m = LIFT_M * self.size
         self._names = course.robot.limb_names
         if course.uncarried and not uncarried:
             raise InvalidInput(
@@ -201,7 +203,7 @@ class PlanPath:
         insets = [0.0 if patch.certainty is None else patch.certainty.inset_m for patch in patches]
         self.touch_downs_m = touch_downs_m(plan)
         self._kept_m = (
-            KEPT_M + self.touch_downs_m + insets
+            KEPT_M * self.size + self.touch_downs_m + insets
         )  # steps may be higher, and begin earlier, than they seem
 
     def standing(self, frame: int) -> Segment:
@@ -238,10 +240,11 @@ class PlanPath:
             swing = clear_swing(
                 (self.feet_m[old[i]], self.feet_m[new[i]]),
                 (self.normals[old[i]], self.normals[new[i]]),
-                self._clearance_m,
+                self.lift_m,
                 self._around,
                 float(self.radii_m[i]),
                 float(self._kept_m[[old[i], new[i]]].max()),
+                self.size * RAISES_M,
             )
             corners[:, i] = swing.corners
         held = np.isin(np.arange(len(old)), moving, invert=True)
@@ -278,8 +281,8 @@ class PlanPath:
         return np.stack([np.interp(shares * way[-1], way, axis) for axis in toes.T], axis=1)
 
     def moments(self, apart_m: float = APART_M) -> PathMoments:
-        """The whole path, with its first and its last moment; none goes farther than this from the
-        one before.
+        """The whole path, with its first and its last moment; none goes farther than this, times
+        the robot's size, from the one before.
 
         Raises InvalidInput for a path of more than ``MOST`` moments.
         """
@@ -291,6 +294,7 @@ class PlanPath:
         Raises InvalidInput as above.
         """
         lengths = np.array([self._length(segment) for segment in self._segments()])
+        apart_m *= self.size
         if not lengths.sum() <= MOST * apart_m:
             raise InvalidInput(
                 f"path: expected at most {MOST * apart_m:g} m of it, got {lengths.sum():.3g} m"

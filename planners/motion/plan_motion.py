@@ -20,7 +20,7 @@ from ..cached import cached_property
 from ..files.arrays import Array, check_numbers
 from ..robot.rotation import rotation_of
 from .motion import Samples, smooth, smooth_rate
-from .path import CLEARANCE_M, PathMoments, PlanPath, Segment
+from .path import PathMoments, PlanPath, Segment
 from .torques import support_forces
 
 KNOTS = 10
@@ -29,7 +29,7 @@ KNOTS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Durations of the phases, and distances of feet from surfaces.
+    """Durations of the phases.
 
     Arguments:
         settle_s: at rest before and after.
@@ -37,7 +37,6 @@ class Timing:
         lift_s, place_s: along the patch's normal.
         foot_m_s, body_m_s, body_rad_s: greatest mean speeds of a swing, which lasts swing_s or
             longer.
-        clearance_m: how far feet are lifted.
     """
 
     settle_s: float = 0.4
@@ -48,7 +47,6 @@ class Timing:
     foot_m_s: float = 0.4
     body_m_s: float = 0.15
     body_rad_s: float = 0.3
-    clearance_m: float = CLEARANCE_M
 
     def __post_init__(self) -> None:
         check_numbers(self, "timing.", above=self.__annotations__)
@@ -101,7 +99,7 @@ class PlanMotion:
         uncarried: bool = False,
     ) -> None:
         self.plan, self.timing = plan, timing
-        self.path = PlanPath(plan, timing.clearance_m, uncarried=uncarried)
+        self.path = PlanPath(plan, uncarried=uncarried)
         self.forces_n, self.longer = plan.forces_n if forces_n is None else forces_n, longer
         self.standing_n = standing_n or {}
         course = plan.problem
@@ -299,7 +297,7 @@ class PlanMotion:
         phases = [_Phase(seconds=swing_s, segment=across, forces=(before, after))]
         if lift is not None and down is not None:
             lift_s, place_s = (
-                seconds * segment.length_m / timing.clearance_m
+                seconds * segment.length_m / self.path.lift_m
                 for seconds, segment in ((timing.lift_s, lift), (timing.place_s, down))
             )
             phases.insert(0, _Phase(seconds=lift_s, segment=lift, forces=(before, before)))

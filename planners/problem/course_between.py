@@ -8,7 +8,7 @@ points; the planner then chooses every toe.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,15 +18,16 @@ from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_int, read_only
 from ..files.validation import validated
-from ..robot.model import Robot
+from ..robot.model import Robot, hexapod
 from ..terrain.footholds import Footholds
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
-from .course_keys import CourseSpec
+from .course_keys import BodySpec, CourseSpec
 from .course_layout import build_course
-from .file_terrain import FileTerrain
+from .file_terrain import FileTerrain, footholds_for
 from .guide_path import Footprint, guide_path
+from .limits import Weights
 from .passage import NEAR, Passage
 from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
@@ -42,6 +43,8 @@ SWAY = 1.2
 APART = 0.6
 """Width of their candidates, in distances of toes from each other, so that legs do not cross."""
 CANDIDATES = 3
+ROUND_M = 10.0
+"""Courses are planned about an origin that is this round [m]."""
 
 
 def course_between(
@@ -87,7 +90,13 @@ def course_between(
 
     spec = described()
     body = spec.make_robot(folder)
-    spec = alternative.of(spec.standing(body), body)
+    terrain = terrain.for_robot(body)
+    spec = spec.standing(body)
+    if not body.source.own:
+        usual = spec.stance
+        lower = {key: body.size * getattr(usual, key) for key in ("outward_m", "down_m")}
+        spec = spec.model_copy(update={"stance": usual.model_copy(update=lower)})
+    spec = alternative.of(spec, body)
     toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     terrain_along = terrain.along(np.array(keys["goal_m"])[None], folder)
@@ -134,22 +143,27 @@ def course_between(
         "via_m": [tuple(point) for point in way[1:-1].tolist()],
         "candidates": {
             "count": CANDIDATES + alternative.candidates,
-            "window_m": float(np.clip(0.8 * reach, 0.1, 0.5)),
-            "margin_m": terrain.footholds.margin_m,
+            "window_m": max(0.8 * reach, 0.01),
+            "margin_m": terrain.footholds.inset_m,
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
     }
+    rooms = {"first_radius_m": BodySpec().first_radius_m * body.size}
+    if not body.source.own:  # of others the height says it, too
+        rooms["com_radius_m"] = BodySpec().com_radius_m * body.size
+    update["body"] = BodySpec(**rooms)
     if len(body.limbs) < 4:  # the body goes from over one foot to over another
         aside = float(np.linalg.norm(toes[:, :2], axis=1).max())
         between = np.linalg.norm(toes[:, None, :2] - toes[:, :2], axis=2)
         nearest = float(between[between > 0.0].min(initial=np.inf))
-        window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02))
+        window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02 * body.size))
         update["candidates"]["window_m"] = window
         room = max(spec.body.com_radius_m, SWAY * aside)
-        update["body"] = spec.body.model_copy(update={"com_radius_m": room})
+        update["body"] = spec.body.model_copy(update=rooms | {"com_radius_m": room})
         update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * SWAY * aside)
+    update["weights"] = {"tilt": Weights().tilt * body.size**2}
     if not alternative.near_toes:
-        update["weights"] = {"stance": 0.0}
+        update["weights"]["stance"] = 0.0
     if alternative.level:
         update["body"] = described(**{k: v for k, v in update.items() if k == "body"}).level()
     return described(stance=spec.stance, **update)
@@ -185,7 +199,7 @@ def laid_between(
     start_m: Array | Sequence[float],
     goal_m: Array | Sequence[float],
     *,
-    robot: Robot | str | None = None,
+    robot: Robot | str | Path | None = None,
     frames: int | None = None,
     standing: StandingMap | None = None,
 ) -> LaidBetween:
@@ -193,22 +207,19 @@ def laid_between(
     ``course_between``.
 
     Arguments:
-        terrain: its footholds, or its file.
+        terrain: its footholds; or its file or name, whose footholds are those for the robot's feet.
     """
+    from ..robot.robot_file import robot_of  # reads files
+
+    who = None if robot is None else robot_of(robot)
+    found = terrain if isinstance(terrain, Footholds) else footholds_for(who, terrain)
     start, goal = (
         read_only(place, (2,), name).tolist()
         for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m))
     )
     count = None if frames is None else checked_int(frames, "frames", least=1, most=MOST_FRAMES)
-    over = (
-        FileTerrain.of(terrain)
-        if isinstance(terrain, Footholds)
-        else FileTerrain(file=str(Path(terrain).resolve()))
-    )
-    who = str(Path(robot).resolve()) if isinstance(robot, str) and Path(robot).suffix else robot
-
     return LaidBetween(
-        terrain=over,
+        terrain=FileTerrain.of(found),
         start_m=tuple(start),
         goal_m=tuple(goal),
         robot=who,
@@ -226,7 +237,7 @@ class LaidBetween:
     terrain: FileTerrain
     start_m: tuple[float, ...]
     goal_m: tuple[float, ...]
-    robot: Robot | str | None
+    robot: Robot | None
     frames: int | None
     standing: StandingMap | None = None
     straight: bool = False
@@ -245,9 +256,7 @@ class LaidBetween:
 
         Raises InvalidInput.
         """
-        from ..robot.robot_file import robot_of  # reads files
-
-        robot = robot_of("hexapod" if self.robot is None else self.robot)
+        robot = self.robot or hexapod()
         terrain = self.terrain.along(np.array([self.goal_m]), Path())
         far = max(float(np.linalg.norm(limb.shoulder_m)) + limb.reach_m for limb in robot.limbs)
         return Passage(
@@ -258,6 +267,30 @@ class LaidBetween:
             start_m=np.array(self.start_m),
             goal_m=np.array(self.goal_m),
             near_m=NEAR * far,
+        )
+
+    @cached_property
+    def origin_m(self) -> Array:
+        """Origin about which the course is planned, shape (3,) [m]: the world's, or where the start is
+        far from that a round place near it, so that no digits of contacts' moments are lost.
+        """
+        if self.standing is not None or self.terrain.given is None:
+            return np.zeros(3)
+        heights = self.terrain.given.pieces[0].patch.vertices_m[:, 2]
+        place = np.array([*self.start_m, float(heights.mean())])
+        return np.asarray(ROUND_M * np.round(place / ROUND_M))
+
+    @cached_property
+    def local(self) -> LaidBetween:
+        """The same question about that origin."""
+        if self.terrain.given is None or not self.origin_m.any():
+            return self
+        x, y, _ = self.origin_m.tolist()
+        return replace(
+            self,
+            terrain=FileTerrain.of(self.terrain.given.moved(-self.origin_m)),
+            start_m=(self.start_m[0] - x, self.start_m[1] - y),
+            goal_m=(self.goal_m[0] - x, self.goal_m[1] - y),
         )
 
     @cached_property

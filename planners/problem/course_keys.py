@@ -304,7 +304,7 @@ class CourseSpec(_Keys):
         body = {}
         if "com_radius_m" not in self.body.model_fields_set:
             high_m = -float(standing_toes(model)[:, 2].mean())
-            body["com_radius_m"] = max(self.body.com_radius_m, BODY_ROOM * high_m)
+            body["com_radius_m"] = max(self.body.com_radius_m * robot.size, BODY_ROOM * high_m)
         if "tilt_limit_rad" not in self.body.model_fields_set and sets == "inner":
             body["tilt_limit_rad"] = LEVEL_RAD
         if body:

@@ -49,6 +49,7 @@ def build_course(
         alternative: another way to lay it out.
     """
     robot = spec.make_robot(folder, sets)
+    spec = spec.model_copy(update={"terrain": spec.terrain.for_robot(robot)})
     if reach is not None:
         from ..robot.reach_file import read_reach
 

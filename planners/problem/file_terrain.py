@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, PrivateAttr, ValidationError
 
@@ -11,11 +11,56 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import KEYS
 from ..files.validation import validation_errors
-from ..terrain.foothold_search import read_footholds
-from ..terrain.footholds import FootholdLimits, Footholds
+from ..robot.model import Robot
+from ..robot.robot_file import BUILT_IN, named_robot
+from ..terrain.footholds import FRICTION, FootholdLimits, Footholds
 from ..terrain.import_options import MOST_TRIANGLES, ImportOptions
 from ..terrain.terrain import Terrain
 from .terrain_spec import MOST_PATCHES, Length, Point, Positive, TerrainSpec
+
+if TYPE_CHECKING:
+    from ..terrain.heightfield import HeightField
+
+
+def footholds_for(
+    robot: Robot | str | Path | None,
+    source: HeightField | str | Path,
+    *,
+    options: ImportOptions = ImportOptions(),
+    limits: FootholdLimits = FootholdLimits(),
+    friction: float = FRICTION,
+) -> Footholds:
+    """The footholds of a terrain for a robot: what the limits leave open follows its feet.
+
+    Every door of a terrain, or of a course over one, asks here.
+
+    Arguments:
+        robot: a robot, its name or its file; None for feet of ``FOOT_M``, as the default hexapod.
+        source: a height field, a file, or the name of a ground.
+
+    Raises:
+        InvalidInput: for what cannot be read, and a terrain without footholds.
+    """
+    from ..terrain.elevation import ElevationMap
+    from ..terrain.foothold_search import check_unasked, footholds_of
+    from ..terrain.heightfield import HeightField
+    from ..terrain.reference import footholds_on  # splines are slow to import
+
+    limits = limits.for_foot(*_foot(robot))
+    if not isinstance(source, HeightField):
+        return footholds_on(source, options, limits, friction)
+    check_unasked(options, source.name)
+    return footholds_of(ElevationMap.of_field(source), limits, friction)
+
+
+def _foot(robot: Robot | str | Path | None) -> tuple[float, float]:
+    """The largest radius of its feet, 0 where no file says it [m], and its size."""
+    if robot is None or str(robot) in BUILT_IN:
+        return 0.0, 1.0
+    if isinstance(robot, Robot):
+        return robot.source.known_radius_m, robot.size
+    model = named_robot(robot)
+    return max((leg.radius_m for leg in model.legs), default=0.0), model.size
 
 
 class FileTerrain(TerrainSpec):
@@ -25,7 +70,7 @@ class FileTerrain(TerrainSpec):
     Arguments:
         unit_m, up, offset_m, crop_m, spacing_m, height_m, holes, most_triangles: what its numbers
             mean, see ``ImportOptions``.
-        footholds: limits of places where toes may stand.
+        footholds: limits of places where toes may stand; what is None follows the robot's feet.
     """
 
     kind: Literal["mesh", "grid", "cloud", "file"] = "file"
@@ -39,7 +84,8 @@ class FileTerrain(TerrainSpec):
     holes: Literal["no-go", "fill"] = "no-go"
     most_triangles: Annotated[int, Field(ge=1)] = MOST_TRIANGLES
     footholds: Annotated[FootholdLimits, KEYS] = FootholdLimits()
-    _found: Footholds | None = PrivateAttr(None)
+    _given: Footholds | None = PrivateAttr(None)
+    _read: dict[str, Footholds] = PrivateAttr(default_factory=dict)
 
     @classmethod
     def of(cls, footholds: Footholds) -> FileTerrain:
@@ -67,23 +113,31 @@ class FileTerrain(TerrainSpec):
             raise InvalidInput(
                 f"{footholds.name}: {'; '.join(validation_errors(error, cls))}"
             ) from None
-        made._found = made._counted(footholds)
+        made._given = made._counted(footholds)
         return made
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """All of the file, wherever the path goes; read once."""
-        footholds = self._found
-        if footholds is None:
-            footholds = self._found = self.read(folder)
+        footholds = self._given or self.read(folder)
         sources = [piece.found for piece in footholds.pieces]
         standing = [piece for piece in sources if piece is not None] or footholds.pieces
         pieces = tuple(piece.on(self.friction) for piece in standing)
         lines = [patch for patch, piece in zip(pieces, standing, strict=True) if piece.turn_rad]
         each = [*(patch.with_friction(self.friction) for patch in footholds.surfaces), *lines]
-        return Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.margin_m)
+        return Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.inset_m)
+
+    @property
+    def given(self) -> Footholds | None:
+        """The footholds that it was made of; None of a file."""
+        return self._given
+
+    def for_robot(self, robot: Robot) -> Self:
+        """The terrain whose footholds follow the feet of a robot where its limits leave that open."""
+        limits = self.footholds.for_foot(*_foot(robot))
+        return self if self._given else self.model_copy(update={"footholds": limits})
 
     def read(self, folder: Path) -> Footholds:
-        """The footholds of the file, and its surfaces.
+        """The footholds of the file, and its surfaces; read once.
 
         Raises InvalidInput.
         """
@@ -99,7 +153,14 @@ class FileTerrain(TerrainSpec):
         )
         kind = None if self.kind == "file" else self.kind
         options = ImportOptions(kind=kind, **{key: getattr(self, key) for key in keys})
-        return self._counted(read_footholds(folder / self.file, options, self.footholds))
+        key = str((folder / self.file, options, self.footholds))
+        if key not in self._read:
+            from ..terrain.foothold_search import read_footholds  # scipy and trimesh
+
+            self._read[key] = self._counted(
+                read_footholds(folder / self.file, options, self.footholds)
+            )
+        return self._read[key]
 
     def _counted(self, found: Footholds) -> Footholds:
         """Check the number of footholds and return them.

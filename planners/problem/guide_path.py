@@ -47,7 +47,6 @@ RARE = 3.0
 ROOMS = ((0.0, np.inf), (0.06, 4.0), (0.12, 2.0), (0.18, 1.3))
 """How much room there is between footprint and solids [m], and what a way with less costs by its
 length."""
-_ROOMS_M = tuple(distance for distance, _ in ROOMS)
 AVOIDED_M, AVOIDED = 0.5, 6.0
 """About a place where a plan failed before a way costs so many times its length, so far around
 [m]."""
@@ -85,6 +84,7 @@ class Footprint:
             way [m].
         names: names of the limbs.
         reach_m: mean reach of the limbs [m].
+        size: that of the robot, which the lengths of this page follow.
         belly_m: height of the trunk's lowest point over the centre of mass, where it is known [m].
     """
 
@@ -95,6 +95,7 @@ class Footprint:
     names: tuple[str, ...]
     reach_m: float
     belly_m: float = -np.inf
+    size: float = 1.0
 
     @classmethod
     def of(cls, robot: Robot, toes_m: Array) -> Footprint:
@@ -131,6 +132,7 @@ class Footprint:
             names=tuple(limb.name for limb in robot.limbs),
             reach_m=reach,
             belly_m=belly,
+            size=robot.size,
         )
 
     @classmethod
@@ -333,14 +335,15 @@ class _Lattice:
         corners = np.concatenate([patch.vertices_m for patch in standing])[:, :2]
         room = float(np.abs(toes[:, :2]).max()) + ASIDE * reach
         low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
-        spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
+        spacing = max(LATTICE_M * footprint.size, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
         shape = np.ceil((high - low) / spacing).astype(int) + 1
         heights, slopes = _rastered(standing, low, spacing, shape)
         layered = bool(np.nanmax(heights[0] - heights[1], initial=0.0) > apart * reach)
         k = int(lowest)
         heights[k][_pits(heights[k], int(ASIDE * reach / spacing), apart * reach)] = np.nan
         stood = cls._stood(heights[k], slopes[k], low, spacing, footprint, apart)
-        blocked, by = _room(surfaces, footprint, stood["z_m"], stood["slope"], low, spacing)
+        rooms = [footprint.size * room for room, _ in ROOMS]
+        blocked, by = _room(surfaces, footprint, stood["z_m"], stood["slope"], low, spacing, rooms)
         return cls(
             **stood | _worth(stood["worth"], blocked), by=by, layered=layered, surfaces=surfaces
         )
@@ -453,7 +456,7 @@ class _Lattice:
         worth = self.worth
         for place in avoid_m:
             off = np.linalg.norm(self._places() - place[:2], axis=-1)
-            worth = np.where(off < AVOIDED_M, AVOIDED * worth, worth)
+            worth = np.where(off < AVOIDED_M * self.footprint.size, AVOIDED * worth, worth)
         free = self.free
         if standing is not None:
             verdict = standing.at(self._places(), 0.0)
@@ -465,7 +468,9 @@ class _Lattice:
         points, rooms = self._shortened(path, worth, free)
         points[0, :2], points[-1, :2] = start, goal
         least = min((ROOMS[number - 1][0] for number in rooms if number > 0), default=ROOMS[-1][0])
-        return GuidePath(points_m=_straightened(points), room_m=least)
+        return GuidePath(
+            points_m=_straightened(points, STRAIGHT_M * self.footprint.size), room_m=least
+        )
 
     @property
     def _border(self) -> tuple[Array, Array]:
@@ -862,7 +867,7 @@ def _room(
     slope: Array,
     low: Array,
     spacing: float,
-    rooms: Sequence[float] = _ROOMS_M,
+    rooms: Sequence[float],
     scale: float = 1.0,
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """At every node the number of the first of ``rooms`` [m] that is not there, and which surface
@@ -1075,7 +1080,7 @@ def _pair(
     return here, there
 
 
-def _straightened(points: Array) -> Array:
+def _straightened(points: Array, off_m: float) -> Array:
     """The way without points that are close to straight lines between the others (Douglas and
     Peucker).
     """
@@ -1086,8 +1091,8 @@ def _straightened(points: Array) -> Array:
     share = np.clip(about @ line / max(float(line @ line), 1e-12), 0.0, 1.0)
     off = np.linalg.norm(about - share[:, None] * line, axis=1)
     farthest = int(off.argmax())
-    if off[farthest] <= STRAIGHT_M:
+    if off[farthest] <= off_m:
         return points[[0, -1]]
     return np.concatenate(
-        [_straightened(points[: farthest + 1])[:-1], _straightened(points[farthest:])]
+        [_straightened(points[: farthest + 1], off_m)[:-1], _straightened(points[farthest:], off_m)]
     )

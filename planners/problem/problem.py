@@ -212,6 +212,24 @@ class Problem:
         if self.sides is not None:
             set_field(self, "sides", read_only(self.sides, (len(self.least_steps), 4), "sides"))
 
+    def moved(self, by_m: Array) -> Problem:
+        """The problem in a world that is moved, by a vector of shape (3,) [m]."""
+        footholds = (
+            replace(
+                foothold,
+                toe_m=None if foothold.toe_m is None else foothold.toe_m + by_m,
+                candidates=tuple(patch.moved(by_m) for patch in foothold.candidates),
+            )
+            for foothold in self.footholds
+        )
+        return replace(
+            self,
+            terrain=tuple(patch.moved(by_m) for patch in self.terrain),
+            footholds=tuple(footholds),
+            com_nominal_m=self.com_nominal_m + by_m,
+            goal_m=self.goal_m + by_m,
+        )
+
     def check_whole(self) -> None:
         """Raise InvalidInput for sides: they say less than the least steps that they stand for, and
         are for planners that go through all of them.

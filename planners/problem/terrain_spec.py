@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -13,6 +13,9 @@ from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from ..terrain.sole import checked_sole
 from ..terrain.terrain import Terrain
+
+if TYPE_CHECKING:
+    from ..robot.model import Robot
 
 MOST_PATCHES = 5000
 ROOM_M = 0.002
@@ -40,6 +43,10 @@ class TerrainSpec(BaseModel, ABC):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     friction: Friction = 1.0
+
+    def for_robot(self, robot: Robot) -> Self:
+        """The terrain with what follows the robot's feet."""
+        return self
 
     @abstractmethod
     def along(self, path_m: Array, folder: Path) -> Terrain:

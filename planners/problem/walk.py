@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +23,8 @@ Timings = Literal["fixed", "optimised"]
 SUCTION = 2.0
 """Pull of an adhesive foot where a task does not say, in units of m·g; walks out of steep pits take
 1.5."""
+SAME_RAD = 1e-9
+"""Headings closer than this are one, so that whole turns added to one of them change nothing."""
 STEEPEST = 1.0
 """Gradient of the terrain beyond which a foot without suction cannot hold: no start and no goal
 there."""
@@ -36,9 +39,9 @@ class Walk:
         terrain: a height field.
         start_xy_m, goal_xy_m: places of the torso's centre of mass at the start and at the end,
             shape (2,) [m].
-        start_yaw_rad: heading at the start [rad].
-        end_yaw_rad: heading at the end; None for that of the start. The robot turns by exactly the
-            difference of the two, also if that is more than half a turn [rad].
+        start_yaw_rad: heading at the start, kept within half a turn of x [rad].
+        end_yaw_rad: heading at the end; None for that of the start. The robot turns the shorter way
+            round, and it is kept within half a turn of the start [rad].
         duration_s: T [s], up to 120.
         friction: ν of W5; less makes walks slower to find, and gentler.
         adhesive: truth values, True for feet that stick, one per foot; empty for none.
@@ -108,6 +111,10 @@ class Walk:
             lambda: self._set("friction", checked(self.friction, "friction", above=0.0, most=10.0)),
             lambda: self._set("suction_n", checked(sucks, "suction_n", least=0.0)),
         )
+        self._set("start_yaw_rad", math.remainder(self.start_yaw_rad, math.tau))
+        if self.end_yaw_rad is not None:
+            turn = math.remainder(self.end_yaw_rad - self.start_yaw_rad, math.tau)
+            self._set("end_yaw_rad", self.start_yaw_rad + (turn if abs(turn) > SAME_RAD else 0.0))
         collect_errors(lambda: self._check_place("start"), lambda: self._check_place("goal"))
 
     @classmethod

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 HEXAPOD = "hexapod"
 USUAL_SERVO = Servo()
 """The drives of legs that are drawn up where nothing else is said."""
+REACH_M = 0.35
+"""Reach of the limbs of the default hexapod [m]."""
 SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by
 so much [m]."""
@@ -291,6 +293,15 @@ class Robot:
         )
 
     @property
+    def size(self) -> float:
+        """Size of the robot, 1 of the default hexapod and of a dog with legs of 0.48 m: lengths that
+        nobody says follow it.
+        """
+        if self.source.own:
+            return self.source.own_model().size
+        return max((limb.reach_m for limb in self.limbs), default=REACH_M) / REACH_M
+
+    @property
     def weight_n(self) -> float:
         """Weight m·g, the unit of forces of the gait optimiser [N]."""
         return self.mass_kg * GRAVITY_M_S2
@@ -368,7 +379,7 @@ def hexapod() -> Robot:
 
 @lru_cache(maxsize=1)
 def _hexapod_limbs() -> tuple[Limb, ...]:
-    radius_m, reach_m = 0.18, 0.35
+    radius_m, reach_m = 0.18, REACH_M
     azimuth_deg = {"LF": 30.0, "LM": 90.0, "LR": 150.0, "RF": -30.0, "RM": -90.0, "RR": -150.0}
     return tuple(
         Limb(

@@ -57,6 +57,10 @@ DROP = 0.75
 """Share of how far below its hip a foot can be, at which it stands."""
 SAMPLES = 4000
 NEAREST = 200
+ALONG = 0.1
+"""A joint's axis is along the first of x, y and z that it has more of."""
+EASINGS, EASING = 100, 0.1
+"""Steps towards the middle of the limits, and the longest of one, in halves of them."""
 BACKWARD = 0.2
 """Preference of a knee to the rear, where both ways are as good: all legs then bend alike."""
 
@@ -68,10 +72,16 @@ def standing(leg: Leg) -> Array:
     reaches. Of the sampled postures whose feet are near, the one nearest the middle of its limits
     is brought there.
     """
-    angles = leg.random_angles(SAMPLES, np.random.default_rng(0))
-    feet = leg.chain.feet(angles)
     rest = np.clip(np.zeros(len(leg.joints)), leg.lower_rad, leg.upper_rad)
-    hip = leg.chain.frames(rest[None])[1][0][min(1, len(leg.joints) - 1)]
+    turns, places = (each[0] for each in leg.chain.frames(rest[None]))
+    hip = places[min(1, len(leg.joints) - 1)]
+    axes = np.einsum("nij,nj->ni", turns, leg.chain.axes)
+    if hip[1] < 0.0:  # as of its mirror image on the left: the same joints are drawn the same way
+        axes = axes * np.array([-1.0, 1.0, -1.0])
+    angles = leg.random_angles(SAMPLES, np.random.default_rng(0))
+    backward = np.array([axis[np.argmax(np.abs(axis) > ALONG)] < 0.0 for axis in axes])
+    angles = np.where(backward, leg.lower_rad + leg.upper_rad - angles, angles)
+    feet = leg.chain.feet(angles)
     straight = leg.chain.feet(rest[None])[0]
     target = np.array(
         [hip[0], 0.5 * (hip[1] + straight[1]), hip[2] + DROP * (float(feet[:, 2].min()) - hip[2])]
@@ -84,7 +94,28 @@ def standing(leg: Leg) -> Array:
     ) + 1e3 * np.maximum(error - REACHED_M, 0.0)
     knees = leg.chain.frames(angles_found)[1][:, -1]
     strain = strain + BACKWARD * (knees[:, 0] - hip[0]) / max(leg.chain.length_m, 1e-9)
-    return np.asarray(angles_found[int(np.argmin(strain))])
+    best = np.asarray(angles_found[int(np.argmin(strain))])
+    return best if len(best) <= 3 else _eased(leg, best)
+
+
+def _eased(leg: Leg, angles: Array) -> Array:
+    """The posture with the foot of this one whose joints are nearest to the middle of their limits.
+
+    A leg of more than three joints has one by its geometry alone, and not by a draw: legs that are
+    each other's mirror images stand as mirror images. min ‖u‖ under f(u) = f(q), linearised.
+    """
+    middle, half = 0.5 * (leg.lower_rad + leg.upper_rad), 0.5 * (leg.upper_rad - leg.lower_rad)
+    target, eased = leg.chain.feet(angles[None]), (angles - middle) / np.maximum(half, 1e-9)
+    for _ in range(EASINGS):
+        foot, jacobian = leg.chain.feet_and_jacobian((middle + half * eased)[None])
+        free = np.ones(len(eased), dtype=bool)
+        for _ in range(2):  # the second time without joints that are held at their limits
+            rows = jacobian[0] * half * free
+            step = free * (np.linalg.pinv(rows) @ (rows @ eased + (target - foot)[0]) - eased)
+            free &= (np.abs(eased) < 1.0) | (step * eased < 0.0)
+        eased = np.clip(eased + np.clip(step, -EASING, EASING), -1.0, 1.0)
+    found, error = descend(leg, target, (middle + half * eased)[None])
+    return found[0] if error[0] <= REACHED_M else angles
 
 
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
@@ -104,6 +135,8 @@ STRAIGHT, BENT = 0.94, 0.9
 a leg is straight, and it bends if it gets to the second."""
 KNEE_RAD = 0.6
 """Angle by which the knee of a straight leg is bent."""
+LEG_M = 0.48
+"""Length of the links of a leg of a robot whose size is 1 [m]."""
 STANDS = 0.25
 """Share of its length by which a leg's foot is below its hip, where a robot stands."""
 IDENTITY_DIGITS = 12
@@ -178,6 +211,11 @@ class RobotModel:
     def built(self) -> Any:
         """pinocchio's model of it on a free-flying base, made once; who changes it takes a copy."""
         return built(self.urdf, self.name)
+
+    @property
+    def size(self) -> float:
+        """Length of the longest leg's links, in those of a dog of ``LEG_M``."""
+        return max(leg.chain.length_m for leg in self.legs) / LEG_M
 
     @property
     def leg_names(self) -> tuple[str, ...]:

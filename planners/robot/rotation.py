@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,6 +52,21 @@ def rotations_of(vectors: Array) -> Array:
         (2.0 * (xz - yw), 2.0 * (yz + xw), -xx - yy + zz + ww),
     )
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def continued(vectors: Array) -> Array:
+    """The same rotations by the vectors that are nearest to the one before, shape (K, 3) [rad].
+
+    A heading that passes half a turn goes on there, where rotation vectors jump by a whole one.
+    """
+    result = np.array(vectors, dtype=np.float64)
+    if not np.any(np.linalg.norm(np.diff(result, axis=0), axis=1) > math.pi):
+        return result
+    for before, vector in pairwise(result):  # rows of it, which are changed
+        if (angle := float(np.linalg.norm(vector))) > 0.0:
+            axis = vector / angle
+            vector += math.tau * np.rint((before @ axis - angle) / math.tau) * axis
+    return result
 
 
 def between_rotations(first: Array, last: Array, share: Array) -> Array:

@@ -392,7 +392,7 @@ def of_heights(field: HeightField, friction: float, begin_m: Array, box_m: Array
         patches=footholds.surfaces,
         footing=(False,) * len(footholds.surfaces),
         footholds=tuple(piece.patch for piece in footholds.pieces),
-        inset_m=limits.margin_m,
+        inset_m=limits.inset_m,
         rise=float(plane[1]),
         figures={
             "deviation_m": float(np.sqrt(np.mean(off**2))),

@@ -55,7 +55,7 @@ def footholds_of(
         )
         hint = ""
         if footholds.refused_m2["edge"] + footholds.refused_m2["small"] > 0.0:
-            hint = f"; no surface has room for a foot that is {2e3 * limits.margin_m:.3g} mm wide (margin_m)"
+            hint = f"; no surface has room for a foot that is {2e3 * limits.inset_m:.3g} mm wide (margin_m)"
             if isinstance(terrain, TriangleMesh) and len(footholds.surfaces) > SINGLE * len(
                 terrain.triangles
             ):

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ..files.arrays import Array
 from ..files.codec import Within, check_limits
 from .certainty import FOUND_SD_M
 from .patch import Patch
@@ -19,6 +20,8 @@ SLOPE_RAD = 0.6
 """About the friction cone of μ = .68."""
 FOOT_M = 0.02
 """Radius of a foot where no robot says otherwise [m]."""
+FRICTION = 0.8
+"""Coefficient of a terrain where nobody says another."""
 CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
 REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "round", "hole")
 """Why a surface is no foothold: its slope; something else within the clearance above it; a solid
@@ -35,9 +38,11 @@ class FootholdLimits:
 
     Arguments:
         slope_rad: largest angle between the surface's normal and the vertical [rad].
-        clearance_m: what is free above the surface, along its normal [m].
-        margin_m: of every foothold from the borders of its surface [m].
-        width_m: least width of what is left [m].
+        clearance_m: what is free above the surface, along its normal; None for ``CLEARANCE_M`` of
+            a robot of size 1, and as much more or less as it is larger or smaller [m].
+        margin_m: of every foothold from the borders of its surface; None for the radius of the
+            robot's foot, or ``FOOT_M`` by its size where nobody says what that is [m].
+        width_m: least width of what is left; None likewise [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
         noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
             roughness; None estimates it from the heights [m].
@@ -49,27 +54,42 @@ class FootholdLimits:
 
     Example:
         >>> from stancekit import FootholdLimits
-        >>> FootholdLimits(slope_rad=0.4).margin_m
-        0.02
+        >>> FootholdLimits(slope_rad=0.4).for_foot(0.03).margin_m
+        0.03
     """
 
     slope_rad: Annotated[float, Within(least=0.0, most=np.pi)] = SLOPE_RAD
-    clearance_m: Length = CLEARANCE_M
-    margin_m: Length = FOOT_M
-    width_m: Length = FOOT_M
+    clearance_m: Length | None = None
+    margin_m: Length | None = None
+    width_m: Length | None = None
     roughness_m: Annotated[float, Within(above=0.0, most=1.0)] = ROUGHNESS_M
     noise_m: Length | None = None
 
     def __post_init__(self) -> None:
         check_limits(self)
 
-    @classmethod
-    def for_foot(cls, radius_m: float, **others: Any) -> FootholdLimits:
-        """The limits whose margin and least width are a foot's radius, or ``FOOT_M`` where that is
-        0.
+    def for_foot(self, radius_m: float, size: float = 1.0) -> FootholdLimits:
+        """These limits, what is None of them filled in for a foot of this radius, 0 where nobody
+        says it, and a robot of this size.
         """
-        foot = radius_m or FOOT_M
-        return cls(**{"margin_m": foot, "width_m": foot, **others})
+        foot = radius_m or FOOT_M * size
+        usual = {"margin_m": foot, "width_m": foot, "clearance_m": CLEARANCE_M * size}
+        return replace(self, **{k: v for k, v in usual.items() if getattr(self, k) is None})
+
+    @property
+    def inset_m(self) -> float:
+        """The margin, of ``FOOT_M`` where it is None [m]."""
+        return FOOT_M if self.margin_m is None else self.margin_m
+
+    @property
+    def least_m(self) -> float:
+        """The least width likewise [m]."""
+        return FOOT_M if self.width_m is None else self.width_m
+
+    @property
+    def headroom_m(self) -> float:
+        """What is free above, likewise [m]."""
+        return CLEARANCE_M if self.clearance_m is None else self.clearance_m
 
     @property
     def rms_m(self) -> float:
@@ -204,6 +224,19 @@ class Footholds:
     noise_m: float | None = None
     noise_length_m: float = 0.0
 
+    def moved(self, by_m: Array) -> Footholds:
+        """The footholds of the terrain elsewhere, by a vector of shape (3,) [m]."""
+        pieces = (replace(piece, patch=piece.patch.moved(by_m)) for piece in self.pieces)
+        surfaces = (patch.moved(by_m) for patch in self.surfaces)
+        return replace(self, pieces=tuple(pieces), surfaces=tuple(surfaces))
+
+    @property
+    def extent_m(self) -> Array:
+        """The least and the largest x, y and z of the terrain, shape (3, 2) [m]."""
+        patches = [*self.surfaces, *(piece.patch for piece in self.pieces)]
+        corners = np.concatenate([patch.vertices_m for patch in patches])
+        return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
+
     @property
     def noise_source(self) -> str:
         """Words for the source of the noise: given, or estimated; and for its correlation."""
@@ -218,6 +251,7 @@ class Footholds:
         """JSON-ready values."""
         return {
             "terrain": self.name,
+            "extent_m": dict(zip("xyz", self.extent_m.tolist(), strict=True)),
             "area_m2": self.area_m2,
             "refused_m2": self.refused_m2,
             "noise_m": self.noise_m,

@@ -190,9 +190,9 @@ def _planes_of(
     bumps_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
     shape_m = float(np.hypot(bumps_m, HIDDEN * unseen_m))
     sure = (
-        certainties(labels, cells, noise_m, limits.margin_m, shape_m, looked=unseen_m > 0.0)
+        certainties(labels, cells, noise_m, limits.inset_m, shape_m, looked=unseen_m > 0.0)
         if noisy
-        else roughnesses(labels, cells, limits.margin_m)
+        else roughnesses(labels, cells, limits.inset_m)
     )
     excess_m2 = np.zeros(0)
     if noisy and len(planes):
@@ -240,7 +240,7 @@ def _planes_of(
         if facet.certainty is not None and not noisy:
             whole = replace(facet.certainty, wider_m=spacing)
         elif facet.certainty is not None:
-            wider = (facet.certainty.inset_m - limits.margin_m) / spacing + STRAIGHT
+            wider = (facet.certainty.inset_m - limits.inset_m) / spacing + STRAIGHT
             whole = replace(facet.certainty, wider_m=wider * spacing)
         outer = _outline(labels[where] == number, corner, spacing, plane, wider)
         outline_of = replace(facet, polygon=outer).patches(SMALLEST_M, friction)

@@ -68,8 +68,8 @@ class MapRung:
     ) -> tuple[TerrainPatch, ...]:
         """The line as footholds where it is seen, the margin away from each end."""
         pieces = list[TerrainPatch]()
-        for low, high in self.seen_m + limits.margin_m * np.array([1.0, -1.0]):
-            if high - low <= limits.width_m:
+        for low, high in self.seen_m + limits.inset_m * np.array([1.0, -1.0]):
+            if high - low <= limits.least_m:
                 continue
             patch = self.rung.line(low, high, friction)
             patch = patch.with_friction(held_on_both_sides(friction, self.turn_rad))

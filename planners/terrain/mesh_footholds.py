@@ -247,7 +247,7 @@ axes."""
 
 def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) -> Footholds:
     """The footholds of a mesh; its other facets are surfaces only."""
-    rungs, corners = rungs_of(mesh, limits.slope_rad, 2.0 * limits.margin_m), mesh.spread_m
+    rungs, corners = rungs_of(mesh, limits.slope_rad, 2.0 * limits.inset_m), mesh.spread_m
     flat = np.ones(len(corners), dtype=bool)
     flat[np.concatenate([np.zeros(0, dtype=np.int_), *(rung.triangles for rung in rungs)])] = False
     facets = facets_of(mesh, flat)
@@ -258,10 +258,10 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         area = facet.polygon.area
         if facet.plane.normal[2] < np.cos(limits.slope_rad) - 1e-9:
             refused["steep"] += area
-        elif area < limits.width_m * limits.width_m * 0.5:
+        elif area < limits.least_m * limits.least_m * 0.5:
             refused["small"] += area
         else:
-            free = around.uncovered(facet, limits.clearance_m)
+            free = around.uncovered(facet, limits.headroom_m)
             refused["covered"] += area - free.area
             standing.append((number, replace(facet, polygon=free)))
     outside = around.outside([facet for _, facet in standing])
@@ -301,7 +301,7 @@ def _on_rungs(
         first: number of the first rung as a surface.
     """
     lines = [rung.line(mesh.spread_m[rung.triangles]) for rung in rungs]
-    under = [replace(line, polygon=around.uncovered(line, limits.clearance_m)) for line in lines]
+    under = [replace(line, polygon=around.uncovered(line, limits.headroom_m)) for line in lines]
     pieces = list[TerrainPatch]()
     for number, (each, line, free, outer) in enumerate(
         zip(rungs, lines, under, around.outside(under), strict=True)
@@ -312,10 +312,10 @@ def _on_rungs(
         for part in parts_of(outer):
             low, _, high, _ = part.bounds
             whole = part.area >= WHOLE * 2.0 * rung.half_width_m * (high - low)
-            if not whole or high - low <= 2.0 * limits.margin_m + limits.width_m:
+            if not whole or high - low <= 2.0 * limits.inset_m + limits.least_m:
                 refused["small" if whole else "covered"] += part.area
                 continue
-            patch = rung.line(low + limits.margin_m, high - limits.margin_m, friction)
+            patch = rung.line(low + limits.inset_m, high - limits.inset_m, friction)
             patch = patch.with_friction(held_on_both_sides(friction, each.turn_rad))
             pieces.append(
                 TerrainPatch(
@@ -388,7 +388,7 @@ def standing_pieces(
         margin_m: another margin than that of the limits [m].
         strips: whether it is flat enough for narrow ones.
     """
-    margin_m = limits.margin_m if margin_m is None else margin_m
+    margin_m = limits.inset_m if margin_m is None else margin_m
     inner = free.buffer(-margin_m, join_style="mitre") if margin_m > 0.0 else free
     patches = [
         TerrainPatch(
@@ -399,7 +399,7 @@ def standing_pieces(
         )
         for part in parts_of(inner)
         for patch in _standing(
-            replace(facet, polygon=part), limits.width_m, friction, strips=strips
+            replace(facet, polygon=part), limits.least_m, friction, strips=strips
         )
     ]
     refused["edge"] += max(free.area - inner.area, 0.0)

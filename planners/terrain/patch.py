@@ -5,7 +5,7 @@ contact frame.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -120,6 +120,16 @@ class Patch:
         vertices = read_only(vertices_m, (None, 3), "vertices_m")
         self._check_polygon(vertices)
         return self._moved_to(vertices)
+
+    def moved(self, by_m: Array) -> Patch:
+        """Patch elsewhere, by a vector of shape (3,) [m]; its polygon is not looked at again.
+
+        Raises InvalidInput.
+        """
+        new = self._moved_to(read_only(self.vertices_m + by_m, (None, 3), "vertices_m"))
+        if (sure := self.certainty) is None:
+            return new
+        return new.with_certainty(replace(sure, about_m=sure.about_m + by_m[:2]))
 
     def _moved_to(self, vertices: Array) -> Patch:
         new = self._with("vertices_m", vertices)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import LARGEST, Array
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M
 from .import_options import OTHER_UNIT, ImportOptions
@@ -95,6 +95,8 @@ def _raise(
 
 WELD_M = 1e-6
 """Corners closer than this are one [m]: STL files have no others."""
+FARTHEST_M = 0.9 * LARGEST
+"""No corner of a terrain is farther from the origin [m]."""
 LARGEST_M, SMALLEST_MESH_M = 50.0, 0.01
 """A terrain is no larger and no smaller than this from end to end [m]: what is, is in another
 unit."""
@@ -193,7 +195,13 @@ class TriangleMesh:
 
     def check_size(self) -> None:
         """Raise InvalidInput for a mesh that nobody walks on."""
-        size = float(np.ptp(self.corners_m, axis=0).max())
+        size, far = float(np.ptp(self.corners_m, axis=0).max()), np.abs(self.corners_m).max()
+        if far > FARTHEST_M:
+            there = ",".join(f"{-round(each)}" for each in self.corners_m.mean(axis=0).tolist())
+            raise InvalidInput(
+                f"{self.name}: expected a terrain within {FARTHEST_M:g} m of the origin, got one "
+                f"{far:.4g} m away; offset_m moves it, by {there}"
+            )
         if size > LARGEST_M:
             raise InvalidInput(
                 f"{self.name}: expected a terrain of at most {LARGEST_M:g} m from end to end, got "

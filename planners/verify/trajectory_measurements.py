@@ -295,7 +295,8 @@ class TrajectoryMeasurements:
     def figures(self, cone: float) -> dict[str, float]:
         """Measurements that nothing is judged by.
 
-        Accelerations in g, balances in m·g and m·g·stand height; friction_needed: the least ν that
+        turn_rad: by how much the torso's x axis turns from x towards y, seen from above, whole turns
+        counted; accelerations in g, balances in m·g and m·g·stand height; friction_needed: the least ν that
         holds every standing foot that presses with more than .01 m·g; footing_friction: the least ν
         that would hold every standing foot on the ground within OFF_M of its place; outside_cone:
         share of the standing samples.
@@ -307,8 +308,11 @@ class TrajectoryMeasurements:
         pressing = self._gripping & (normal > 0.01 * self.weight_n)
         excess = self.cone().values[self._gripping]
         force, moment = self.force_residual(), self.moment_residual()
+        x, y, _ = self.trajectory.rotation[:, :, 0].T
+        facing = np.unwrap(np.arctan2(y, x))
         return {
             "duration_s": self.trajectory.duration_s,
+            "turn_rad": float(facing[-1] - facing[0]),
             "path_m": float(np.linalg.norm(np.diff(self.trajectory.torso_m, axis=0), axis=1).sum()),
             "peak_acceleration_g": float(np.linalg.norm(self.acceleration, axis=1).max())
             / GRAVITY_M_S2,

@@ -23,6 +23,7 @@ from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.motion.motion import Motion, Samples, between, stacked
 from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.rotation import continued
 from stancekit.planners.terrain.prism import Solid
 
 from ..control.foot_placement import ContactFeedback
@@ -116,10 +117,12 @@ class TimedMotion(Generic[M_co]):
     def _rows(self) -> Samples:
         profile, step_s = self.profile, float(self.profile.time_s[1])
         rows = stacked([target.sample for target in profile.targets])
+        turned = continued(rows.rotation_rad)
         return replace(
             rows,
+            rotation_rad=turned,
             velocity_m_s=np.gradient(rows.com_m, step_s, axis=0),
-            rotation_rate_rad_s=np.gradient(rows.rotation_rad, step_s, axis=0),
+            rotation_rate_rad_s=np.gradient(turned, step_s, axis=0),
             origin_m=np.array([target.origin_m for target in profile.targets]),
             angles_rad=profile.angles_rad,
             rates_rad_s=profile.velocity_rad_s,

@@ -117,9 +117,9 @@ def test_a_function_of_x_and_y_is_a_family_for_key_frames_too(tmp_path, monkeypa
     assert ended.value.code == 0
 
 
-def test_a_mesh_so_far_up_that_a_course_on_it_has_no_numbers_is_refused_in_one_line(refusal):
+def test_a_mesh_that_no_map_has_so_far_away_is_refused_with_what_mends_it(refusal):
     corners = "".join(f"v {x} {y} 1000000\n" for x, y in ((-2, -2), (2, -2), (2, 2), (-2, 2)))
     Path("far.obj").write_text(f"{corners}f 1 2 3\nf 1 3 4\n")
     said = refusal("plan", "far.obj", "--start=0,0", "--goal", "0.1,0")
-    assert said.startswith("far: start_m")
-    assert "expected less than or equal to 1000000, got 1000000.2" in said
+    assert said.startswith("far.obj: expected a terrain within 900000 m of the origin")
+    assert "--offset-m moves it, by 0,0,-1000000" in said

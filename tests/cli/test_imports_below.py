@@ -171,7 +171,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "terrain": {DRAWS: ("views.footholds", "views.page", "views.sheet")},
     "terrain_options": {
         LATER: (
-            "planners.robot.robot_file",
             "planners.terrain.footholds",
             "planners.terrain.import_options",
         )

@@ -129,12 +129,11 @@ class BetweenScenario:
             f"spec {alternative.message}".rstrip()
         )  # "spec" is that of the layout that is asked for
         if key not in self._laid:
-            robot = None if self.robot == "hexapod" else self.robot
             self._laid[key] = course_between(
                 self.terrain,
                 self.start_m,
                 self.goal_m,
-                robot=robot,
+                robot=self.robot,
                 frames=self.frames,
                 alternative=alternative,
             )

@@ -42,7 +42,7 @@ def leaning(reach_m: float = 0.02) -> Trajectory:
         mass_kg=model.body.mass_kg,
         inertia_kgm2=model.body.inertia_kgm2,
         feet=tuple(feet),
-        stand_height_m=model.stand_height_m,
+        stand_height_m=-float(toes[:, 2].mean()),
         trunk_half_m=np.array([0.3, 0.1, 0.05]),
         model=model,
     )

@@ -27,6 +27,7 @@ from tests.planners.robot.small_urdfs import (
     link,
     quadruped,
     robot,
+    small,
 )
 from tests.refusals import assert_names, refuses
 
@@ -523,3 +524,20 @@ def test_soft_limits_inside_hard_ones_are_kept_to() -> None:
     at = text.index("</joint>", text.index('name="LF_KFE"'))
     knee = model_of(text[:at] + soft + text[at:]).legs[0].joints[2]
     assert (knee.lower_rad, knee.upper_rad) == (-2.0, -0.5)
+
+
+def test_legs_that_are_mirror_images_stand_as_mirror_images() -> None:
+    parts = list[str]()
+    for name, (x, y) in {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}.items():
+        limits = '<limit lower="-1.4" upper="1.4" effort="40" velocity="10"/>'
+        at, parent = f"{0.3 * x} {0.15 * y} 0", "base"
+        for number, axis in enumerate(("0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0")):
+            child = f"{name}_{number}"
+            parts += [small(link(child), 1.0), joint(child, parent, child, at, axis, limits)]
+            parent, at = child, ("0 0 -.2" if number >= 2 else f"0 {0.03 * y} 0")
+        foot = small(link(f"{name}_FOOT", 0.1, '<sphere radius="0.02"/>'), 0.1)
+        parts += [foot, fixed(f"{name}_ANKLE", parent, f"{name}_FOOT", at)]
+    stances = np.array([leg.stance_rad for leg in model_of(robot(parts)).legs])
+    signs = np.array([-1.0, -1.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(stances[[1, 3]], signs * stances[[0, 2]], atol=1e-6)
+    np.testing.assert_allclose(stances[:2], stances[2:], atol=1e-6)

@@ -157,4 +157,4 @@ def test_bodies_keep_out_of_all_that_a_surface_between_samples_may_be(spacing_m)
         border = min(corners[:, 0].min() for corners in upper)
         assert x[x <= edge].max() - 1e-9 <= border <= edge
         on = [p.patch.vertices_m[:, 0].min() for p in found.pieces if p.patch.centre_m[2] > 0.03]
-        assert min(on) >= edge + FootholdLimits().margin_m - 1e-9
+        assert min(on) >= edge + FootholdLimits().inset_m - 1e-9

@@ -14,7 +14,7 @@ from tests.refusals import refuses
 
 trimesh = pytest.importorskip("trimesh")
 FOOT_M = 0.012
-FEET = FootholdLimits.for_foot(FOOT_M)
+FEET = FootholdLimits().for_foot(FOOT_M)
 RADIUS_M = 0.015
 
 
@@ -188,7 +188,7 @@ def test_bars_of_three_centimetres_and_as_far_apart_are_found_in_maps(spacing_m,
     heights = np.where(on, 0.0, -0.3)
     found = footholds_of(
         ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="bars"),
-        FootholdLimits.for_foot(0.009),
+        FootholdLimits().for_foot(0.009),
     )
     bars = [piece.patch for piece in found.pieces if piece.patch.centre_m[2] > -0.1]
     assert len(bars) == 8

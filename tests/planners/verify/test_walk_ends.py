@@ -11,6 +11,8 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.trajectory import robot_from_json
+from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.robot.rotation import continued
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.planners.verify.test_trajectories import standing
@@ -43,17 +45,35 @@ def test_a_foot_that_comes_down_from_before_the_file_or_leaves_it_in_the_air_is_
     assert not found & SWUNG
 
 
-def test_a_walk_ends_with_the_heading_asked_for_and_turns_on_the_spot() -> None:
+@pytest.mark.parametrize(("start", "turn", "wholly"), [(0.0, 0.4, 0), (3.0, 0.4, -1)])
+def test_a_walk_ends_with_the_heading_asked_for_and_turns_the_shorter_way(
+    start: float, turn: float, wholly: int
+) -> None:
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    found = stancekit.walk(level, (0.0, 0.0), end_yaw_rad=0.4, duration_s=2.0, chart="decoupled")
+    end, full = start + turn, 2.0 * np.pi * wholly
+    found = stancekit.walk(
+        level,
+        (0.0, 0.0),
+        start_yaw_rad=start - full,
+        end_yaw_rad=end + full,
+        duration_s=2.0,
+        chart="decoupled",
+    )
     assert found.status.value == "feasible", found.message
     walk = found.solution
     assert walk is not None
-    axis = walk.rotation[-1, :, 0]
-    assert float(np.arctan2(axis[1], axis[0])) == pytest.approx(0.4, abs=0.01)
-    assert walk.header()["asked"]["heading_end_rad"] == 0.4
-    otherwise = check_trajectory(replace(walk, heading_end_rad=0.3), body=False)
+    assert found.report is not None
+    assert found.report.figures["turn_rad"] == pytest.approx(turn, abs=0.01)
+    asked = walk.header()["asked"]
+    assert (asked["heading_rad"], asked["heading_end_rad"]) == pytest.approx((start, end))
+    otherwise = check_trajectory(replace(walk, heading_end_rad=end - 0.1), body=False)
     assert [group.name for group in otherwise.refused] == ["heading"]
+    assert check_trajectory(replace(walk, heading_end_rad=end + full), body=False).accepted
+    turned = GaitMotion(walk, walk.robot.source.foot_radii_m).at(np.linspace(0.0, 3.0, 50))
+    ahead = continued(turned.rotation_rad)
+    assert ahead[:, 2] - ahead[0, 2] == pytest.approx(
+        np.unwrap(turned.rotation_rad[:, 2]) - ahead[0, 2], abs=1e-6
+    )
 
 
 def test_a_robot_that_stands_higher_than_its_feet_are_is_none() -> None:

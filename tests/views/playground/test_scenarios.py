@@ -13,7 +13,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem.course_comparison import course_difference
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.verify import check_plan
-from stancekit.views.playground.answer import patient_answer, quick_answer
+from stancekit.views.playground.answer import quick_answer
 from stancekit.views.playground.fixed_scenario import FixedScenario
 from stancekit.views.playground.keys_scenario import KeysScenario
 from tests.refusals import assert_names, refuses
@@ -122,15 +122,6 @@ def test_what_makes_no_sense_is_one_sentence(change, name):
     assert answer.course is None
     assert answer.plan is None
     assert_names(answer.message, name)
-
-
-def test_a_patient_answer_is_that_of_the_command():
-    answer = patient_answer(KeysScenario.of("walls", frames=3))
-    assert answer.accepted
-    assert answer.share == 0.8
-    assert answer.report is not None
-    again = check_plan(answer.plan, joints=True)
-    assert again.digest == answer.report.digest
 
 
 def test_another_robot_stands_as_it_does(tmp_path):
