@@ -319,7 +319,6 @@ class Extent:
     """Numbers that hold a robot in any posture, tilted and turned in any way.
 
     Arguments:
-        feet: number of its feet.
         reach_m: largest distance of a contact from the centre of mass [m].
         apart_m: largest distance of contacts of two feet [m].
         sole_m: distance from the centre of a foot's place within which the foot may touch; 0 of a
@@ -328,7 +327,6 @@ class Extent:
             less the least distance from the trunk's border; inf where no trunk is known [m].
     """
 
-    feet: int
     reach_m: float
     apart_m: float
     sole_m: float
@@ -341,14 +339,12 @@ class Extent:
 
         Raises InvalidInput for a robot from a file with joints whose range nobody knows.
         """
-        count = len(robot.limbs)
         if robot.source.own:
             model = robot.source.own_model()
             model.check_known()
             sets, radii = outer_sets(model), contact_radii_m(model)
             stated = [leg.contact is not None for leg in model.legs]
             return cls(
-                feet=count,
                 reach_m=float((sets.reach_m + radii).max()),
                 apart_m=float((sets.apart_m + radii[:, None] + radii).max()),
                 sole_m=float(np.where(stated, radii, 0.0).max()),
@@ -366,9 +362,8 @@ class Extent:
         except InvalidInput:  # its legs are not known, nor is its trunk
             boxes, origin = [], np.zeros(3)
         return cls(
-            feet=count,
             reach_m=float((np.linalg.norm(shoulders, axis=1) + reach).max()),
-            apart_m=float((between * (1.0 - np.eye(count))).max()),
+            apart_m=float((between * (1.0 - np.eye(len(shoulders)))).max()),
             sole_m=max(soles),
             outward_m=min((_beyond(box, origin, origin) for box in boxes), default=np.inf),
         )

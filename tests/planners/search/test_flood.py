@@ -14,6 +14,7 @@ from stancekit import PlanSettings, Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.passage import Passage
+from stancekit.planners.problem.solid_tops import tops_of_solids
 from stancekit.planners.robot.outer_sets import Extent
 from stancekit.planners.search.flood import flood
 from stancekit.planners.terrain.polygon import surface_patch
@@ -91,6 +92,74 @@ def test_a_bridge_over_a_gap_and_a_passage_below_a_bar_are_ways() -> None:
     bar = surface_patch(level(0.5, 0.62, 0.9), 0.8)
     below = replace(gap, terrain=(flat, bar), footholds=(flat,), goal_m=np.array([1.4, 0.0]))
     assert flood(below) is None
+
+
+def solid(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> list[np.ndarray]:
+    """Top and sides of a box, without its bottom."""
+    around = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    sides = [
+        np.array([[*one, z0], [*two, z0], [*two, z1], [*one, z1]])
+        for one, two in zip(around, around[1:] + around[:1], strict=True)
+    ]
+    return [level(x0, x1, z1, y0, y1), *sides]
+
+
+def on_floor(*boxes: list[np.ndarray], floor_below: bool = False) -> Passage:
+    """The hexapod on a floor that goes on below boxes, where feet may stand beside them and on top."""
+    import shapely
+
+    floor = level(-1.3, 2.0, 0.0)
+    tops = [surface_patch(each[0], 0.8) for each in boxes]
+    sides = [
+        surface_patch(each, 0.8, towards_m=each.mean(axis=0) + out)
+        for box in boxes
+        for each in box[1:]
+        for out in [each.mean(axis=0) * [1, 1, 0] - box[0].mean(axis=0) * [1, 1, 0]]
+    ]
+    free = shapely.Polygon(floor[:, :2])
+    for box in () if floor_below else boxes:
+        free = free.difference(shapely.Polygon(box[0][:, :2]))
+    pieces = [
+        surface_patch(np.column_stack([np.array(each.exterior.coords)[:3], np.zeros(3)]), 0.8)
+        for each in shapely.constrained_delaunay_triangles(free).geoms
+    ]
+    return Passage(
+        name="floor",
+        robot=stancekit.hexapod(),
+        terrain=(surface_patch(floor, 0.8), *tops, *sides),
+        footholds=(*pieces, *tops),
+        start_m=np.zeros(2),
+        goal_m=np.array([1.4, 0.0]),
+        near_m=0.1,
+    )
+
+
+def test_a_wall_on_a_floor_that_goes_on_below_it_is_proved_and_what_has_a_way_is_not() -> None:
+    wall = solid(0.5, 0.62, -WIDE_M, WIDE_M, 0.0, 0.8)
+    found = flood(on_floor(wall))
+    assert found is not None
+    assert check_flood(found).accepted
+    ways = {
+        "footholds in it": on_floor(wall, floor_below=True),
+        "above the floor": on_floor(solid(0.5, 0.62, -WIDE_M, WIDE_M, 0.3, 0.8)),
+        "around it": on_floor(solid(0.5, 0.62, -WIDE_M, 0.4, 0.0, 0.8)),
+        "through its side": on_floor(wall[:2] + wall[3:]),
+    }
+    assert {name for name, way in ways.items() if flood(way) is not None} == set()
+
+
+def test_a_room_below_a_roof_is_no_solid() -> None:
+    house = on_floor(solid(-1.2, 1.9, -1.1, 1.1, 0.0, 1.5), floor_below=True)
+    assert tops_of_solids(house.terrain, house.footholds) == set()
+    assert flood(house) is None
+
+
+def test_boxes_beside_each_other_are_solids_together_and_one_open_side_opens_them() -> None:
+    low, high = solid(0.0, 0.4, -0.3, 0.3, 0.0, 0.3), solid(0.4, 0.8, -0.3, 0.3, 0.0, 0.3)
+    both = on_floor([low[0], low[1], *low[3:]], high[:4])
+    assert tops_of_solids(both.terrain, both.footholds) == {1, 2}
+    opened = on_floor([low[0], low[1], *low[3:]], [high[0], high[1], high[3]])
+    assert tops_of_solids(opened.terrain, opened.footholds) == set()
 
 
 def test_a_proof_survives_its_file(wall: Certificate, tmp_path: Path) -> None:
