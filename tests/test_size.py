@@ -30,12 +30,12 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1560, 17063),
+    "api": (1559, 17057),
     "cli": (3693, 40286),
     "configs": (3, 30),
     "envs": (3116, 41851),
     "learners": (5756, 80052),
-    "planners": (34739, 540218),
+    "planners": (34748, 540286),
     "runner": (7380, 95665),
     "views": (4621, 70028),
 }
@@ -47,7 +47,7 @@ ALLOWANCES: dict[str, int] = {
     "slopes and doors": 84,
     "MJCF": 0,
     "training": 400,
-    "promises": 338,
+    "promises": 330,
     "worlds": 200,
     "formats": 150,
     "stepping over": 250,

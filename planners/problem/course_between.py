@@ -27,7 +27,7 @@ from .course_keys import CourseSpec
 from .course_layout import build_course
 from .file_terrain import FileTerrain
 from .guide_path import Footprint, guide_path
-from .passage import NEAR, Passage
+from .passage import Passage, near_of
 from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
 
@@ -146,7 +146,8 @@ def course_between(
         window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02))
         update["candidates"]["window_m"] = window
         room = max(spec.body.com_radius_m, SWAY * aside)
-        update["body"] = spec.body.model_copy(update={"com_radius_m": room})
+        radii = {"com_radius_m": room, "last_radius_m": min(room, near_of(body))}
+        update["body"] = spec.body.model_copy(update=radii)
         update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * SWAY * aside)
     if not alternative.near_toes:
         update["weights"] = {"stance": 0.0}
@@ -249,7 +250,6 @@ class LaidBetween:
 
         robot = robot_of("hexapod" if self.robot is None else self.robot)
         terrain = self.terrain.along(np.array([self.goal_m]), Path())
-        far = max(float(np.linalg.norm(limb.shoulder_m)) + limb.reach_m for limb in robot.limbs)
         return Passage(
             name=_called(self.terrain.file),
             robot=robot,
@@ -257,7 +257,7 @@ class LaidBetween:
             footholds=tuple(patch for _, patch in terrain.standing),
             start_m=np.array(self.start_m),
             goal_m=np.array(self.goal_m),
-            near_m=NEAR * far,
+            near_m=near_of(robot),
         )
 
     @cached_property

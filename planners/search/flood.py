@@ -12,7 +12,7 @@ robot can do, tilted and turned in any way:
   W d·c = Σ f_kz d·p_k − (p_kz − z₀) d·f_k ≤ W max_k (d·p_k + κ_k |p_kz − z₀|), κ_k the tangent of
   slope and friction together;
 * trunk: a ball about the centre of mass that is inside of the trunk is above the ground; a centre
-  that may be outside is assumed to be no deeper in it than that far. That is what bars walls.
+  that may be outside is assumed to be no deeper in it than twice as far. That is what bars walls.
 
 Where the states that are reached from the start do not hold the goal, they are a certificate, which
 ``verify.flood`` replays with code of its own.
@@ -158,7 +158,7 @@ class _Flood:
         ]
         ground = self._ground(*corners)
         ground = np.minimum(ground[:-1], ground[1:])
-        return np.minimum(ground[:, :-1], ground[:, 1:]) - max(out, 0.0)
+        return np.minimum(ground[:, :-1], ground[:, 1:]) - self.extent.depth_m
 
     def _ground(self, x: Array, y: Array) -> Array:
         """Heights of the lowest ground at grid lines, of tops of solids above it where there are any,

@@ -16,8 +16,8 @@ foot, that of two feet, or balance along one of the directions, over the lowest 
 the ground leaves. None that is held is near the goal. Then no motion leads there that is balanced at
 every moment, with feet alone touching the footholds, trunk and centre of mass over the map, the
 ground one of heights as it is seen once per cell of the raster. A centre that may leave the trunk is
-assumed to be no deeper in the ground than it gets out of the trunk. The robot may tilt and turn as
-it likes, and legs are not judged against the ground. Its extents, which hold it in any posture
+assumed to be no deeper in the ground than twice as far as it gets out of it. The robot may tilt and
+turn as it likes, and legs are not judged against the ground. Its extents, which hold it in any posture
 (``robot.outer_sets``), and ``tops_of_solids`` are all that planners use as well.
 """
 
@@ -88,9 +88,9 @@ def explain_flood(certificate: Certificate) -> Explanation:
 
 def _depth(extent: Extent) -> str:
     """What is assumed of a centre of mass that may leave the trunk."""
-    if not 0.0 < extent.outward_m < np.inf:
+    if not 0.0 < extent.depth_m < np.inf:
         return ""
-    return f", the centre of mass never more than {extent.outward_m:.2g} m below its surface"
+    return f", the centre of mass never more than {extent.depth_m:.2g} m below its surface"
 
 
 class _Refused(Exception):
@@ -309,7 +309,7 @@ class _Replay:
         lines = [np.clip(lines[k], self.low[k], self.high[k]) for k in range(2)]
         ground = self._heights(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1))
         windows = np.lib.stride_tricks.sliding_window_view(ground, (2, 2))
-        return np.asarray(windows.min(axis=(2, 3)) - max(out, 0.0))
+        return np.asarray(windows.min(axis=(2, 3)) - self.extent.depth_m)
 
     @cached_property
     def _tops(self) -> frozenset[int]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import stancekit
 from stancekit import PlanSettings, Status
@@ -15,10 +17,13 @@ from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.passage import Passage
 from stancekit.planners.problem.solid_tops import tops_of_solids
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.outer_sets import Extent
+from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.flood import flood
 from stancekit.planners.terrain.polygon import surface_patch
-from stancekit.planners.verify.flood import KINDS, check_flood
+from stancekit.planners.verify.flood import KINDS, _Replay, check_flood
 
 WIDE_M = 1.2
 
@@ -300,3 +305,85 @@ def test_standing_still_is_a_question_with_a_plan(tmp_path: Path) -> None:
     path = _mesh(tmp_path, 0.1)
     answer = stancekit.plan(path, start_xy_m=(0.0, 0.0), goal_xy_m=(0.0, 0.0))
     assert answer.status is Status.FEASIBLE
+
+
+def test_a_robot_that_is_pushed_may_leap_all_the_same(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    from tests.planners.robot.made_robots import quadruped
+
+    (tmp_path / "dog.urdf").write_text(quadruped(trunk=12.0))
+    answer = stancekit.plan(
+        _mesh(tmp_path, 1.3),
+        start_xy_m=(0.0, 0.0),
+        goal_xy_m=(1.4, 0.0),
+        robot=tmp_path / "dog.urdf",
+        settings=PlanSettings(push_n=1.0),
+        time_limit_s=5.0,
+    )
+    assert answer.status is Status.UNDECIDED
+    assert answer.certificate is not None
+
+
+def _states(robot: Robot, count: int) -> Iterator[tuple[Passage, np.ndarray, list[int]]]:
+    """Balanced postures of a whole robot, tilted in any way: ground that is right below its feet and
+    its trunk, its centre of mass, and the footholds that are touched.
+    """
+    from scipy.optimize import nnls
+
+    known, rng = Kinematics(robot), np.random.default_rng(5)
+    corner = 0.012 * np.array(
+        [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]
+    )
+    trunk = np.array(list(product((-0.2, 0.2), (-0.1, 0.1), (-0.05, 0.05))))
+    while count:
+        angles = np.concatenate([leg.random_angles(1, rng)[0] for leg in known.model.legs])
+        turn = Rotation.from_rotvec(rng.choice([0.1, 1.0]) * rng.normal(size=3))
+        away = turn.apply(known.feet(angles) - known.com_offset(angles))
+        toes = away - known.radii_m[:, None] * [0.0, 0.0, 1.0] + [0.0, 0.0, 1.0]
+        touching = sorted(rng.permutation(len(toes))[: rng.integers(2, len(toes) + 1)].tolist())
+        # forces of a friction cone of .8 along eight edges, about the centre of mass at (0, 0, 1)
+        aside = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+        cone = np.column_stack([0.8 * np.cos(aside), 0.8 * np.sin(aside), np.ones(8)])
+        arms = np.repeat(toes[touching] - [0.0, 0.0, 1.0], 8, axis=0)
+        forces = np.tile(cone, (len(touching), 1))
+        wrench = np.vstack([forces.T, np.cross(arms, forces).T])
+        if nnls(wrench, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))[1] > 1e-9:
+            continue
+        lowest = turn.apply(trunk - known.com_offset(angles))[:, 2].min() + 1.0
+        feet = [surface_patch(toe + corner, 0.8) for toe in toes]
+        below = surface_patch(
+            level(-1.0, 1.0, min(lowest, toes[:, 2].min()) - 1e-3, -1.0, 1.0), 0.8
+        )
+        block = surface_patch(level(-0.04, 0.04, lowest - 1e-3, -0.04, 0.04), 0.8)
+        count -= 1
+        yield (
+            Passage(
+                name="posture",
+                robot=robot,
+                terrain=(below, *feet) if count % 2 else (below, *feet, block),
+                footholds=tuple(feet),
+                start_m=np.zeros(2),
+                goal_m=np.ones(2),
+                near_m=0.01,
+            ),
+            np.zeros(2),
+            touching,
+        )
+
+
+@pytest.mark.parametrize("trunk", [1.2, 8.0])
+def test_no_state_of_a_balanced_posture_is_refuted(trunk: float, tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    from tests.planners.robot.made_robots import quadruped
+
+    (tmp_path / "dog.urdf").write_text(quadruped(trunk=trunk))
+    turn = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    for passage_, place, touching in _states(robot_of(tmp_path / "dog.urdf"), 12):
+        corner, spacing = np.full(2, -1.0), 0.01
+        rows = [(KINDS["raster"], 200, 200, *corner), (KINDS["spacing"], 0, 0, spacing, 0)]
+        rows += [(KINDS["piece"], i, i, 0, 0) for i in range(len(passage_.footholds))]
+        directions = np.column_stack([np.cos(turn), np.sin(turn)])
+        proof = Certificate(tree=np.array(rows, float), multipliers=directions, problem=passage_)
+        cells = np.zeros((200, 200), dtype=bool)
+        cells[tuple(((place - corner) / spacing).astype(int))] = True
+        assert not _Replay(proof)._refuted(frozenset(touching), cells).any()
