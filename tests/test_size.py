@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3116, 41851),
     "learners": (5756, 80052),
-    "planners": (34748, 540286),
+    "planners": (34747, 540259),
     "runner": (7380, 95665),
     "views": (4621, 70028),
 }

@@ -129,8 +129,7 @@ class _Border:
         self.top = height_of(patch, self.points)
         near = [each for each in ground.values() if _close(each, flat)]
         self.lowest = np.maximum(_lowest(near, self.beside), _lowest(near, inside))
-        spans = [_spans(wall, self.points) for wall in walls if _close(wall, flat)]
-        self.walls = [(low, high) for low, high in spans if np.isfinite(low).any()]
+        self.walls = [_spans(wall, self.points) for wall in walls if _close(wall, flat)]
 
     def closed(self, ground: dict[int, Patch], tops: set[int]) -> bool:
         """Tell whether nothing gets below the surface, where it does not get below these tops."""
