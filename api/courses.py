@@ -204,9 +204,8 @@ def _between_places(
         why = f"{why}; places are from {question.origin_m.tolist()}"
     passage = question.passage()
     proof = None if settings.wrench is not None else flood(passage)
-    leaps = settings.leaps and _leaps(question, settings)
-    if leaps:
-        assert question.robot is not None
+    leaps = settings.leaps and _leaps(question)
+    if leaps and question.robot is not None and settings.push_n == 0.0 and settings.wrench is None:
         crossed = cross(
             question,
             planner,
@@ -250,11 +249,9 @@ def _moved_back(answer: Answer[Plan], origin_m: Array) -> Answer[Plan]:
     return replace(moved, solution=there, report=check_plan(there, joints=True))
 
 
-def _leaps(question: LaidBetween, settings: PlanSettings) -> bool:
-    """Tell whether a robot may leap: one that was named and has legs of its own, with nothing on its
-    body and nobody who pushes it.
-    """
-    if question.robot is None or settings.push_n > 0.0 or settings.wrench is not None:
+def _leaps(question: LaidBetween) -> bool:
+    """Tell whether a robot may leap: one that was named and has legs of its own."""
+    if question.robot is None:
         return False
     return question.robot.source.own
 

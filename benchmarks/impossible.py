@@ -60,8 +60,10 @@ class Given(Options):
     """Witnessed postures of every robot with legs of 20 to 85 % of its mass."""
     heavy: int = 10
     """Number of such robots."""
-    band: bool = False
-    """Look for the band of every robot and kind, too."""
+    sizes: int = 3
+    """Number of sizes of what is impossible, the smallest first."""
+    bands: int = 0
+    """Number of robots whose band is looked for in every kind."""
     quick: bool = False
     """Six robots, and one size of what is impossible."""
 
@@ -332,7 +334,7 @@ def rows(given: Given) -> Iterator[Row]:
                     )
                 yield lines.rows[key]
             for kind in ("step", "wall", "gap"):
-                for factor in BEYOND[:1] if given.quick else BEYOND:
+                for factor in BEYOND[: 1 if given.quick else given.sizes]:
                     key, size = f"{number} {kind} {factor}", factor * room
                     goal = (AHEAD_M + 0.4 + 0.5 * room + (size if kind == "gap" else 0.0), 0.0)
                     if key not in lines.rows:
@@ -342,13 +344,13 @@ def rows(given: Given) -> Iterator[Row]:
                             {**about, "part": "impossible", "kind": kind, "factor": factor, **row},
                         )
                     yield lines.rows[key]
-                key = f"{number} {kind} band"
-                if given.band and key not in lines.rows:
+                key, wanted = f"{number} {kind} band", number < given.bands
+                if wanted and key not in lines.rows:
                     lines.add(
                         key,
                         {**about, "part": "band", "kind": kind, **_band(kind, path, room, given)},
                     )
-                if given.band:
+                if wanted:
                     yield lines.rows[key]
 
 

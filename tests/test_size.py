@@ -47,7 +47,7 @@ ALLOWANCES: dict[str, int] = {
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,
-    "promises": 335,
+    "promises": 330,
     "worlds": 200,
     "formats": 38,
     "stepping over": 250,

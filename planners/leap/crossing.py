@@ -329,6 +329,7 @@ class _Crossing:
                 self.planner,
                 limits=self.limits,
                 start_rad=None if standing is None else standing.angles_rad,
+                stated=False,
                 deadline=self._until(share),
             )
         except (InvalidInput, PlanningFailed) as error:

@@ -28,7 +28,7 @@ from .course_layout import build_course
 from .file_terrain import FileTerrain, footholds_for
 from .guide_path import Footprint, guide_path
 from .limits import Weights
-from .passage import NEAR, Passage
+from .passage import Passage, near_of
 from .problem import MOST_FRAMES, Problem
 from .toe_offset import toe_offset
 
@@ -159,7 +159,8 @@ def course_between(
         window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02 * body.size))
         update["candidates"]["window_m"] = window
         room = max(spec.body.com_radius_m, SWAY * aside)
-        update["body"] = spec.body.model_copy(update=rooms | {"com_radius_m": room})
+        rooms |= {"com_radius_m": room, "last_radius_m": min(room, near_of(body))}
+        update["body"] = spec.body.model_copy(update=rooms)
         update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * SWAY * aside)
     update["weights"] = {"tilt": Weights().tilt * body.size**2}
     if not alternative.near_toes:
@@ -258,7 +259,6 @@ class LaidBetween:
         """
         robot = self.robot or hexapod()
         terrain = self.terrain.along(np.array([self.goal_m]), Path())
-        far = max(float(np.linalg.norm(limb.shoulder_m)) + limb.reach_m for limb in robot.limbs)
         return Passage(
             name=_called(self.terrain.file),
             robot=robot,
@@ -266,7 +266,7 @@ class LaidBetween:
             footholds=tuple(patch for _, patch in terrain.standing),
             start_m=np.array(self.start_m),
             goal_m=np.array(self.goal_m),
-            near_m=NEAR * far,
+            near_m=near_of(robot),
         )
 
     @cached_property

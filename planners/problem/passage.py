@@ -10,14 +10,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ..files.arrays import Array, checked, checked_members, read_only
 from ..files.codec import fields_to_json, from_json
 from ..robot.model import Robot
 from ..terrain.patch import Patch
 
 NEAR = 0.2
+NEAREST_M = 0.06
 """Distance from start and goal at which a robot is there, in reaches of its feet from its centre of
-mass: a plan's last key frame may be so far from the goal."""
+mass, and the least one of a robot of size 1 [m]: a plan's last key frame may be so far from the
+goal."""
+
+
+def near_of(robot: Robot) -> float:
+    """Horizontal distance from a place within which a robot's centre of mass is there [m]."""
+    far = max(float(np.linalg.norm(limb.shoulder_m)) + limb.reach_m for limb in robot.limbs)
+    return max(NEAR * far, NEAREST_M * robot.size)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,8 +11,8 @@ robot can do, tilted and turned in any way:
   direction d, forces f_k at p_k with Σ f_k = W e_z and Σ p_k × f_k = c × W e_z give, for any z₀,
   W d·c = Σ f_kz d·p_k − (p_kz − z₀) d·f_k ≤ W max_k (d·p_k + κ_k |p_kz − z₀|), κ_k the tangent of
   slope and friction together;
-* trunk: a ball about the centre of mass that is inside of the trunk is above the ground; where the
-  centre may be outside, it is no lower below the ground than that far. That is what bars walls.
+* trunk: a ball about the centre of mass that is inside of the trunk is above the ground; a centre
+  that may be outside is assumed to be no deeper in it than twice as far. That is what bars walls.
 
 Where the states that are reached from the start do not hold the goal, they are a certificate, which
 ``verify.flood`` replays with code of its own.
@@ -30,10 +30,11 @@ from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.passage import Passage
+from ..problem.solid_tops import FACING_UP, tops_of_solids
 from ..robot.outer_sets import Extent
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
-from ..verify.flood import FACING_UP, KINDS, MOST_SPACING_M, STEEPEST_RAD, check_flood
+from ..verify.flood import KINDS, MOST_SPACING_M, STEEPEST_RAD, check_flood
 
 FINEST_M, MOST_CELLS = 0.005, 300_000
 """Spacing of the raster [m], and how many cells it has at most."""
@@ -81,6 +82,7 @@ class _Flood:
         self, passage: Passage, extent: Extent, low: Array, high: Array, spacing: float
     ) -> None:
         self.passage, self.extent = passage, extent
+        self.tops = tops_of_solids(passage.terrain, passage.footholds)
         self.corner, self.end, self.spacing = low, high, spacing
         self.shape = tuple(np.maximum(np.ceil((high - low) / spacing), 1).astype(int).tolist())
         self.half = spacing / np.sqrt(2.0)
@@ -94,10 +96,9 @@ class _Flood:
         pieces, low_m = self.passage.footholds, self._lowest()
         nodes = _nodes(pieces)
         near = self._apart(pieces, nodes)
-        most = min(self.extent.feet, len(nodes))
         sets = [
             chosen
-            for size in range(1, most + 1)
+            for size in range(1, len(nodes) + 1)
             for chosen in combinations(range(len(nodes)), size)
             if all(near[i, j] for i, j in combinations(chosen, 2))
         ]
@@ -146,8 +147,6 @@ class _Flood:
         """The lowest that the centre of mass may be over every cell, −inf where nothing is known
         [m].
         """
-        from scipy.ndimage import minimum_filter  # slow to import
-
         out = self.extent.outward_m
         if not np.isfinite(out):
             return np.full(self.shape, -np.inf)
@@ -157,16 +156,17 @@ class _Flood:
             np.minimum(self.corner[k] + self.spacing * np.arange(self.shape[k] + 1), self.end[k])
             for k in range(2)
         ]
-        ground, out = self._ground(*corners), max(out, 0.0)
+        ground = self._ground(*corners)
         ground = np.minimum(ground[:-1], ground[1:])
-        ground = np.minimum(ground[:, :-1], ground[:, 1:])
-        size = 1 + 2 * int(np.ceil(out / self.spacing))
-        return np.asarray(minimum_filter(ground, size, mode="nearest")) - out - self.spacing
+        return np.minimum(ground[:, :-1], ground[:, 1:]) - self.extent.depth_m
 
     def _ground(self, x: Array, y: Array) -> Array:
-        """Heights of the lowest ground at grid lines, shape (n, m), −inf where there is none [m]."""
-        ground = np.full((len(x), len(y)), np.inf)
-        for patch in self.passage.terrain:
+        """Heights of the lowest ground at grid lines, of tops of solids above it where there are any,
+        shape (n, m), −inf where there is none [m].
+        """
+        ground, above = np.full((2, len(x), len(y)), np.inf)
+        above = -above
+        for number, patch in enumerate(self.passage.terrain):
             if patch.normal[2] < FACING_UP:
                 continue
             flat = patch.vertices_m[:, :2]
@@ -175,16 +175,19 @@ class _Flood:
                 for ends in (flat.min(axis=0) - COVERED_M, flat.max(axis=0) + COVERED_M)
             )
             along, aside = x[i:k, None], y[j:m]
-            inside = np.ones((k - i, m - j), dtype=bool)
+            out = np.full((k - i, m - j), -np.inf)
             for normal, offset in zip(*half_planes(flat), strict=True):
-                inside &= normal[0] * along + normal[1] * aside <= offset + COVERED_M
+                out = np.maximum(out, normal[0] * along + normal[1] * aside - offset)
             rise = patch.normal[:2] / patch.normal[2]
             height = patch.centre_m[2] - (along - patch.centre_m[0]) * rise[0]
             height = height - (aside - patch.centre_m[1]) * rise[1]
             sunk = height - COVERED_M / patch.normal[2]
-            lower = np.where(inside, sunk, np.inf)
+            lower = np.where(out <= COVERED_M, sunk, np.inf)
             ground[i:k, j:m] = np.minimum(ground[i:k, j:m], lower)
-        return np.where(np.isfinite(ground), ground, -np.inf)
+            if number in self.tops:
+                higher = np.where(out <= 0.0, sunk, -np.inf)
+                above[i:k, j:m] = np.maximum(above[i:k, j:m], higher)
+        return np.maximum(np.where(np.isfinite(ground), ground, -np.inf), above)
 
     def _raised(self, ground: Array, inside_m: float) -> Array:
         """The lowest centre of mass over every cell about which a ball is above the ground [m]."""

@@ -15,9 +15,10 @@ the start, and every state beside one that is held, is held itself, or refuted b
 foot, that of two feet, or balance along one of the directions, over the lowest centre of mass that
 the ground leaves. None that is held is near the goal. Then no motion leads there that is balanced at
 every moment, with feet alone touching the footholds, trunk and centre of mass over the map, the
-ground one of heights as it is seen once per cell of the raster. The robot may tilt and turn as it
-likes, and legs are not judged against the ground. Its extents, which hold it in any posture
-(``robot.outer_sets``), are the one thing that planners use as well.
+ground one of heights as it is seen once per cell of the raster. A centre that may leave the trunk is
+assumed to be no deeper in the ground than twice as far as it gets out of it. The robot may tilt and
+turn as it likes, and legs are not judged against the ground. Its extents, which hold it in any posture
+(``robot.outer_sets``), and ``tops_of_solids`` are all that planners use as well.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from ..cached import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.passage import Passage
+from ..problem.solid_tops import FACING_UP, tops_of_solids
 from ..robot.outer_sets import Extent
 from ..terrain.patch import Patch
 from .explanation import Explanation
@@ -42,8 +44,6 @@ from .proof import proof_report
 
 KINDS = {"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4}
 MOST_NODES, MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05
-FACING_UP = 0.3
-"""Surfaces whose normals are steeper than this are no ground."""
 STEEPEST_RAD = 1.5
 """Slope and friction together from which a contact may pull."""
 ROOM_M = 1e-9
@@ -81,9 +81,16 @@ def explain_flood(certificate: Certificate) -> Explanation:
     return Explanation(
         relaxations=(),
         message=f"balanced motion is impossible: none leads from within {passage.near_m:.2g} m of {start} to as near "
-        f"{goal}: {ASSUMED}; no foot is more than {extent.reach_m:.3g} m from the centre of mass, and "
-        f"no two feet are more than {extent.apart_m:.3g} m apart",
+        f"{goal}: {ASSUMED}{_depth(extent)}; no foot is more than {extent.reach_m:.3g} m from the "
+        f"centre of mass, and no two feet are more than {extent.apart_m:.3g} m apart",
     )
+
+
+def _depth(extent: Extent) -> str:
+    """What is assumed of a centre of mass that may leave the trunk."""
+    if not 0.0 < extent.depth_m < np.inf:
+        return ""
+    return f", the centre of mass never more than {extent.depth_m:.2g} m below its surface"
 
 
 class _Refused(Exception):
@@ -205,18 +212,10 @@ class _Replay:
         return int(sum(cells.sum() for cells in self.held.values()))
 
     def _sets(self) -> Iterator[frozenset[int]]:
-        """Every set of surfaces that as many feet may touch; raises _Refused for a held one that they
-        may not.
-        """
+        """Every set of surfaces; a foot may touch several, where they meet."""
         count = len(self.surfaces)
-        every = [
-            frozenset(chosen)
-            for size in range(1, min(self.extent.feet, count) + 1)
-            for chosen in combinations(range(count), size)
-        ]
-        if not set(self.held) <= set(every):
-            raise _Refused("expected no more surfaces at once than there are feet")
-        yield from every
+        for size in range(1, count + 1):
+            yield from map(frozenset, combinations(range(count), size))
 
     def _about(self, place: Array) -> Cells:
         """Cells of which some point is near a place."""
@@ -309,19 +308,21 @@ class _Replay:
         lines = [self.corner[k] + self.size * np.arange(self.counts[k] + 1) for k in range(2)]
         lines = [np.clip(lines[k], self.low[k], self.high[k]) for k in range(2)]
         ground = self._heights(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1))
-        reach = int(np.ceil(max(out, 0.0) / self.size))
-        for axis in range(2):
-            ends = [(0, 0), (0, 0)]
-            ends[axis] = (reach, reach)
-            padded = np.pad(ground, ends, mode="edge")
-            windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 2, axis=axis)
-            ground = windows.min(axis=-1)
-        return np.asarray(ground - max(out, 0.0) - self.size)
+        windows = np.lib.stride_tricks.sliding_window_view(ground, (2, 2))
+        return np.asarray(windows.min(axis=(2, 3)) - self.extent.depth_m)
+
+    @cached_property
+    def _tops(self) -> frozenset[int]:
+        """Tops of solids, by number in the terrain."""
+        return tops_of_solids(self.passage.terrain, self.passage.footholds)
 
     def _heights(self, points: Array) -> Array:
-        """Heights of the lowest ground at places, shape (n, m, 2), −inf where there is none [m]."""
+        """Heights of the lowest ground at places, shape (n, m, 2), of tops of solids above it where
+        there are any, −inf where there is none [m].
+        """
         ground, first = np.full(points.shape[:2], np.inf), points[0, 0]
-        for patch in self.passage.terrain:
+        above = np.full(points.shape[:2], -np.inf)
+        for number, patch in enumerate(self.passage.terrain):
             if patch.normal[2] < FACING_UP:
                 continue
             flat = patch.vertices_m[:, :2]
@@ -331,9 +332,11 @@ class _Replay:
             slope = -patch.normal[:2] / patch.normal[2]
             height = patch.vertices_m[0, 2] + (points[part] - flat[0]) @ slope
             sunk = height - SEAM_M / patch.normal[2]
-            lower = np.where(_away(points[part], flat) <= SEAM_M, sunk, np.inf)
-            ground[part] = np.minimum(ground[part], lower)
-        return np.where(np.isinf(ground), -np.inf, ground)
+            away = _away(points[part], flat)
+            ground[part] = np.minimum(ground[part], np.where(away <= SEAM_M, sunk, np.inf))
+            if number in self._tops:
+                above[part] = np.maximum(above[part], np.where(away <= ROOM_M, sunk, -np.inf))
+        return np.maximum(np.where(np.isinf(ground), -np.inf, ground), above)
 
     def _above(self, ground: Array, radius: float) -> Array:
         """The lowest that the middle of a ball may be over every cell, for no point of the ground that

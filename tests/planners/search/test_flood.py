@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import stancekit
 from stancekit import PlanSettings, Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.passage import Passage
+from stancekit.planners.problem.solid_tops import tops_of_solids
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.outer_sets import Extent
+from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.flood import flood
 from stancekit.planners.terrain.polygon import surface_patch
-from stancekit.planners.verify.flood import KINDS, check_flood
+from stancekit.planners.verify.flood import KINDS, _Replay, check_flood
 
 WIDE_M = 1.2
 
@@ -93,6 +99,69 @@ def test_a_bridge_over_a_gap_and_a_passage_below_a_bar_are_ways() -> None:
     assert flood(below) is None
 
 
+def solid(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> list[np.ndarray]:
+    """Top and sides of a box, without its bottom."""
+    around = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    sides = [
+        np.array([[*one, z0], [*two, z0], [*two, z1], [*one, z1]])
+        for one, two in zip(around, around[1:] + around[:1], strict=True)
+    ]
+    return [level(x0, x1, z1, y0, y1), *sides]
+
+
+def on_floor(*boxes: list[np.ndarray], floor_below: bool = False) -> Passage:
+    """The hexapod on a floor that goes on below boxes, where feet may stand beside them and on top."""
+    import shapely
+
+    floor = level(-1.3, 2.0, 0.0)
+    tops = [surface_patch(each[0], 0.8) for each in boxes]
+    sides = [
+        surface_patch(each, 0.8, towards_m=each.mean(axis=0) + out)
+        for box in boxes
+        for each in box[1:]
+        for out in [each.mean(axis=0) * [1, 1, 0] - box[0].mean(axis=0) * [1, 1, 0]]
+    ]
+    free = shapely.Polygon(floor[:, :2])
+    for box in () if floor_below else boxes:
+        free = free.difference(shapely.Polygon(box[0][:, :2]))
+    pieces = [
+        surface_patch(np.column_stack([np.array(each.exterior.coords)[:3], np.zeros(3)]), 0.8)
+        for each in shapely.constrained_delaunay_triangles(free).geoms
+    ]
+    return Passage(
+        name="floor",
+        robot=stancekit.hexapod(),
+        terrain=(surface_patch(floor, 0.8), *tops, *sides),
+        footholds=(*pieces, *tops),
+        start_m=np.zeros(2),
+        goal_m=np.array([1.4, 0.0]),
+        near_m=0.1,
+    )
+
+
+def test_a_wall_on_a_floor_that_goes_on_below_it_is_proved_and_what_has_a_way_is_not() -> None:
+    wall = solid(0.5, 0.62, -WIDE_M, WIDE_M, 0.0, 0.8)
+    found = flood(on_floor(wall))
+    assert found is not None
+    assert check_flood(found).accepted
+    ways = [
+        on_floor(wall, floor_below=True),
+        on_floor(solid(0.5, 0.62, -WIDE_M, WIDE_M, 0.3, 0.8)),  # above the floor
+        on_floor(solid(0.5, 0.62, -WIDE_M, 0.4, 0.0, 0.8)),  # around its end
+        on_floor(wall[:2] + wall[3:]),  # through its side
+        on_floor(solid(-1.2, 1.9, -1.1, 1.1, 0.0, 1.5), floor_below=True),  # in a room
+    ]
+    assert [flood(way) for way in ways] == [None] * 5
+
+
+def test_boxes_beside_each_other_are_solids_together_and_one_open_side_opens_them() -> None:
+    low, high = solid(0.0, 0.4, -0.3, 0.3, 0.0, 0.3), solid(0.4, 0.8, -0.3, 0.3, 0.0, 0.3)
+    both = on_floor([low[0], low[1], *low[3:]], high[:4])
+    assert tops_of_solids(both.terrain, both.footholds) == {1, 2}
+    opened = on_floor([low[0], low[1], *low[3:]], [high[0], high[1], high[3]])
+    assert tops_of_solids(opened.terrain, opened.footholds) == set()
+
+
 def test_a_proof_survives_its_file(wall: Certificate, tmp_path: Path) -> None:
     stancekit.save(wall, tmp_path / "wall.json")
     subject, read = stancekit.load(tmp_path / "wall.json")
@@ -133,16 +202,10 @@ def _lower(proof: Certificate) -> Certificate:
     )
 
 
-def _further(proof: Certificate) -> Certificate:
+def _asked(proof: Certificate, **places: np.ndarray) -> Certificate:
     subject = proof.problem
     assert isinstance(subject, Passage)
-    return proof.of(replace(subject, start_m=np.array([0.9, 0.0])))
-
-
-def _at_the_start(proof: Certificate) -> Certificate:
-    subject = proof.problem
-    assert isinstance(subject, Passage)
-    return proof.of(replace(subject, goal_m=np.array([0.1, 0.0])))
+    return proof.of(replace(subject, **places))
 
 
 def _fewer_surfaces(proof: Certificate) -> Certificate:
@@ -158,21 +221,17 @@ def _coarser(proof: Certificate) -> Certificate:
     return replace(proof, tree=tree)
 
 
-def _longer_directions(proof: Certificate) -> Certificate:
-    return replace(proof, multipliers=0.5 * proof.multipliers)
-
-
 @pytest.mark.parametrize(
     "forge",
     [
         _without_runs,
         _one_run_short,
         _lower,
-        _further,
-        _at_the_start,
+        partial(_asked, start_m=np.array([0.9, 0.0])),
+        partial(_asked, goal_m=np.array([0.1, 0.0])),
         _fewer_surfaces,
         _coarser,
-        _longer_directions,
+        lambda proof: replace(proof, multipliers=0.5 * proof.multipliers),
     ],
 )
 def test_forged_proofs_are_refused(
@@ -219,8 +278,11 @@ def test_where_a_robot_may_leap_the_answer_is_undecided_with_the_proof(tmp_path:
 
     (tmp_path / "dog.urdf").write_text(quadruped(trunk=12.0))
     path, ends = _mesh(tmp_path, 1.3), {"start_xy_m": (0.0, 0.0), "goal_xy_m": (1.4, 0.0)}
-    for leaps, status in ((True, Status.UNDECIDED), (False, Status.INFEASIBLE)):
-        settings = PlanSettings(leaps=leaps)
+    for settings, status in (
+        (PlanSettings(), Status.UNDECIDED),
+        (PlanSettings(push_n=1.0), Status.UNDECIDED),
+        (PlanSettings(leaps=False), Status.INFEASIBLE),
+    ):
         answer = stancekit.plan(path, **ends, robot=tmp_path / "dog.urdf", settings=settings)
         assert answer.status is status
         assert answer.certificate is not None
@@ -231,3 +293,65 @@ def test_standing_still_is_a_question_with_a_plan(tmp_path: Path) -> None:
     path = _mesh(tmp_path, 0.1)
     answer = stancekit.plan(path, start_xy_m=(0.0, 0.0), goal_xy_m=(0.0, 0.0))
     assert answer.status is Status.FEASIBLE
+
+
+def _states(robot: Robot, count: int) -> Iterator[tuple[Passage, list[int]]]:
+    """Balanced postures of a whole robot, tilted in any way, its centre of mass over the origin: ground
+    that is right below its feet and its trunk, and the footholds that are touched.
+    """
+    from scipy.optimize import nnls
+
+    known, rng = Kinematics(robot), np.random.default_rng(5)
+    edges = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)[:, None]
+    cone = np.hstack([0.8 * np.cos(edges), 0.8 * np.sin(edges), np.ones((8, 1))])
+    trunk = (2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1.0) * [0.2, 0.1, 0.05]
+    while count:
+        angles = np.concatenate([leg.random_angles(1, rng)[0] for leg in known.model.legs])
+        turn = Rotation.from_rotvec(rng.choice([0.1, 1.0]) * rng.normal(size=3)).as_matrix()
+        toes = (known.feet(angles) - known.com_offset(angles)) @ turn.T
+        toes += [0.0, 0.0, 1.0] - known.radii_m[:, None] * [0.0, 0.0, 1.0]
+        touching = sorted(rng.permutation(len(toes))[: rng.integers(2, len(toes) + 1)].tolist())
+        # forces along eight edges of friction cones, about the centre of mass at (0, 0, 1)
+        arms = np.repeat(toes[touching] - [0.0, 0.0, 1.0], 8, axis=0)
+        wrench = np.vstack(
+            [np.tile(cone.T, len(touching)), np.cross(arms, np.tile(cone, (len(touching), 1))).T]
+        )
+        if nnls(wrench, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))[1] > 1e-9:
+            continue
+        lowest = ((trunk - known.com_offset(angles)) @ turn.T)[:, 2].min() + 1.0
+        feet = [surface_patch(toe + level(-r, r, 0.0, -r, r), 0.8) for toe in toes for r in [0.012]]
+        count -= 1
+        yield (
+            Passage(
+                name="posture",
+                robot=robot,
+                terrain=(
+                    *feet,
+                    *(
+                        surface_patch(level(-w, w, height - 1e-3, -w, w), 0.8)
+                        for w, height in [(1.0, min(lowest, toes[:, 2].min())), (0.04, lowest)]
+                    ),
+                ),
+                footholds=tuple(feet),
+                start_m=np.zeros(2),
+                goal_m=np.ones(2),
+                near_m=0.01,
+            ),
+            touching,
+        )
+
+
+@pytest.mark.parametrize("trunk", [1.2, 8.0])
+def test_no_state_of_a_balanced_posture_is_refuted(trunk: float, tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    from tests.planners.robot.made_robots import quadruped
+
+    (tmp_path / "dog.urdf").write_text(quadruped(trunk=trunk))
+    turn = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    directions, cells = np.column_stack([np.cos(turn), np.sin(turn)]), np.zeros((200, 200), bool)
+    cells[100, 100] = True
+    for passage_, touching in _states(robot_of(tmp_path / "dog.urdf"), 12):
+        rows = [(KINDS["raster"], 200, 200, -1, -1), (KINDS["spacing"], 0, 0, 0.01, 0)]
+        rows += [(KINDS["piece"], i, i, 0, 0) for i in range(len(passage_.footholds))]
+        proof = Certificate(tree=np.array(rows, float), multipliers=directions, problem=passage_)
+        assert not _Replay(proof)._refuted(frozenset(touching), cells).any()
