@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import InvalidInput
-from ..problem.problem import Problem
+from ..problem import Problem
 from ..robot.model import Robot
 from ..terrain.patch import Patch
 from .certificate import Certificate

@@ -18,7 +18,8 @@ from ..cached import cached_property
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..files.arrays import Array
 from ..robot.inverse_kinematics import descend
-from ..robot.kinematics import Kinematics, rotation_of
+from ..robot.kinematics import Kinematics
+from ..robot.rotation import rotation_of
 from ..terrain.patch import Patch
 from .force_distribution import ForceDistribution, Loads
 
