@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from .learners.evaluation.evaluate import Score as Score
     from .learners.selectors.selector import Learned as Learned
     from .learners.surrogates.screened import Screened as Screened
-    from .maps import warp as warp
     from .motions import run as run
     from .motions import simulate as simulate
     from .pictures import draw as draw
@@ -78,15 +77,16 @@ if TYPE_CHECKING:
     from .planners.terrain.patch import Patch as Patch
     from .planners.verify.explanation import Explanation as Explanation
     from .planners.warp.conformal import MapFit as MapFit
+    from .postures import robot as robot
     from .postures import solve as solve
-    from .robots import robot as robot
     from .runner.control.loop_report import LoopReport as LoopReport
     from .runner.report import RunReport as RunReport
     from .runner.settings import RunSettings as RunSettings
     from .samples import sample as sample
-    from .screening import screen as screen
     from .selectors import evaluate as evaluate
     from .selectors import fit as fit
+    from .selectors import screen as screen
+    from .selectors import warp as warp
     from .standing import map as map
     from .terrains import heights as heights
     from .terrains import terrain as terrain

@@ -12,8 +12,38 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import read_envelopes as read_envelopes
 from stancekit.planners.formats.answer_file import read_problems as read_problems
 from stancekit.planners.problem import Problem
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.answer import Kind, Planner, kind_of
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
+
+
+@checked
+def robot(source: str | Path, *, srdf: str | Path | None = None) -> Robot:
+    """Read a robot: its limbs, what each foot surely reaches, and its own legs, joint by joint, in
+    ``model``.
+
+    Arguments:
+        source: a name ("hexapod", "go1", ...; ``stancekit robot`` lists them), a ``.urdf`` file, or
+            a ``.yaml`` file that names one and corrects it.
+        srdf: pairs of links that may touch, and a posture to stand in.
+
+    Returns:
+        The ``Robot``, for ``plan``, ``walk``, ``sample``, ``label``, ``terrain``. What was guessed
+        about it is in ``model.remarks``; the default hexapod is its limbs alone.
+
+    Raises:
+        InvalidInput: for a name that no robot has, a file that is none, and a leg whose foot
+            reaches nothing.
+    Source:
+        None: a URDF as it comes, with what a person corrects.
+
+    Example:
+        >>> import stancekit
+        >>> stancekit.robot("hexapod").limb_names
+        ('LF', 'LM', 'LR', 'RF', 'RM', 'RR')
+    """
+    return robot_of(source, srdf=srdf)
 
 
 @checked

@@ -19,20 +19,127 @@ from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.surrogates.screened import Screened
 from stancekit.learners.training.fit_settings import SPREAD as SPREAD
 from stancekit.learners.training.fit_settings import FitSettings, missing
 from stancekit.learners.training.fitting import learn
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
+from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.validation import typed
+from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import named_terrain
+from stancekit.planners.warp.conformal import CELLS, HEIGHT_M, MapFit, Method, fit_map
 
 if TYPE_CHECKING:
     from stancekit.learners.leaps.scorer import LeapScorer
     from stancekit.learners.surrogates.surrogate import Surrogate
+
+
+MOST_ITERATIONS = 10_000
+
+
+@checked
+def warp(
+    terrain: HeightField | str | Path,
+    *,
+    cells: tuple[int, int, int] = CELLS,
+    height_m: float = HEIGHT_M,
+    method: Method = "fast",
+    iterations: int = 100,
+) -> MapFit:
+    """Make the map that flattens a terrain, and measure it.
+
+    Arguments:
+        terrain: a ``HeightField``, a name, a file of heights, or "FILE.py:NAME", as for
+            ``heights``.
+        cells: numbers of cells of the tri-cubic grid along each axis; more let the map bend more
+            sharply, and cost time in proportion.
+        height_m: thickness of the band above the terrain [m], about five times the robot's rest
+            height.
+        method: "fast", exact at the ground; "local-global" (Algorithm 1 of Pan et al.),
+            "gauss-newton" and "accelerated" as published, without a snap.
+        iterations: largest number of iterations of the method.
+
+    Returns:
+        A ``MapFit``: the ``map``, and its ``report``, whose ``least_det`` above 0 says that the map
+        folds nowhere.
+
+    Raises:
+        InvalidInput: for a bad grid, and a terrain that cannot be read.
+        PlanningFailed: where every map folds, or the terrain is finer than the map's snap can hold.
+    Source:
+        Pan et al. §IV-A and §IV-B, W6.
+
+    Example:
+        >>> import stancekit
+        >>> stancekit.warp("hill", cells=(8, 8, 3)).report.least_det > 0.0
+        True
+    """
+    checked_int(iterations, "iterations", least=1, most=MOST_ITERATIONS)
+    if any(isinstance(count, bool) or not isinstance(count, int) for count in cells):
+        raise InvalidInput(f"cells: expected three whole numbers in [2, 200], got {cells}")
+    field = terrain if isinstance(terrain, HeightField) else named_terrain(str(terrain))
+    return fit_map(field, cells=cells, height_m=height_m, method=method, iterations=iterations)
+
+
+@checked
+def screen(
+    problems: Problem | Sequence[Problem] | PostureBatch,
+    surrogate: Any = None,
+    *,
+    error: float = 0.005,
+) -> Screened:
+    """Say of posture problems what a surrogate is sure of, feasible or infeasible, and "ask" of the
+    rest.
+
+    Arguments:
+        problems: problems of the class that the surrogate learned from, which differ in their
+            patches alone; or one of them. A ``PostureBatch`` of arrays takes no time to make.
+        surrogate: the surrogate that ``fit(rows, "surrogate")`` returned, its file, or the name of
+            one that ships; the one that ships for problems like these where None.
+        error: largest share of truly feasible problems of the class that are called infeasible, and
+            of truly infeasible ones that are called feasible; of trivially infeasible ones only if
+            the calibration had such rows. The smaller, the more problems are left to an exact
+            planner. Typically 0.001 to 0.05.
+
+    Returns:
+        A ``Screened``: ``answers``, "feasible", "infeasible" or "ask" per problem, ``margins``, and
+        the share that is ``decided``. Nothing of it is proved: it holds of problems as they were
+        drawn for the calibration, at the ``confidence`` that it names. A problem that lies beyond
+        those is "ask", and so are all of a batch of 64 or more that is not drawn as they were, with
+        the reason in ``shifted``; a smaller batch cannot tell.
+
+    Raises:
+        InvalidInput: for problems of another class or robot, or without a surrogate for problems
+            for which none ships, an error of 0 or 1, and a file that is no surrogate.
+    Source:
+        Wilks (1941), one-sided tolerance intervals.
+
+    Example:
+        >>> import stancekit
+        >>> rows = stancekit.label("wall-3", "train", rows=(60, 60))
+        >>> surrogate = stancekit.fit(rows, "surrogate", epochs=4)
+        >>> screened = stancekit.screen(stancekit.sample("wall-3", 5), surrogate, error=0.2)
+        >>> len(screened.answers), set(screened.answers) <= {"feasible", "infeasible", "ask"}
+        (5, True)
+        >>> stancekit.screen(stancekit.sample("wall-3", 100)).decided > 0.5
+        True
+    """
+    try:
+        from stancekit.learners.surrogates.shipped import surrogate_for, surrogate_of
+        from stancekit.learners.surrogates.surrogate import as_batch
+    except ImportError as error_:
+        raise not_installed("surrogate", error_.name, "networks", "rl") from None
+    batch = as_batch([problems] if isinstance(problems, Problem) else problems)
+    chosen = surrogate_for(batch.like) if surrogate is None else surrogate_of(surrogate)
+    return chosen.screen(batch, error)
+
 
 Rows = Dataset | str | Path
 Progress = Callable[[int, int], None]

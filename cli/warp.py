@@ -56,8 +56,8 @@ class Warp:
 
     def run(self) -> int:
         """Read the terrain, make the map, write and say what came of it."""
-        from stancekit.maps import warp
         from stancekit.planners.files.writing import check_writable
+        from stancekit.selectors import warp
 
         cells = numbers(self.cells, "--cells", int, 3)
         if self.out is not None and self.out.suffix != ".npz":
