@@ -2,15 +2,480 @@
 
 from __future__ import annotations
 
+import json
+import math
+import os
 from dataclasses import dataclass
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
+from rich.console import Console
 
-from .bench_envelopes import BenchEnvelopes
+from stancekit.planners.errors import InvalidInput
+
 from .bench_gait import BenchGait
-from .bench_planner import BenchPlanner
-from .bench_room import BenchRoom
+from .console import as_options, emit, make_folder, out, stages
+from .evaluate import score_table
+from .options import ROBOT, TERRAIN, OptionalFloat, OptionalPath, OptionalText
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+    from stancekit.learners.evaluation.bench import ClassResult
+    from stancekit.learners.evaluation.room import Room, Share
+
+
+@dataclass
+class BenchEnvelopes:
+    """Compare every method on held-out terrains, as in Lin et al.'s Table I, with 95 % intervals
+    and the paper's own rows.
+
+    Labels training, calibration and test terrains, learns a selector by every method of the
+    configuration, and rolls all of them out on the same test terrains. Data sets, selectors, rows
+    and pictures are kept in a folder. A run that was stopped goes on where it was, and files that
+    were made with the same settings are used again.
+    """
+
+    config: OptionalPath = None
+    """Experiment file (YAML); configs/bench-envelopes.yaml where there is none."""
+    quick: bool = False
+    """Use the file's section quick: small data, short training."""
+    problem: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
+    """Classes of problems, instead of the file's."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names
+    one."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Mesh or grid that scenes are cut from, instead of the file's."""
+    out: OptionalPath = None
+    """Folder for everything that is made; out/bench, or out/bench-quick, where there is none."""
+    workers: int = max(os.cpu_count() or 1, 1)
+    """Processes for labelling and rollouts."""
+    executor: Literal["processes", "ray"] = "processes"
+    """Where labelling and rollouts run: on this machine, or on a Ray cluster."""
+    address: OptionalText = None
+    """Ray cluster: host:port of its head, auto, or local."""
+    json: bool = False
+    """One JSON object a row."""
+
+    def run(self) -> int:
+        """Run the bench, and write the table, as numbers and as a page, and a picture a class."""
+        from stancekit.configs import config_path
+        from stancekit.learners.data.executors import executor
+        from stancekit.learners.evaluation import bench, leaderboard
+        from stancekit.learners.evaluation.experiment import Experiment
+        from stancekit.planners.files.writing import write_text
+        from stancekit.views.sheet import save
+
+        arguments = {
+            "problems": list(self.problem) or None,
+            "robot": self.robot,
+            "terrain": None if self.terrain is None else str(self.terrain),
+        }
+        experiment = Experiment.from_yaml(
+            self.config or config_path("bench-envelopes.yaml"),
+            quick=self.quick,
+            overrides={name: value for name, value in arguments.items() if value is not None},
+        )
+        where = executor(self.executor, workers=self.workers, address=self.address)
+        folder = self.out or Path("out/bench-quick" if self.quick else "out/bench")
+        make_folder(folder)
+        table: list[dict[str, Any]] = []
+        with stages("bench") as on_progress:
+            for result in bench.run(experiment, folder, executor=where, progress=on_progress):
+                records = rows(result)
+                table += records
+                write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
+                write_text(folder / "table.md", leaderboard.page(table, experiment))
+                save(_comparison_figure(result), folder / f"{result.problem_class}.png")
+                report(result, as_json=self.json)
+        if not self.json:
+            out.print(f"table and pictures: {folder}")
+        return 0
+
+
+def rows(result: ClassResult) -> list[dict[str, Any]]:
+    """The comparison as JSON-ready rows, the paper's figures with those it has."""
+    from stancekit.learners.evaluation.evaluate import paper_row
+
+    records = []
+    for score in result.scores:
+        paper = paper_row(result.problem_class, score.selector)
+        record = {
+            "problem_class": result.problem_class,
+            **score.to_json(),
+            "balanced": score.balanced,
+        }
+        records.append(record if paper is None else {**record, "paper": paper})
+    return records
+
+
+def report(result: ClassResult, *, as_json: bool) -> None:
+    """Print one class, as JSON lines or as a table."""
+    if as_json:
+        for record in rows(result):
+            emit(record)
+        return
+    out.print(score_table(result.problem_class, list(result.scores)))
+    out.print()
+
+
+def _comparison_figure(result: ClassResult) -> Figure:
+    """The comparison as a picture, the paper's figures as markers."""
+    from stancekit.learners.evaluation.evaluate import paper_row
+    from stancekit.views.comparison import ComparisonBar, draw_comparison
+
+    names = {
+        "p1_feasible": "P1 feasible",
+        "p1_infeasible": "P1 infeasible",
+        "project_fix_p": "→ fix-p",
+    }
+    names |= {"project_nlp": "→ nlp"}
+    bars = []
+    for score in result.scores:
+        shares = {"P1 feasible": score.p1_feasible, "P1 infeasible": score.p1_infeasible}
+        shares |= {f"→ {way}": share for way, share in score.projected.items()}
+        values = {name: share.value for name, share in shares.items() if share.of}
+        paper = paper_row(result.problem_class, score.selector) or {}
+        shown = {names[key]: value for key, value in paper.items() if names.get(key) in values}
+        bars.append(ComparisonBar(selector=score.selector, values=values, paper=shown))
+    return draw_comparison(
+        bars,
+        caption=f"{result.problem_class}: {bars and result.scores[0].p1_feasible.of} feasible "
+        f"and {result.scores[0].p1_infeasible.of} infeasible held-out terrains",
+    )
+
+
+WIDTH = 150
+"""Width of the table, in letters, also where a terminal is narrower: it folds lines, and a file
+keeps them."""
+
+
+@dataclass
+class BenchPlanner:
+    """Lin et al.'s Table II: how long planning two-wall climbs takes, and how large the programs
+    are.
+
+    One run and one thread each: the two-stage planners with compiling and re-solving apart, and
+    MICP without and with an envelope under a time limit, the paper's own times beside them. A run
+    that is stopped goes on with the next cell.
+    """
+
+    quick: bool = False
+    """Few key frames and a short time limit."""
+    solver: Literal["highs", "scip", "gurobi"] = "highs"
+    """Solver of the mixed-integer programs."""
+    cap: OptionalFloat = None
+    """Time limit of a mixed-integer program [s]; 120, or 20 with --quick, where there is none."""
+    out: OptionalPath = None
+    """Folder for the cells and the table; out/bench-planner, or out/bench-planner-quick, where
+    there is none."""
+    json: bool = False
+    """One JSON object a cell."""
+
+    def run(self) -> int:
+        """Measure what is missing, and print the table."""
+        from dataclasses import replace
+
+        from stancekit.learners.evaluation import planner_bench
+        from stancekit.planners.files.arrays import checked
+        from stancekit.planners.files.writing import write_text
+
+        settings = (
+            planner_bench.PlannerBenchSettings.quick()
+            if self.quick
+            else planner_bench.PlannerBenchSettings()
+        )
+        settings = replace(settings, solver=self.solver)
+        if self.cap is not None:
+            settings = replace(settings, cap_s=checked(self.cap, "cap", above=0.0))
+        folder = self.out or Path("out/bench-planner-quick" if self.quick else "out/bench-planner")
+        make_folder(folder)
+        rows: list[dict[str, Any]] = []
+        with stages("bench planner") as on_progress:
+            for row in planner_bench.run(settings, folder, on_progress):
+                rows.append(row)
+                if self.json:
+                    emit(row)
+        write_text(folder / "table.json", json.dumps(rows, indent=1) + "\n")
+        if not self.json:
+            Console(width=max(out.width, WIDTH), soft_wrap=True).print(table(rows))
+            for method in dict.fromkeys(row["method"] for row in rows if "over_solver" in row):
+                out.print(f"{method}: CPU s ~ M^{planner_bench.growth(rows, method):.2f}")
+            for line in speed_ups(rows):
+                out.print(line)
+            out.print(f"cells and table: {folder}")
+        return 0
+
+
+def table(rows: list[dict[str, Any]]) -> Table:
+    """The rows as a table."""
+    from rich.table import Table
+
+    grid = Table(
+        title="Table II",
+        caption="* to a relative gap, the others to the first point; / solver: planning, without verifying, over "
+        "Clarabel's own time; |m-pf|: most in a cell of the grid; moments: what the grid's point "
+        "leaves of them",
+    )
+    names = (
+        "method",
+        "M",
+        "columns",
+        "binary",
+        "rows",
+        "compile s",
+        "solve s",
+        "CPU s",
+        "/ solver",
+        "|m-pf|",
+        "moments",
+        "answer",
+    )
+    for name in (*names, "paper s"):
+        grid.add_column(
+            name, justify="left" if name in ("method", "answer") else "right", no_wrap=True
+        )
+    for row in rows:
+        paper = row.get("paper", {})
+        theirs = (
+            f"> {paper['more_than']}" if "more_than" in paper else _figure(paper.get("seconds"))
+        )
+        grid.add_row(
+            row["method"] + (" *" if row["optimised"] else ""),
+            str(row["frames"]),
+            str(row["variables"]),
+            str(row["binaries"]),
+            str(row["constraints"]),
+            _figure(row["compile_s"]),
+            ("> " if row.get("capped") else "") + _figure(row["seconds"]),
+            _figure(row["cpu_s"]),
+            _figure(row.get("over_solver")),
+            _figure(row.get("cell_error")),
+            _figure(row.get("claimed_residual")),
+            row["status"],
+            theirs,
+        )
+    return grid
+
+
+def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
+    """Factor by which MICP takes less CPU time than over [−1, 1] with as many intervals, per number
+    of key frames.
+    """
+    from stancekit.learners.evaluation.planner_bench import FORMS
+
+    by_cell = {(row["method"], row["frames"], row["optimised"]): row for row in rows}
+    lines = []
+    for (method, frames, optimised), row in by_cell.items():
+        plain = by_cell.get((method.rpartition(", ")[0], frames, optimised))
+        if plain is None or plain["method"] not in (FORMS["unit-4"], FORMS["unit-2"]):
+            continue
+        sign = {(False, False): "", (True, False): "≥ ", (False, True): "≤ "}.get(
+            (plain["capped"], row["capped"])
+        )
+        if sign is not None:
+            message = " *" if optimised else ""
+            lines.append(
+                f"{method}{message}, M = {frames}: "
+                f"{sign}{plain['cpu_s'] / max(row['cpu_s'], 1e-9):.1f} ×"
+            )
+    return lines
+
+
+def _figure(value: float | None) -> str:
+    return "" if value is None or math.isnan(value) else f"{value:.3g}"
+
+
+METHODS = ("random", "noise", "noise-again", "rule-tuned", "farkas", "finder", "finder-tuned")
+LEAPS = "LeapChoice-v0"
+QUICK = 40
+"""Scenes of a quick look."""
+
+
+@dataclass
+class BenchRoom:
+    """Measure how much room for learning an environment leaves: what any method finds, less what
+    the best unlearned one finds.
+
+    One line per budget, one try and so many convex problems: random choices, the best unlearned
+    control, the learned scores where files of them are given, and the oracle, which is the union of
+    all methods at a larger budget. The oracle with another seed stands beside it: where both agree,
+    room is no luck. Rows are kept in a folder, and a run that is stopped goes on. All shares have
+    intervals of 95 %; the gain of learned scores is paired over the scenes.
+    """
+
+    scorer: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    """Files of `stancekit fit` from labelled tries of leaps, or a name that ships; of several, as
+    of training seeds, the mean is taken. Scenes that they learned from are refused."""
+    method: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = METHODS
+    """Methods that learn nothing: random, noise, rule-tuned, farkas, finder, finder-tuned; the best
+    within a budget is its control. noise-again draws with another seed."""
+    environment: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = (LEAPS,)
+    """Some of LeapChoice-v0, EnvelopeSelection-v0, EnvelopeRefinement-v0, Traverse-v0,
+    WarpedGait-v0. Of all but the first the budget is that of an episode, and a planner beside the
+    environment is a control, too. A walk takes a minute of the processor for all policies."""
+    distribution: str = "leap-hard"
+    """Class of leaps."""
+    scenes: int = 300
+    """Scenes, from number 0 on; fewer than 300 decide nothing."""
+    seed: int = 4900
+    """Seed of the scenes; data sets to learn from have another one."""
+    solves: Annotated[tuple[int, ...], tyro.conf.arg(metavar="INT ...")] = (12, 25)
+    """Budgets in convex problems, beside that of one try."""
+    cpu_s: Annotated[tuple[float, ...], tyro.conf.arg(metavar="FLOAT ...")] = ()
+    """Budgets in CPU time, the network's own counted [s]; one process alone on the computer
+    measures them."""
+    oracle_solves: int = 50
+    """Convex problems of the oracle, per method and scene."""
+    quick: bool = False
+    """A look at 40 scenes, in a minute or two."""
+    out: Path = Path("out/bench-room")
+    """Folder for the rows."""
+    json: bool = False
+    """One JSON object per budget."""
+
+    def run(self) -> int:
+        """Measure what is missing, and print the table."""
+        if not self.environment:
+            with as_options("environment"):
+                raise InvalidInput("environment: expected one or more, got none")
+        if others := [name for name in self.environment if name != LEAPS]:
+            from stancekit.learners.evaluation.env_room import ENVIRONMENTS
+            from stancekit.planners.files.arrays import checked_choice
+
+            with as_options("environment"):
+                for name in others:
+                    checked_choice(name, "environment", (LEAPS, *ENVIRONMENTS))
+        rooms = [
+            line
+            for name in self.environment
+            for line in (self._leaps() if name == LEAPS else [self._other(name)])
+        ]
+        if self.json:
+            for line in rooms:
+                emit(line.to_json())
+            return 0
+        Console(width=max(out.width, WIDTH), soft_wrap=True).print(_table(rooms))
+        out.print(f"rows: {self.out}")
+        return 0
+
+    def _other(self, name: str) -> Room:
+        """Another environment."""
+        from stancekit.learners.evaluation.env_room import environment_room
+
+        with as_options("environment", "scenes", "seed"), stages("bench room") as on_progress:
+            make_folder(self.out)
+            scenes = min(self.scenes, QUICK) if self.quick else self.scenes
+            return environment_room(
+                name, self.out / name, scenes=scenes, seed=self.seed, on_progress=on_progress
+            )
+
+    def _leaps(self) -> list[Room]:
+        """LeapChoice-v0, a line per budget."""
+        from stancekit.learners.evaluation import leap_bench
+        from stancekit.learners.evaluation.room import leap_room
+        from stancekit.learners.zoo import shipped
+        from stancekit.planners.files.arrays import checked, checked_int
+
+        with as_options(
+            "distribution",
+            "scenes",
+            "seed",
+            "method",
+            "scorer",
+            "solves",
+            "cpu_s",
+            "oracle_solves",
+        ):
+            checked_int(self.oracle_solves, "oracle_solves", least=1)
+            for path in self.scorer:
+                if not leap_bench.is_scorer(path):
+                    names = ", ".join(shipped("scorers"))
+                    raise InvalidInput(
+                        f"scorer: expected a file of leaps' scores, or one of {names}, got {path}"
+                    )
+            for solves in self.solves:
+                checked_int(solves, "solves", least=1, most=self.oracle_solves)
+            for seconds in self.cpu_s:
+                checked(seconds, "cpu_s", above=0.0)
+            settings = leap_bench.LeapBenchSettings(
+                distribution=self.distribution,
+                scenes=min(self.scenes, QUICK) if self.quick else self.scenes,
+                seed=self.seed,
+                methods=(*self.method, *self.scorer),
+                solves=self.oracle_solves,
+            )
+            if not {*leap_bench.FINDERS, *leap_bench.TUNED} & {*settings.methods}:
+                raise InvalidInput(
+                    f"method: expected a control among them, got {', '.join(self.method) or 'none'}"
+                )
+        make_folder(self.out)
+        with stages("bench room") as on_progress:
+            rows = leap_bench.run(settings, self.out, on_progress)
+        budgets: list[dict[str, Any]] = [{"tries": 1}, *({"solves": each} for each in self.solves)]
+        budgets += [{"cpu_s": each} for each in self.cpu_s]
+        return [
+            leap_room(rows, self.distribution, self.oracle_solves, **budget) for budget in budgets
+        ]
+
+
+def _table(lines: list[Room]) -> Table:
+    """The lines as a table, in percent and points, with 95 % intervals."""
+    from rich.table import Table
+
+    remarks = dict.fromkeys(
+        f"{line.environment}: {line.scenes} scenes, oracle: {line.oracle_budget}" for line in lines
+    )
+    grid = Table(
+        title="; ".join(remarks),
+        caption="shares of all scenes in percent, gain and room in points",
+        box=None,
+    )
+    for name in (
+        "environment",
+        "budget",
+        "random",
+        "control",
+        "",
+        "learned",
+        "",
+        "gain",
+        "oracle",
+        "again",
+        "room",
+    ):
+        grid.add_column(name, justify="left" if name in ("environment", "budget", "") else "right")
+    for line in lines:
+        shares = [
+            _percent(each)
+            for each in (line.random, line.control, line.learned, line.oracle, line.again)
+        ]
+        names = (
+            line.environment,
+            line.budget,
+            shares[0],
+            shares[1],
+            line.controlled_by,
+            shares[2],
+            line.learned_by,
+        )
+        grid.add_row(*names, _points(line.gain), *shares[3:], f"{line.room:.0f}")
+    return grid
+
+
+def _percent(value: Share | None) -> str:
+    return (
+        "–"
+        if value is None
+        else "{:.0f} [{:.0f}, {:.0f}]".format(*(100.0 * part for part in value))
+    )
+
+
+def _points(value: Share | None) -> str:
+    return "–" if value is None else "{:+.1f} [{:+.1f}, {:+.1f}]".format(*value)
 
 
 @dataclass

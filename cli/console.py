@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any, Protocol, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TextIO, TypeVar
 
 from rich.console import (
     Console,
@@ -20,9 +20,14 @@ from rich.console import (
     RenderHook,
     RenderResult,
 )
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.segment import Segment
 
 from stancekit.planners.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from stancekit.planners.gait.method.attempt import Attempt
+
 
 Item = TypeVar("Item")
 
@@ -274,3 +279,23 @@ def make_folder(folder: Path) -> None:
         raise InvalidInput(
             f"{folder}: expected a folder or room for one, got {error.strerror}"
         ) from None
+
+
+@contextmanager
+def watching(title: str) -> Iterator[Callable[[Attempt, int, float, float, str], None]]:
+    """Yields what shows an iteration (attempt, number, violation, cost, phase) on standard error.
+
+    One line with the time that has passed, or one now and then where standard error is no terminal.
+    """
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        line, lines = bar.add_task(title, total=None), Lines(title)
+
+        def show(
+            attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
+        ) -> None:
+            text = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}, cost {cost:.3g}"
+            bar.update(line, description=text)
+            lines.say(text)
+
+        yield show

@@ -16,8 +16,7 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
-from .names import PROJECTION, ROBOT, TERRAIN, named
-from .options import OptionalPath, OptionalText
+from .options import PROJECTION, ROBOT, TERRAIN, OptionalPath, OptionalText, named
 
 if TYPE_CHECKING:
     from stancekit.learners.evaluation.evaluate import Score, Share

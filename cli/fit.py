@@ -11,8 +11,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
-from .names import ROBOT, TERRAIN, named
-from .options import OptionalPath, OptionalText
+from .options import ROBOT, TERRAIN, OptionalPath, OptionalText, named
 
 if TYPE_CHECKING:
     from stancekit.envs.data.dataset import Dataset

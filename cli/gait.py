@@ -11,10 +11,16 @@ import tyro
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 
 from . import gait_options
-from .console import as_options, emit, err, out
-from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn
-from .terrain_options import OF_FILE, TerrainFile
-from .watch import watching
+from .console import as_options, emit, err, out, watching
+from .options import (
+    OF_FILE,
+    OptionalFloat,
+    OptionalInt,
+    OptionalPath,
+    OptionalText,
+    TerrainFile,
+    check_drawn,
+)
 
 if TYPE_CHECKING:
     from stancekit.planners.gait.method.attempt import Attempt, Attempted

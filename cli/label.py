@@ -14,8 +14,16 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import Show, as_options, emit, out, progress
-from .names import DISTRIBUTION, ROBOT, SURROGATE, TERRAIN
-from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText
+from .options import (
+    DISTRIBUTION,
+    ROBOT,
+    SURROGATE,
+    TERRAIN,
+    OptionalFloat,
+    OptionalInt,
+    OptionalPath,
+    OptionalText,
+)
 
 if TYPE_CHECKING:
     from stancekit.learners.data.executor import Executor

@@ -109,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if arguments in ([], ["--help"], ["-h"]):
             print(_overview(), flush=True)
             return
-        from .patches import keep_as_written, share_methods
+        from .pictures import keep_as_written, share_methods
 
         gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
         if alone:
@@ -161,8 +161,8 @@ def parse(arguments: Sequence[str]) -> Command:
     import tyro
 
     from .console import complain
-    from .option_texts import flowing, rules
-    from .slips import slip
+    from .options import flowing, rules
+    from .simulate import slip
 
     if arguments[0] not in COMMANDS and arguments[0] not in _others():
         known = ", ".join((*COMMANDS, *_others()))

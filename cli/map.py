@@ -12,8 +12,16 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
-from .options import LONGEST_S, OptionalPath, OptionalText, check_drawn
-from .terrain_options import OF_FILE, FileMeaning, FootholdOptions, in_options
+from .options import (
+    LONGEST_S,
+    OF_FILE,
+    FileMeaning,
+    FootholdOptions,
+    OptionalPath,
+    OptionalText,
+    check_drawn,
+    in_options,
+)
 
 if TYPE_CHECKING:
     from stancekit.planners.problem.standing_map import StandingMap

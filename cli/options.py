@@ -5,18 +5,163 @@ tyro knows ``Optional``; for ``X | None`` it imports typeguard, which takes .1 s
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from functools import cache, partial
+from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, TypeAlias, get_type_hints
 
 import tyro
+from tyro.constructors import (
+    MISSING_NONPROP,
+    ConstructorRegistry,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
 
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
     from stancekit.planners.search.answer import Kind
+    from stancekit.planners.terrain.footholds import FootholdLimits
+    from stancekit.planners.terrain.heightfield import HeightField
+    from stancekit.planners.terrain.import_options import ImportOptions
+
+
+def rules() -> ConstructorRegistry:
+    """The rule of tyro by which data classes become options."""
+    registry = ConstructorRegistry()
+    registry.struct_rule(_options_of)
+    return registry
+
+
+def flowing(text: str) -> str:
+    """The text with every paragraph on one line, unless it is a block of lines of their own."""
+    paragraphs = re.split(r"\n\s*\n", cleandoc(text))
+    return "\n\n".join(
+        each if each.startswith(" ") else " ".join(each.split()) for each in paragraphs
+    )
+
+
+def _options_of(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """An option for each field of a data class; None for any other type."""
+    cls = info.type
+    if not dataclasses.is_dataclass(cls):
+        return None
+    types, texts = get_type_hints(cls, include_extras=True), cache(partial(_texts, cls))
+    named = [
+        StructFieldSpec(
+            name=each.name,
+            type=types[each.name],
+            default=_default(each, info.default, types[each.name]),
+            helptext=partial(_text, texts, each.name),
+        )
+        for each in dataclasses.fields(cls)
+        if each.init
+    ]
+    return StructConstructorSpec(instantiate=cls, fields=tuple(named))
+
+
+def _default(field: dataclasses.Field[Any], of: Any, type_: Any) -> Any:
+    """The value of a field where nothing is asked: that of the instance that is the default, or its
+    own.
+    """
+    if dataclasses.is_dataclass(of) and hasattr(of, field.name):
+        return getattr(of, field.name)
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    if field.default_factory is not dataclasses.MISSING and field.default_factory is not type_:
+        return field.default_factory()
+    return MISSING_NONPROP
+
+
+def _text(texts: Callable[[], dict[str, str]], name: str) -> str | None:
+    """The text of one field, which is read from the source when it is shown."""
+    return texts().get(name)
+
+
+def _texts(cls: type[Any]) -> dict[str, str]:
+    """The text of every field that has one, by its name, in the source of the class and of those
+    that it comes from.
+    """
+    import docstring_parser
+
+    return {
+        said.arg_name: " ".join(said.description.split())
+        for each in reversed(cls.__mro__[:-1])
+        for said in docstring_parser.parse_from_object(each).params
+        if said.description
+    }
+
+
+NAMES = {
+    "stancekit.planners.projection.project:PROJECTIONS": (
+        "stancekit.projections",
+        ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
+    ),
+    "stancekit.planners.relaxation.table:RELAXATIONS": (
+        "stancekit.relaxations",
+        ("p1", "joint", "coned", "lift"),
+    ),
+    "stancekit.planners.search.methods:METHODS": (
+        "stancekit.planners",
+        ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
+    ),
+    "stancekit.planners.search.methods:COURSE_METHODS": (
+        "stancekit.planners",
+        ("two-stage", "micp", "nlp", "decoupled", "exact"),
+    ),
+    "stancekit.learners.training.fitting:METHODS": (
+        "stancekit.methods",
+        (
+            "heuristic",
+            "quantile",
+            "gmm-printed",
+            "gmm",
+            "ga",
+            "gradient",
+            "modes",
+            "chooser",
+            "neural",
+            "joint",
+            "rl",
+        ),
+    ),
+    "stancekit.learners.selectors.own:SELECTORS": ("stancekit.selectors", ()),
+}
+"""By registry, or by tuple of our own names: the group of other packages' names, and our own,
+for which `--help` would else load solvers and networks (a test holds them to be those that there
+are)."""
+
+
+def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
+    """Annotation of an option that takes a name of this registry, a key of ``NAMES``."""
+
+    def hint(default: str) -> str:
+        from stancekit.planners.plugins import entry_points_of
+
+        group, ours = NAMES[registry]
+        others = [point.name for point in entry_points_of(group)]
+        names = list(dict.fromkeys([*ours, *others]))
+        known = [f"default: {default}"] if default not in ("", "None") else []
+        known += [f"one of {', '.join([*names, 'FILE.py:NAME'])}"] if names else []
+        return f"({'; '.join(known)})" if known else ""
+
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint)
+
+
+PROJECTION = named("stancekit.planners.projection.project:PROJECTIONS")
+DISTRIBUTION = tyro.conf.arg(metavar="NAME")
+ROBOT = tyro.conf.arg(metavar="FILE|NAME")
+SURROGATE = tyro.conf.arg(metavar="FILE")
+TERRAIN = tyro.conf.arg(metavar="FILE")
+
 
 OptionalPath: TypeAlias = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH")]  # noqa: UP045
 OptionalInt: TypeAlias = Annotated[Optional[int], tyro.conf.arg(metavar="INT")]  # noqa: UP045
@@ -104,3 +249,173 @@ def wrench_numbers(text: str | None) -> tuple[float, ...] | None:
         raise InvalidInput(
             f"wrench: expected FX,FY,FZ or FX,FY,FZ,MX,MY,MZ, got {text!r:.80}"
         ) from None
+
+
+OF_FILES = (
+    "kind",
+    "spacing_m",
+    "unit_m",
+    "up",
+    "offset_m",
+    "crop_m",
+    "holes",
+    "most_triangles",
+    "smooth_m",
+    "grid_m",
+)
+
+OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
+"""How the options of a ``TerrainFile`` are shown."""
+
+
+@dataclass
+class FileMeaning:
+    """Options that say what the numbers of a terrain's file mean, but for a grid's spacing."""
+
+    kind: Annotated[
+        Optional[Literal["mesh", "grid", "cloud"]],  # noqa: UP045
+        tyro.conf.arg(metavar="{mesh,grid,cloud}"),
+    ] = None
+    """What the file holds, where its name does not say: a .npy or .csv of three columns may be a
+    cloud or a grid. A mesh that is called a grid is the map of its upper side."""
+    unit_m: float = 1.0
+    """What one unit of lengths in a file means [m]; 0.001 for millimetres."""
+    up: Literal["x", "y", "z"] = "z"
+    """Which axis of a mesh or cloud points up. With y, the file's z becomes x and its x becomes y;
+    with x, its y becomes x and its z becomes y."""
+    offset_m: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y,Z")] = None
+    """Added to every point, after unit and axis [m]; before a negative number the sign =, as in
+    --offset-m=-1,0,0."""
+    crop_m: Annotated[OptionalText, tyro.conf.arg(metavar="X,X,Y,Y[,Z,Z]")] = None
+    """What is kept, from and to along each axis, after the offset [m]."""
+    holes: Literal["no-go", "fill"] = "no-go"
+    """What has no height (NaN, transparent pixels, cells without points): no terrain, or a membrane
+    over it."""
+    most_triangles: OptionalInt = None
+    """A mesh with more is refused by its header; 200,000 unless given."""
+    heights_m: Annotated[OptionalText, tyro.conf.arg(metavar="BLACK,WHITE")] = None
+    """Heights of black and white in a .png [m]."""
+
+    def options(self, spacing_m: float = 0.05) -> ImportOptions:
+        """Import options that the reader wants, with a grid's spacing.
+
+        Raises InvalidInput.
+        """
+        from stancekit.planners.terrain.import_options import ImportOptions
+
+        import_settings: dict[str, Any] = {
+            name: getattr(self, name) for name in ("kind", "unit_m", "up", "holes")
+        } | {"spacing_m": spacing_m}
+        if self.heights_m is not None:
+            import_settings["height_m"] = numbers(self.heights_m, "--heights-m", float, 2)
+        if self.offset_m is not None:
+            import_settings["offset_m"] = numbers(self.offset_m, "--offset-m", float, 3)
+        if self.crop_m is not None:
+            import_settings["crop_m"] = numbers(
+                self.crop_m, "--crop-m", float, 6 if self.crop_m.count(",") > 3 else 4
+            )
+        if self.most_triangles is not None:
+            import_settings["most_triangles"] = self.most_triangles
+        with in_options():
+            return ImportOptions(**import_settings)
+
+
+@dataclass
+class TerrainFile(FileMeaning):
+    """Options that say what the numbers of a terrain's file mean."""
+
+    spacing_m: float = 0.05
+    """Grid spacing of a file, of the map that a cloud becomes, and at which a mesh is sampled for
+    walks [m]."""
+    smooth_m: float = 0.0
+    """Deviation of a Gaussian that smooths heights for walks; a wall has to be wider than the
+    grid's spacing [m]."""
+
+    def read(self, name: str) -> HeightField:
+        """The terrain of a name as one height at every place.
+
+        Raises InvalidInput.
+        """
+        from stancekit.terrains import heights
+
+        with in_options():
+            return heights(name, smooth_m=self.smooth_m, **vars(self.asked()))
+
+    def asked(self) -> ImportOptions:
+        """Import options that the reader wants.
+
+        Raises InvalidInput.
+        """
+        return self.options(self.spacing_m)
+
+
+@dataclass
+class FootholdOptions:
+    """Options that say what counts as a foothold."""
+
+    slope_rad: float = 0.6
+    """Steepest ground to stand on [rad]."""
+    headroom_m: OptionalFloat = None
+    """What is free above a foothold, along its normal [m]; unless given, 0.1 of a robot of the
+    default hexapod's size, and in proportion."""
+    margin_m: OptionalFloat = None
+    """Margin of footholds from the borders of their surface [m]; unless given, the radius of the
+    robot's foot, else 0.02."""
+    width_m: OptionalFloat = None
+    """Least width of a foothold inside the margin [m]; unless given, likewise."""
+    roughness_m: float = 0.006
+    """How far heights of a map may be off a foothold's plane, rms [m]."""
+    noise_m: OptionalFloat = None
+    """Deviation of the sensor that made a map or a cloud, allowed for beside the roughness; unless
+    given, it is estimated from the heights [m]."""
+
+    def limits(self) -> FootholdLimits:
+        """Limits of footholds.
+
+        Raises InvalidInput.
+        """
+        from stancekit.planners.terrain.footholds import FootholdLimits
+
+        settings = {k: v for k, v in vars(self).items() if k != "headroom_m"}
+        with in_options():
+            return FootholdLimits(clearance_m=self.headroom_m, **settings)
+
+
+@contextmanager
+def in_options() -> Iterator[None]:
+    """Let a reader's message name its settings as the options that give them."""
+    try:
+        yield
+    except InvalidInput as error:
+        message = re.sub(r"\bheight_m\b", "--heights-m", str(error))
+        names = "|".join(
+            (*OF_FILES, "slope_rad", "clearance_m", "margin_m", "width_m", "roughness_m", "noise_m")
+        )
+        text = re.sub(rf"(?<![-\w])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
+        raise InvalidInput(text) from None
+
+
+def _as_option(found: re.Match[str]) -> str:
+    """A setting as its option; ``kind`` and the like only where a value is set."""
+    name, sign = found[1], found[2] or ""
+    if not name.endswith(("_m", "_rad", "_triangles")) and not sign:
+        return name
+    return f"--{name.replace('_', '-')}{' ' if sign == '=' else sign}"
+
+
+def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
+    """Read the numbers of an option, which are separated by commas.
+
+    Raises InvalidInput.
+    """
+    try:
+        parts = tuple(kind(part) for part in text.split(","))
+    except ValueError:
+        parts = ()
+    if len(parts) != count:
+        from stancekit.planners.files.validation import shown  # slow to import
+
+        raise InvalidInput(
+            f"{option}: expected {count} numbers with commas between them, got {shown(text)}"
+        )
+    return parts

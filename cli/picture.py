@@ -11,8 +11,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, text_of
-from .names import PROJECTION
-from .options import OptionalPath
+from .options import PROJECTION, OptionalPath
 
 
 @dataclass

@@ -10,10 +10,10 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .between import Between
 from .console import out
 from .gait_options import place
 from .options import OptionalInt, OptionalText
+from .solve import Between
 
 if TYPE_CHECKING:
     from stancekit.views.playground.scenario import Scenario

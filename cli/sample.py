@@ -12,8 +12,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
-from .names import DISTRIBUTION, ROBOT, TERRAIN
-from .options import OptionalPath, OptionalText
+from .options import DISTRIBUTION, ROBOT, TERRAIN, OptionalPath, OptionalText
 
 MOST = 100_000_000
 """Problems, or scenes, of one call."""

@@ -10,8 +10,15 @@ import tyro
 from rich.table import Table
 
 from .console import emit, out
-from .options import OptionalPath, OptionalText, check_drawn
-from .terrain_options import OF_FILE, FootholdOptions, TerrainFile, in_options
+from .options import (
+    OF_FILE,
+    FootholdOptions,
+    OptionalPath,
+    OptionalText,
+    TerrainFile,
+    check_drawn,
+    in_options,
+)
 
 if TYPE_CHECKING:
     from stancekit.planners.terrain.footholds import Footholds

@@ -13,8 +13,7 @@ from rich.table import Table
 from stancekit.planners.errors import not_installed
 
 from .console import emit, out, stages
-from .names import ROBOT, TERRAIN
-from .options import OptionalInt, OptionalPath, OptionalText
+from .options import ROBOT, TERRAIN, OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.training.held_out import Trained

@@ -11,8 +11,7 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out
-from .options import OptionalPath
-from .terrain_options import OF_FILE, TerrainFile, numbers
+from .options import OF_FILE, OptionalPath, TerrainFile, numbers
 
 if TYPE_CHECKING:
     from stancekit.planners.warp.report import MapReport

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 import stancekit
-from stancekit.cli.between import Between
 from stancekit.cli.main import parse, run
+from stancekit.cli.solve import Between
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.writing import write_text

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from stancekit.cli.patches import share_methods
+from stancekit.cli.pictures import share_methods
 
 
 def made() -> list[type[Any]]:

@@ -9,7 +9,7 @@ import sys
 
 ASKED = """
 import sys
-from stancekit.cli.patches import keep_as_written
+from stancekit.cli.pictures import keep_as_written
 {}
 from scipy import ndimage, special, spatial, stats
 from scipy.ndimage import gaussian_filter1d
@@ -19,7 +19,7 @@ print("Array API" in ndimage.gaussian_filter1d.__doc__, "standard deviation" in 
 """
 COPIED = """
 import sys
-from stancekit.cli.patches import keep_as_written
+from stancekit.cli.pictures import keep_as_written
 keep_as_written()
 from scipy import ndimage, spatial, sparse, interpolate, optimize
 from scipy._lib.array_api_compat import numpy as xp

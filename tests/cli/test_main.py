@@ -16,7 +16,7 @@ import pytest
 
 from stancekit.cli import console, sample
 from stancekit.cli.main import brief, commands
-from stancekit.cli.names import NAMES
+from stancekit.cli.options import NAMES
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.search.methods import PLANNERS
 

@@ -14,8 +14,8 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 
-from stancekit.cli.between import Between
 from stancekit.cli.play import Play
+from stancekit.cli.solve import Between
 from stancekit.planners.errors import install_command
 from stancekit.planners.problem.course_file import read_course
 from stancekit.views.playground.fixed_scenario import FixedScenario

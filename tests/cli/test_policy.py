@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from stancekit.cli.run_table import loop_table, unused
+from stancekit.cli.run import loop_table, unused
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stancekit.cli.main import run
-from stancekit.cli.terrain_options import TerrainFile
+from stancekit.cli.options import TerrainFile
 from stancekit.cli.warp import Warp
 from stancekit.planners.terrain.terrain_file import read_heights
 from stancekit.planners.warp.spline_map import SplineMap

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.cli.bench_planner import speed_ups, table
+from stancekit.cli.bench import speed_ups, table
 from stancekit.learners.evaluation.planner_bench import (
     FORMS,
     MICP,
