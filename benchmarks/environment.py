@@ -97,7 +97,7 @@ def digest_of(folder: Path, arguments: Arguments) -> str:
 def digest(arguments: Arguments) -> str:
     """SHA-256 of all observations, rewards and infos of fresh steps, and of steps of a pool."""
     from stancekit.envs.distributions.postures import distribution
-    from stancekit.envs.sampling import SampledScenes
+    from stancekit.envs.scenes import SampledScenes
 
     kept, found = Kept(SampledScenes(distribution(arguments.problem))), []
     for of_pool in (False, True):
@@ -154,7 +154,7 @@ class Way:
 def rates(arguments: Arguments) -> dict[str, float]:
     """Play all ways in turns."""
     from stancekit.envs.distributions.postures import distribution
-    from stancekit.envs.sampling import OneByOne, SampledScenes
+    from stancekit.envs.scenes import OneByOne, SampledScenes
 
     law = TimedDraws.of(distribution(arguments.problem))
     kept = Kept(SampledScenes(law))
@@ -262,8 +262,7 @@ class Kept:
 def pool_source(arguments: Arguments, scenes: list[Any]) -> Kept:
     """A pool: of the folder, or of the scenes of the first turn."""
     from stancekit.envs.distributions.postures import distribution
-    from stancekit.envs.scene_sources import SceneSettings
-    from stancekit.envs.scenes import PooledScenes
+    from stancekit.envs.scenes import PooledScenes, SceneSettings
 
     if arguments.pool is None:
         return Kept(PooledScenes(scenes[:TURN]))

@@ -47,11 +47,17 @@ from gymnasium import spaces
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stancekit.envs.branching import any_dimension, largest_gap, noisy_gap, widest
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.envs.memoryless import MemorylessPolicy, Observation
+from stancekit.envs.episodes import (
+    MemorylessPolicy,
+    Observation,
+    any_dimension,
+    largest_gap,
+    noisy_gap,
+    widest,
+)
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.traverse import TraverseEnv

@@ -33,9 +33,8 @@ from _bench import Options, launch
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from stancekit.envs.distributions.postures import PostureDistribution, distribution
-from stancekit.envs.sampling import OneByOne
-from stancekit.envs.scenes import LabelledScene
-from stancekit.envs.selection_task import ADMITTED
+from stancekit.envs.scenes import LabelledScene, OneByOne
+from stancekit.envs.selection import ADMITTED
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.planners.equilibrium.programs import Programs

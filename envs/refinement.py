@@ -25,11 +25,8 @@ from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from .episodes import check_options, checked_render_mode, checked_seed
-from .margins import margin_info
-from .sampling import MAX_DRAWS
-from .scene_sources import ProblemSource, SceneSettings
-from .scenes import LabelledScene
-from .selection_task import VERTICES, scene_space
+from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info
+from .selection import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
 _ROOM = 4.0  # bound on non-dimensional coordinates in an observation

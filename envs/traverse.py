@@ -44,8 +44,8 @@ from stancekit.runner.control.envelope_choice import SelectorPlanner
 
 from .distributions.courses import perturbed
 from .episodes import check_options, checked_render_mode, checked_seed
-from .learned_selectors import LearnedSelector, class_envelopes
-from .margins import margin_info
+from .scenes import margin_info
+from .selection import LearnedSelector, class_envelopes
 
 DRAWS = 50
 """Number of draws of a source that has nothing for some toe, before it is given up."""

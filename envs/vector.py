@@ -30,10 +30,8 @@ from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.validation import shown
 
 from .episodes import check_options, checked_mask, checked_render_mode, checked_seed
-from .scene_sources import ProblemSource
-from .scenes import LabelledScene, all_seen
-from .selection import picture
-from .selection_task import SelectionSettings, SelectionTask
+from .scenes import LabelledScene, ProblemSource, all_seen
+from .selection import SelectionSettings, SelectionTask, picture
 
 Observation = dict[str, NDArray[np.float32]]
 Seeds = Sequence[int | None]

@@ -15,8 +15,7 @@ import gymnasium as gym
 import numpy as np
 
 import stancekit.envs  # noqa: F401 — registers the environments
-from stancekit.envs.branching import any_dimension, largest_gap, noisy_gap, widest
-from stancekit.envs.memoryless import MemorylessPolicy
+from stancekit.envs.episodes import MemorylessPolicy, any_dimension, largest_gap, noisy_gap, widest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice, checked_int

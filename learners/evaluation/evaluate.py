@@ -15,8 +15,7 @@ import numpy as np
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.scenes import LabelledScene, ListedScenes, SceneKind
-from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.envs.selection_task import ADMITTED
+from stancekit.envs.selection import ADMITTED, EnvelopeSelectionEnv
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled

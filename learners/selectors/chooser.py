@@ -17,8 +17,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.memoryless import MemorylessPolicy, Observation
-from stancekit.envs.selection_task import ADMITTED
+from stancekit.envs.episodes import MemorylessPolicy, Observation
+from stancekit.envs.selection import ADMITTED
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

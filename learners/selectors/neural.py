@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.memoryless import MemorylessPolicy, Observation
+from stancekit.envs.episodes import MemorylessPolicy, Observation
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.envs.memoryless import Observation
+from stancekit.envs.episodes import Observation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import shown
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed

@@ -19,9 +19,9 @@ from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActor
 from torch import Tensor, nn
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.memoryless import Observation
+from stancekit.envs.episodes import Observation
 from stancekit.envs.refinement import refinement_space
-from stancekit.envs.selection_task import scene_space
+from stancekit.envs.selection import scene_space
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import shown, validated

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.envs.memoryless import MemorylessPolicy, Observation
+from stancekit.envs.episodes import MemorylessPolicy, Observation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.answer_file import write_boxes
 from stancekit.planners.relaxation.envelope import EnvelopeSet

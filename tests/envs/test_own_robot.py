@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.envs.branching import largest_gap
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.memoryless import MemorylessPolicy
+from stancekit.envs.episodes import MemorylessPolicy, largest_gap
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv

@@ -10,7 +10,7 @@ import gymnasium
 import pytest
 
 import stancekit.envs
-from stancekit.envs import leap_choice, refinement, selection, selection_task, traverse, warped_gait
+from stancekit.envs import leap_choice, refinement, selection, traverse, warped_gait
 
 SECTIONS = (
     "Description",
@@ -27,7 +27,7 @@ SIZES = {"N": 3, "E": 4}
 OF_LEAPS = {"P": 8, "R": 8, "M": 9}
 OF_TRAVERSE = {"H": 2, "N": 6, "R": 1, "U": 4}
 SETTINGS = {
-    selection.EnvelopeSelectionEnv: selection_task.SelectionSettings,
+    selection.EnvelopeSelectionEnv: selection.SelectionSettings,
     refinement.EnvelopeRefinementEnv: refinement.RefinementSettings,
     traverse.TraverseEnv: traverse.TraverseSettings,
     warped_gait.WarpedGaitEnv: warped_gait.GaitEnvSettings,
@@ -61,7 +61,7 @@ def test_a_page_has_all_sections_in_their_order(name, kind):
 
 @pytest.mark.parametrize(("name", "kind"), pages())
 def test_the_arguments_are_the_real_ones_with_their_defaults(name, kind):
-    known = {**vars(selection_task), **vars(traverse), **vars(warped_gait)}
+    known = {**vars(selection), **vars(traverse), **vars(warped_gait)}
     message = {
         argument: eval(default, known)
         for argument, default in table(inspect.getdoc(kind), "Arguments")

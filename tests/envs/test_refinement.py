@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from stancekit.envs.branching import any_dimension, largest_gap, noisy_gap, widest
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.memoryless import MemorylessPolicy
+from stancekit.envs.episodes import MemorylessPolicy, any_dimension, largest_gap, noisy_gap, widest
 from stancekit.envs.refinement import EnvelopeRefinementEnv, gap_by_dimension
-from stancekit.envs.sampling import SampledScenes
-from stancekit.envs.scenes import ListedScenes
+from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled

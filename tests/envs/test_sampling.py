@@ -5,9 +5,9 @@ import copy
 import numpy as np
 import pytest
 
-from stancekit.envs import sampling
+from stancekit.envs import scenes
 from stancekit.envs.distributions.postures import OwnDistribution, Repeatable, distribution
-from stancekit.envs.sampling import MOST_AHEAD, OneByOne, SampledScenes
+from stancekit.envs.scenes import MOST_AHEAD, OneByOne, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.verify import check_certificates, check_postures
@@ -59,7 +59,7 @@ def test_scenes_are_drawn_in_ever_larger_blocks_and_verified_together(monkeypatc
         sizes.append(len(postures))
         return check_postures(postures)
 
-    monkeypatch.setattr(sampling, "check_postures", check)
+    monkeypatch.setattr(scenes, "check_postures", check)
     drawn(
         SampledScenes(WALL, balanced=False),
         1 + 2 + 4 + 8 + 16 + 2 * MOST_AHEAD,
@@ -128,7 +128,7 @@ def test_a_claim_that_the_verifier_refuses_is_decided_again_by_itself(check, mon
         return np.full(len(given), np.inf if check is check_postures else 0.0)
 
     expected = drawn(OneByOne(WALL), 12, np.random.default_rng(3))
-    monkeypatch.setattr(sampling, check.__name__, refuse)
+    monkeypatch.setattr(scenes, check.__name__, refuse)
     assert drawn(SampledScenes(WALL), 12, np.random.default_rng(3)) == expected
     assert len(refused) > 3
 
@@ -166,7 +166,7 @@ def test_a_draw_that_fails_is_told_when_its_turn_comes():
 
 
 def test_a_label_that_never_comes_up_is_told(monkeypatch):
-    monkeypatch.setattr(sampling, "MAX_DRAWS", 0)
+    monkeypatch.setattr(scenes, "MAX_DRAWS", 0)
     for kind in (SampledScenes, OneByOne):
         with refuses("wall-3", kind=PlanningFailed):
             kind(WALL).draw(np.random.default_rng(0))

@@ -16,10 +16,8 @@ from gymnasium.utils.env_checker import data_equivalence as same
 import stancekit.envs
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.envs.reward import RewardWeights
-from stancekit.envs.sampling import SampledScenes
-from stancekit.envs.scenes import ListedScenes
-from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.envs.selection_task import VERTICES
+from stancekit.envs.scenes import ListedScenes, SampledScenes
+from stancekit.envs.selection import VERTICES, EnvelopeSelectionEnv
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
@@ -410,9 +408,9 @@ def test_listed_scenes_come_in_their_order_over_and_over(scenes):
 
 
 def test_a_label_that_never_comes_up_is_told(monkeypatch):
-    from stancekit.envs import sampling
+    from stancekit.envs import scenes
 
-    monkeypatch.setattr(sampling, "MAX_DRAWS", 0)
+    monkeypatch.setattr(scenes, "MAX_DRAWS", 0)
     with refuses("wall-3", kind=PlanningFailed):
         SampledScenes(distribution("wall-3")).draw(np.random.default_rng(0))
 

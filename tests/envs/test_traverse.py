@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 import stancekit
 from stancekit.envs.distributions.courses import icy_walls
-from stancekit.envs.memoryless import MemorylessPolicy
+from stancekit.envs.episodes import MemorylessPolicy
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
 from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.equilibrium.programs import Programs

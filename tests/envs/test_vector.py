@@ -6,8 +6,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.sampling import SampledScenes
-from stancekit.envs.scenes import ListedScenes
+from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.errors import InvalidInput, StancekitError

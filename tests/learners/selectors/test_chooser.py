@@ -13,7 +13,7 @@ import pytest
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.data.scenes import scenes_of
-from stancekit.envs.memoryless import Observation
+from stancekit.envs.episodes import Observation
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.labelling import label

@@ -11,7 +11,7 @@ import pytest
 
 from stancekit.configs import config_path
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.sampling import SampledScenes
+from stancekit.envs.scenes import SampledScenes
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector

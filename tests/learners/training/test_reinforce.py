@@ -15,13 +15,11 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from stancekit.envs.branching import largest_gap
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.memoryless import MemorylessPolicy
+from stancekit.envs.episodes import MemorylessPolicy, largest_gap
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.reward import RewardWeights
-from stancekit.envs.sampling import SampledScenes
-from stancekit.envs.scenes import ListedScenes, PooledScenes
+from stancekit.envs.scenes import ListedScenes, PooledScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.data.quota import Quota
