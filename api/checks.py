@@ -253,7 +253,7 @@ def check_rows(
         InvalidInput: also for what is no data set.
     """
     from stancekit.envs.data.leap_tries import LeapTries, open_rows
-    from stancekit.envs.data.pools import check_there
+    from stancekit.envs.data.ledger import check_there
     from stancekit.learners.data.labelling import recheck
     from stancekit.learners.data.leap_tries import recheck_leaps
 

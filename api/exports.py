@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.pools import folder_of
+from stancekit.envs.data.ledger import folder_of
 from stancekit.learners.data.export import Exported
 from stancekit.learners.data.origin import rows_of
 from stancekit.planners.answer.crossing import Crossing

@@ -7,9 +7,8 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.leap_tries import LeapTries, open_rows
-from stancekit.envs.data.scenes import scenes_of
 from stancekit.learners.data.executor import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.origin import check_unseen

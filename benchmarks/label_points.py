@@ -32,9 +32,8 @@ import numpy as np
 import tyro
 from _bench import Options, launch
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation.evaluate import evaluate

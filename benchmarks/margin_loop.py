@@ -23,7 +23,7 @@ from _bench import ROOT, Options, launch
 from neural import Arguments as Neural
 from neural import cell, data
 
-from stancekit.envs.data.scenes import scenes_of
+from stancekit.envs.data.dataset import scenes_of
 from stancekit.learners.evaluation.evaluate import Score, evaluate
 from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings, TrainingRows

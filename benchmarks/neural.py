@@ -24,9 +24,8 @@ from rich.console import Console
 from rich.table import Table
 
 from stancekit.cli.console import progress
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.scenes import LabelledScene
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift

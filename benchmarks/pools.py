@@ -17,8 +17,7 @@ from pathlib import Path
 
 from _bench import ROOT, Options, launch
 
-from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.data.pools import pools
+from stancekit.envs.data.ledger import LabelPlan, pools
 from stancekit.learners.data.labelling import label
 from stancekit.planners.files.writing import write_bytes
 

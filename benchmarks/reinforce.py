@@ -47,9 +47,8 @@ from gymnasium import spaces
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.episodes import (
     MemorylessPolicy,
     Observation,

@@ -34,7 +34,7 @@ import numpy as np
 from _bench import Options, launch, share
 
 from stancekit import selectors
-from stancekit.envs.data.scenes import scene_of
+from stancekit.envs.data.dataset import scene_of
 from stancekit.envs.scenes import LabelledScene
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs

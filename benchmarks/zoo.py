@@ -24,9 +24,8 @@ from typing import Literal
 from _bench import ROOT, Options, launch, markdown
 from torch import __version__ as torch_version
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import software
-from stancekit.envs.data.scenes import scenes_of
 from stancekit.learners.data.executors import executor
 from stancekit.learners.evaluation.bench import ClassResult, run
 from stancekit.learners.evaluation.evaluate import Score, evaluate

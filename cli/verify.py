@@ -124,7 +124,7 @@ class Verify:
         return int(not check.accepted)
 
     def _dataset(self) -> int:
-        from stancekit.envs.data.pools import check_there
+        from stancekit.envs.data.ledger import check_there
 
         check_there(self.problems)
         from stancekit.checks import check_rows  # slow to import

@@ -495,7 +495,7 @@ class SceneSettings:
         Raises InvalidInput where there are none, and for a folder that is no pool of such scenes.
         """
         if isinstance(self.scenes, str | Path):
-            from .data.scenes import ScenePool  # Arrow takes a while to load
+            from .data.dataset import ScenePool  # Arrow takes a while to load
 
             return ScenePool.open(self.scenes, of=kind.name, legs=kind.legs, balanced=self.balanced)
         if self.scenes is not None:

@@ -6,28 +6,236 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import json
+import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.cached import cached_property
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, read_only
+from stancekit.planners.files.documents import parse_json
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot import Limb, Robot
 
-from .labelled_posture import LabelledPosture, problem_of, row_of
-from .ledger import Header, Ledger, shard_name
-from .summary import Summary
+from ..scenes import LabelledScene
+from .ledger import Counts, Header, Ledger, shard_name, shard_schema
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+
+POSTURE: dict[str, tuple[int, ...]] = {
+    "com_m": (3,),
+    "rotation_rad": (3,),
+    "toes_m": (-1, 3),
+    "forces_n": (-1, 3),
+}
+"""Columns of the witness, and the shapes of what they hold."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LabelledPosture:
+    """One row: a problem, its label, and what proves the label.
+
+    Arguments:
+        shard, row: shard, and row in it, in which it is kept.
+        sample: number of the draw in the shard's stream (``labelling.samples``).
+        trivial: True if infeasible even without the moment balance (P̄ infeasible, too).
+        posture: the witness; None unless feasible.
+        certificate: the proof; None unless infeasible. Its multipliers are rounded to float32, and
+            lower_bound is what they still prove (0 if nothing is proved).
+        point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: that of the
+            witness for a feasible row, that of an answer of P̄ for an infeasible one (line 11 of
+            Algorithm E1), None for a trivial or undecided one.
+        solves, nodes: numbers of convex problems solved and of nodes visited for the verdict.
+    """
+
+    shard: int
+    row: int
+    sample: int
+    problem: Problem
+    status: Status
+    trivial: bool = False
+    posture: Plan | None = None
+    point: Array | None = None
+    certificate: Certificate | None = None
+    lower_bound: float = 0.0
+    solves: int
+    nodes: int
+
+    def __post_init__(self) -> None:
+        if self.point is not None:
+            object.__setattr__(
+                self, "point", read_only(self.point, (len(self.problem.contacts), 6), "point")
+            )
+
+    @property
+    def kind(self) -> str:
+        """The label, "trivial" set apart: a name of ``Counts``."""
+        return "trivial" if self.trivial else str(self.status)
+
+
+def problem_of(raw: dict[str, Any], robot: Robot) -> Problem:
+    """The problem of a shard's row, equal to what was drawn to the last bit.
+
+    Arguments:
+        robot: any with the legs of the set.
+    """
+    return Problem.from_json(parse_json(raw["problem"], "problem"), robot=robot)
+
+
+def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
+    """Posture and label in a row of a shard, whose columns have these names."""
+    problem, certificate = problem_of(raw, robot), None
+    if raw["tree"] is not None:
+        rows = sum(len(c.reach_rows.bounds_m) for c in problem.contacts if c.reach_rows is not None)
+        multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(problem.contacts) + rows))
+        nodes = 2 * len(multipliers) - 1  # of a binary tree with so many leaves
+        certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers).of(
+            problem
+        )
+    witness = {
+        name: np.reshape(raw[name], shape)
+        for name, shape in POSTURE.items()
+        if raw[name] is not None
+    }
+    return LabelledPosture(
+        problem=problem,
+        status=Status(raw["label"]),
+        posture=Plan.of_posture(problem, **witness) if witness else None,
+        point=None if raw["point"] is None else np.reshape(raw["point"], (-1, 6)),
+        certificate=certificate,
+        **{
+            name: raw[name]
+            for name in ("shard", "row", "sample", "trivial", "lower_bound", "solves", "nodes")
+        },
+    )
+
+
+def table_of(rows: Sequence[LabelledPosture], contacts: int) -> pa.Table:
+    """The rows as a shard's table."""
+    import pyarrow as pa
+
+    schema = shard_schema(contacts)
+    return pa.Table.from_arrays(
+        [_arrow([_cell(row, f.name) for row in rows], f.type) for f in schema], schema=schema
+    )
+
+
+def _cell(row: LabelledPosture, name: str) -> Any:
+    if name == "problem":
+        return json.dumps(row.problem.to_json(), separators=(",", ":"))
+    if name == "label":
+        return str(row.status)
+    if name in POSTURE:
+        return None if row.posture is None else getattr(row.posture, name).ravel()
+    if name in ("tree", "multipliers"):
+        return None if row.certificate is None else getattr(row.certificate, name).ravel()
+    value = getattr(row, name)
+    return value.ravel() if name == "point" and value is not None else value
+
+
+def _arrow(values: list[Any], kind: pa.DataType) -> pa.Array:
+    import pyarrow as pa
+
+    if isinstance(kind, pa.FixedShapeTensorType):
+        return pa.ExtensionArray.from_storage(kind, pa.array(values, kind.storage_type))
+    return pa.array(values, kind)
+
+
+ALWAYS = ("rows", "drawn", "cpu_s_per_1000", "solve_ms_median", "solve_ms_p99")
+"""Figures that the summary of every data set has."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """Contents and cost of a data set.
+
+    Arguments:
+        rows: rows kept, by label.
+        drawn: samples drawn, kept or not, by label.
+        cpu_s_per_1000: processor seconds for 1000 samples drawn.
+        solve_ms_median, solve_ms_p99: median and 99th percentile of the wall-clock time to decide a
+            sample, or of its share of a block [ms]; NaN without timing files.
+        screened: draws that a surrogate skipped undecided, by predicted label, which ``drawn``
+            leaves out; None without one.
+        screen_error: largest share of the rows of the other label that may be among them, and so be
+            missing here; None without a surrogate.
+        draw_cpu_s_per_1000, screen_cpu_s_per_1000: the parts of cpu_s_per_1000 in which problems
+            were drawn and the surrogate was asked; None without one.
+    """
+
+    rows: Counts
+    drawn: Counts
+    cpu_s_per_1000: float
+    solve_ms_median: float
+    solve_ms_p99: float
+    screened: Counts | None = None
+    screen_error: float | None = None
+    draw_cpu_s_per_1000: float | None = None
+    screen_cpu_s_per_1000: float | None = None
+
+    @classmethod
+    def of(cls, ledger: Ledger) -> Summary:
+        """Count what the shards hold."""
+        tallies, timings = ledger.tallies.values(), ledger.timings()
+        solve_ms = np.concatenate([np.zeros(0), *(timing.solve_ms for timing in timings)])
+        timed = len(solve_ms) > 0
+        plan = ledger.header.plan
+        error = getattr(plan, "screen_error", None)
+        screened = reduce(add, (tally.screened or Counts() for tally in tallies), Counts())
+        parts = {
+            f"{name}_per_1000": 1e3
+            * sum(getattr(timing, name) or 0.0 for timing in timings)
+            / len(solve_ms)
+            for name in ("draw_cpu_s", "screen_cpu_s")
+            if error is not None and timed
+        }
+        return cls(
+            rows=reduce(add, (tally.rows for tally in tallies), Counts()),
+            drawn=reduce(add, (tally.drawn for tally in tallies), Counts()),
+            cpu_s_per_1000=1e3 * sum(timing.cpu_s for timing in timings) / len(solve_ms)
+            if timed
+            else math.nan,
+            solve_ms_median=float(np.median(solve_ms)) if timed else math.nan,
+            solve_ms_p99=float(np.quantile(solve_ms, 0.99)) if timed else math.nan,
+            screened=None if error is None else screened,
+            screen_error=error,
+            **parts,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values; NaN becomes null, and what only a surrogate has is left out
+        without one.
+        """
+        return finite(
+            {
+                name: value
+                for name, value in asdict(self).items()
+                if value is not None or name in ALWAYS
+            }
+        )
+
+
+def finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Replace numbers that JSON lacks by None."""
+    return {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
+    }
+
 
 Index = NDArray[np.intp]
 Observation = dict[str, NDArray[np.float32]]
@@ -289,3 +497,87 @@ class Dataset:
 def is_test(problem: str) -> bool:
     """Tell whether the problem, as a shard has it, belongs to the part "test"."""
     return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % TEST_SHARE == 0
+
+
+def scenes_of(dataset: Dataset) -> list[LabelledScene]:
+    """The data set's feasible and hard infeasible rows as scenes."""
+    return [
+        scene_of(row)
+        for row in dataset.rows()
+        if row.status is not Status.UNDECIDED and not row.trivial
+    ]
+
+
+def scene_of(row: LabelledPosture) -> LabelledScene:
+    """A decided row as a scene."""
+    return LabelledScene(
+        problem=row.problem,
+        feasible=row.status is Status.FEASIBLE,
+        posture=row.posture,
+        lower_bound=row.lower_bound,
+    )
+
+
+class ScenePool:
+    """Scenes of a labelled data set, drawn at random; all are in memory, and keep their scaled
+    numbers once drawn.
+
+    Arguments:
+        balanced: toss a coin for the label, then any row of it is as likely, the trivially
+            infeasible left out; else any row of all.
+
+    Raises:
+        InvalidInput: for undecided rows, and where no rows of a label are there to draw.
+    """
+
+    def __init__(self, dataset: Dataset, *, balanced: bool = True) -> None:
+        where = f"{dataset.ledger.folder}: part {dataset.part}"
+        if undecided := int((dataset.labels == "undecided").sum()):
+            raise InvalidInput(
+                f"{where}: expected labelled rows, got {undecided} undecided of {len(dataset)}"
+            )
+        parts = {"infeasible": dataset.infeasible, "feasible": dataset.feasible}
+        for name, rows in (parts if balanced else {"any": dataset.chosen}).items():
+            if not len(rows):
+                raise InvalidInput(
+                    f"{where}: expected rows of the label {name}, got none of {len(dataset)}"
+                )
+        sets = [dataset.select(rows) for rows in parts.values()] if balanced else [dataset]
+        self._scenes = tuple(tuple(scene_of(row) for row in rows.rows()) for rows in sets)
+
+    @classmethod
+    def open(
+        cls,
+        folder: str | Path,
+        *,
+        of: str,
+        legs: Sequence[str],
+        part: Part = "train",
+        balanced: bool = True,
+    ) -> ScenePool:
+        """The pool of a folder of ``stancekit label``.
+
+        Arguments:
+            of, legs: the class of problems that it has to be of, which names the robot, too.
+            part: see ``Dataset.only``.
+
+        Raises:
+            InvalidInput: for a folder that is none, of another version or of other problems, or
+                with undecided rows.
+        """
+        dataset = Dataset.open(folder)
+        if (dataset.problem_class, tuple(dataset.header.legs)) != (of, tuple(legs)):
+            got = f"{dataset.problem_class} on the legs {', '.join(dataset.header.legs)}"
+            raise InvalidInput(
+                f"{folder}: expected scenes of {of} on the legs {', '.join(legs)}, got some of "
+                f"{got}"
+            )
+        return cls(dataset.only(part), balanced=balanced)
+
+    def __len__(self) -> int:
+        return sum(map(len, self._scenes))
+
+    def draw(self, rng: np.random.Generator) -> LabelledScene:
+        """Return a scene."""
+        scenes = self._scenes[int(rng.integers(2)) if len(self._scenes) > 1 else 0]
+        return scenes[int(rng.integers(len(scenes)))]

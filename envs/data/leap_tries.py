@@ -21,10 +21,8 @@ from stancekit.planners.leap.tries import LABELS, Try
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_json import leap_from_keys, leap_to_json
 
-from .dataset import Dataset, is_test
-from .ledger import Ledger, TryHeader, read_header, shard_name
-from .pools import folder_of
-from .summary import Summary
+from .dataset import Dataset, Summary, is_test
+from .ledger import Ledger, TryHeader, folder_of, read_header, shard_name
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,9 +10,11 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
@@ -31,10 +33,28 @@ from .label_plan import STRICT, RowPlan
 from .label_plan import Counts as Counts
 from .label_plan import LabelPlan as LabelPlan
 from .label_plan import TryPlan as TryPlan
-from .pools import folder_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+
+def pools() -> dict[str, Path]:
+    """The folder of each data set that ships, by its name, pool-CLASS."""
+    folder = Path(str(resources.files("stancekit.envs.pools")))
+    return {path.parent.name: path.parent for path in sorted(folder.glob("pool-*/header.json"))}
+
+
+def folder_of(path: str | Path) -> Path:
+    """This folder; that of a data set that ships where there is none of this name."""
+    folder = Path(path)
+    return folder if os.path.exists(folder) else pools().get(str(path), folder)
+
+
+def check_there(path: str | Path) -> None:
+    """Raise InvalidInput where there is neither a file nor a data set of this name."""
+    if not os.path.exists(folder_of(path)):
+        raise InvalidInput(f"{path}: expected a plan, proof, gait or data set, found nothing there")
+
 
 SHARD_FORMAT = "stancekit/shard/1"
 HEADER = "header.json"

@@ -20,8 +20,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.labelled_posture import LabelledPosture
+from stancekit.envs.data.dataset import Dataset, LabelledPosture
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.scenes import LabelledScene, ListedScenes, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv

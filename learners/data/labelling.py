@@ -23,9 +23,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from stancekit.envs.data import ledger
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, Summary, finite
 from stancekit.envs.data.ledger import Header, LabelPlan, Shard
-from stancekit.envs.data.summary import Summary, finite
 from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stancekit.envs.data import ledger
-from stancekit.envs.data.labelled_posture import LabelledPosture, table_of
+from stancekit.envs.data.dataset import LabelledPosture, table_of
 from stancekit.envs.data.ledger import Counts, Header, LabelPlan, Shard, Tally
 from stancekit.envs.distributions.postures import Distribution, distribution
 from stancekit.planners.answer.answer import Answer, Status

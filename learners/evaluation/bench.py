@@ -15,9 +15,8 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan, software
-from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.scenes import LabelledScene
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.projection.project import Projection

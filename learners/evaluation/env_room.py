@@ -180,7 +180,7 @@ def _by(policy: Any) -> Player:
 
 def _selectors() -> Mapping[str, Player]:
     from stancekit.envs.data.dataset import Dataset
-    from stancekit.envs.data.pools import folder_of
+    from stancekit.envs.data.ledger import folder_of
 
     from ..selectors.selector import FixedSelector
     from ..selectors.selector_file import load_selector

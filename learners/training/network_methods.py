@@ -6,7 +6,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from stancekit.envs.data.scenes import scenes_of
+from stancekit.envs.data.dataset import scenes_of
 from stancekit.planners.files.validation import typed
 
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser

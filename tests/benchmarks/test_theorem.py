@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.envs.data.scenes import scenes_of
+from stancekit.envs.data.dataset import scenes_of
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.domain import domain_of

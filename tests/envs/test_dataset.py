@@ -14,8 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from stancekit.envs.data import dataset, ledger
-from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.labelled_posture import LabelledPosture, table_of
+from stancekit.envs.data.dataset import Dataset, LabelledPosture, table_of
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data import shards
 from stancekit.learners.data.labelling import label

@@ -11,9 +11,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, ScenePool, scenes_of
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.data.scenes import ScenePool, scenes_of
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.pools import folder_of, pools
+from stancekit.envs.data.ledger import folder_of, pools
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import refuses
 

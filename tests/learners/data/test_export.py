@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.export import Exported, expert_action, export, load_exported

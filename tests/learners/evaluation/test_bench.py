@@ -11,8 +11,7 @@ import pytest
 import yaml
 
 from stancekit.configs import config_path
-from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.scenes import scenes_of
+from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.learners.data.executor import processes
 from stancekit.learners.evaluation import bench
 from stancekit.learners.evaluation.bench import ClassResult

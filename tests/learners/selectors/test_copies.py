@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.envs.data.scenes import scenes_of
+from stancekit.envs.data.dataset import scenes_of
 from stancekit.learners.data.executor import processes
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.selectors.selector_file import load_selector
