@@ -34,7 +34,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.robot.walker import walker_from
 
-from .distributions.walks import SampledTasks, Tasks
+from .distributions.courses import SampledTasks, Tasks
 from .episodes import check_options, checked_render_mode, checked_seed
 
 HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))

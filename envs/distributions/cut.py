@@ -36,8 +36,7 @@ from stancekit.planners.terrain.reference import named_surface, names_ground
 from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
-from .patches import FORWARD, plain_problem, triangle
-from .stance import NominalStance
+from .stance import FORWARD, NominalStance, plain_problem, triangle
 
 SPACING = 0.5
 """Spacing of the lattice, in radii of the smallest patch."""

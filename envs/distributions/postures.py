@@ -26,8 +26,20 @@ from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import BUILT_IN
 
-from .patches import FORWARD, UPWARD, leaning, plain_problem, plane_of, triangle
-from .stance import FIVE_LEGS, LAW, Law, NominalStance, StandingRobot, paper_stance
+from .stance import (
+    FIVE_LEGS,
+    FORWARD,
+    LAW,
+    UPWARD,
+    Law,
+    NominalStance,
+    StandingRobot,
+    leaning,
+    paper_stance,
+    plain_problem,
+    plane_of,
+    triangle,
+)
 
 if TYPE_CHECKING:
     from .cut import CutDistribution

@@ -19,8 +19,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from stancekit.envs.distributions.cut import SMALLER, Places
-from stancekit.envs.distributions.patches import FORWARD, plain_problem, triangle
-from stancekit.envs.distributions.stance import NominalStance, StandingRobot
+from stancekit.envs.distributions.stance import (
+    FORWARD,
+    NominalStance,
+    StandingRobot,
+    plain_problem,
+    triangle,
+)
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked, checked_int
 from stancekit.planners.problem import PostureBatch, Problem

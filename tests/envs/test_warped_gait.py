@@ -13,7 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from stancekit.envs.distributions.walks import SampledTasks
+from stancekit.envs.distributions.courses import SampledTasks
 from stancekit.envs.warped_gait import (
     HEIGHTS,
     NOISES,
