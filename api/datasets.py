@@ -13,7 +13,7 @@ from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.envs.data.ledger import LabelPlan, TryPlan
 from stancekit.envs.distributions.postures import distribution_of
 from stancekit.learners.data import labelling, leap_tries
-from stancekit.learners.data.executor import Executor, processes
+from stancekit.learners.data.executors import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.labelling import Progress
 from stancekit.planners.arguments import check_argument, check_names, checked
@@ -214,7 +214,7 @@ def export_scenes(
     Returns:
         The status of each.
     """
-    from stancekit.learners.data import scene_set
+    from stancekit.learners.data import leap_tries
     from stancekit.planners.plugins import split_name
     from stancekit.planners.search.two_stage import TwoStagePlanner
     from stancekit.planners.terrain.families import drawn_name
@@ -226,7 +226,7 @@ def export_scenes(
         level = None
     if level is None:
         raise InvalidInput(f"export: expected FAMILY:LEVEL as in stairs:0.6, got {family!r}")
-    index = scene_set.export_scenes(
+    index = leap_tries.export_scenes(
         Path(folder),
         name,
         level,

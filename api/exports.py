@@ -11,7 +11,7 @@ from pathlib import Path
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import folder_of
 from stancekit.learners.data.export import Exported
-from stancekit.learners.data.origin import rows_of
+from stancekit.learners.data.labelling import rows_of
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.leap_tries import LeapTries, open_rows
-from stancekit.learners.data.executor import Executor, processes
+from stancekit.learners.data.executors import Executor, processes
 from stancekit.learners.data.executors import executor as executor
-from stancekit.learners.data.origin import check_unseen
-from stancekit.learners.data.origin import rows_of as rows_of
+from stancekit.learners.data.labelling import check_unseen
+from stancekit.learners.data.labelling import rows_of as rows_of
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.leaps.kinds import KINDS

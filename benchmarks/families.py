@@ -24,7 +24,7 @@ import numpy as np
 from _bench import Options, Row, kept, launch
 from matplotlib.figure import Figure
 
-from stancekit.learners.data.scene_set import judged
+from stancekit.learners.data.leap_tries import judged
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search.two_stage import TwoStagePlanner

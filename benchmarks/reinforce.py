@@ -60,8 +60,7 @@ from stancekit.envs.episodes import (
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.traverse import TraverseEnv
-from stancekit.learners.data.labelling import label
-from stancekit.learners.data.quota import Quota
+from stancekit.learners.data.labelling import Quota, label
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings
 from stancekit.learners.selectors.selector import FixedSelector

@@ -32,7 +32,7 @@ from typing import Any, Literal
 import numpy as np
 from _bench import Options, launch, spread
 
-from stancekit.learners.data.executor import Answer, Executor, Task
+from stancekit.learners.data.executors import Answer, Executor, Task
 
 LOOPBACK = "127.0.0.2"  # Ray replaces 127.0.0.1 by the machine's address
 

@@ -15,7 +15,7 @@ from .options import ROBOT, TERRAIN, OptionalPath, OptionalText, named
 
 if TYPE_CHECKING:
     from stancekit.envs.data.dataset import Dataset
-    from stancekit.learners.data.executor import Executor
+    from stancekit.learners.data.executors import Executor
     from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 LEAP_SCORES = ("additive", "set")

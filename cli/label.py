@@ -26,7 +26,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from stancekit.learners.data.executor import Executor
+    from stancekit.learners.data.executors import Executor
 
 SETTINGS = (
     "feasible",

@@ -12,32 +12,237 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 import numpy as np
+from pydantic import ConfigDict
 
 from stancekit.envs.data import ledger
-from stancekit.envs.data.dataset import Dataset, Summary, finite
-from stancekit.envs.data.ledger import Header, LabelPlan, Shard
+from stancekit.envs.data.dataset import Dataset, Part, Summary, finite
+from stancekit.envs.data.ledger import Header, LabelPlan, Shard, TryHeader
 from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.writing import write_bytes
+from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
 from stancekit.planners.verify import check_certificate, check_plan
 
-from .executor import Executor, processes
-from .filling import Progress as Progress
-from .filling import begin, fill
+from .executors import Executor, Task, processes
 from .shards import LEAST, KeptPrograms, LabelBlock, Screen, ShardDraft, planned, samples
 
-if TYPE_CHECKING:  # torch
+if TYPE_CHECKING:
     from ..surrogates.surrogate import Surrogate
+
+
+H = TypeVar("H", Header, TryHeader)
+Made = TypeVar("Made")
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Progress of a run.
+
+    Arguments:
+        rows, drawn: of all shards that are done.
+        rate: samples drawn per second in this run.
+    """
+
+    shards_done: int
+    shards: int
+    rows: int
+    drawn: int
+    rate: float
+
+
+class Drafts(Protocol[Made]):
+    """The shards that are being made: which tasks come next, and which shard has become whole by an
+    answer.
+    """
+
+    def tasks(self) -> Iterable[Task[Made] | None]:
+        """Tasks for an executor."""
+        ...
+
+    def take(self, answer: Made) -> Shard | None:
+        """Keep an answer; the shard that it completes."""
+        ...
+
+
+def fill(
+    folder: Path,
+    drafts_of: Callable[[Sequence[int]], Drafts[Made]],
+    execute: Executor,
+    progress: Callable[[Progress], None] | None = None,
+) -> None:
+    """Make the shards that a folder with a header lacks, and write each one once, when it is whole.
+
+    Arguments:
+        drafts_of: given the numbers of the shards that are missing.
+        progress: called once at the start and after every shard.
+    """
+    there = ledger.Ledger.open(folder)
+    done, begin = dict(there.tallies), time.perf_counter()
+    earlier = sum(tally.drawn.total for tally in done.values())
+    shards = there.header.plan.shards
+
+    def report() -> None:
+        count, rows = (
+            sum(getattr(tally, name).total for tally in done.values()) for name in ("drawn", "rows")
+        )
+        rate = (count - earlier) / max(time.perf_counter() - begin, 1e-9)
+        log.info(
+            "label: %d of %d shards, %d rows of %d drawn, %.0f a second",
+            len(done),
+            shards,
+            rows,
+            count,
+            rate,
+        )
+        if progress is not None:
+            progress(
+                Progress(shards_done=len(done), shards=shards, rows=rows, drawn=count, rate=rate)
+            )
+
+    report()
+    drafts = drafts_of(there.missing)
+    for answer in execute(drafts.tasks()):
+        shard = drafts.take(answer)
+        if shard is not None:
+            ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
+            done[shard.tally.shard] = shard.tally
+            report()
+
+
+def begin(folder: Path, header: H) -> H:
+    """Write the header of a new data set, or read that of the one begun here after checking that it
+    is the same.
+
+    Raises InvalidInput where the folder holds another data set.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(
+            f"{folder}: expected a folder or room for one, got {error.strerror}"
+        ) from None
+    ledger.remove_leftovers(folder)
+    if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
+        write_bytes(
+            folder / ledger.HEADER, header.model_dump_json(indent=1, exclude_none=True).encode()
+        )
+        return header
+    there = ledger.read_header(folder)
+    where = f"{folder / ledger.HEADER}"
+    if not isinstance(there, type(header)):
+        raise InvalidInput(f"{where}: format: expected {header.format!r}, got {there.format!r}")
+    begun: dict[str, Any] = asdict(there.plan)
+    for key, wanted in asdict(header.plan).items():
+        if wanted != begun[key]:
+            raise InvalidInput(
+                f"{where}: {key}: expected {wanted!r} as planned, got {begun[key]!r}"
+            )
+    if there.digest != header.digest:
+        distribution = header.plan.distribution
+        raise InvalidInput(
+            f"{where}: first_sample: expected what {distribution!r} draws here and now, got another"
+        )
+    if there.software != header.software:
+        log.warning(
+            "%s was begun with %s, goes on with %s", folder, there.software, header.software
+        )
+    return there
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quota:
+    """Number of rows per label, and their seed."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    feasible: int
+    infeasible: int
+    seed: int
+
+
+def rows_of(
+    source: Dataset | str | Path,
+    part: Part = "all",
+    robot: str | None = None,
+    terrain: str | Path | None = None,
+) -> Dataset:
+    """The rows of a data set, of its folder, or of one that ships by its name; or a part of them.
+
+    Arguments:
+        robot, terrain: whose they have to be, where given.
+
+    Raises:
+        InvalidInput: for what is no data set, and for another's.
+    """
+    dataset = (source if isinstance(source, Dataset) else Dataset.open(source)).only(part)
+    _check_of(dataset, robot, terrain)
+    return dataset
+
+
+def _check_of(dataset: Dataset, robot: str | None, terrain: str | Path | None) -> None:
+    """Raise InvalidInput unless the rows are of this robot and this terrain's file, where they are
+    given.
+    """
+    where = dataset.ledger.folder
+    if robot is not None:
+        identity = "" if robot in BUILT_IN else named_robot(robot).identity
+        if identity != dataset.robot:
+            wanted, got = (name or BUILT_IN[0] for name in (identity, dataset.robot))
+            raise InvalidInput(f"{where}: robot: expected a data set of {wanted}, got one of {got}")
+    if terrain is None:
+        return
+    from stancekit.envs.distributions.cut import identity_of  # loads scipy
+
+    wanted = identity_of(terrain)
+    if not dataset.problem_class.endswith(f"-on-{wanted}"):
+        raise InvalidInput(
+            f"{where}: terrain: expected a data set of {wanted}, got one of {dataset.problem_class}"
+        )
+
+
+def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) -> None:
+    """Raise InvalidInput where a selector learned from rows of this data set, or from draws of the
+    same seed.
+
+    Arguments:
+        provenance: the selector's, with what ``Dataset.origin`` says of its rows, or the set
+            alone. Two different parts of the split by hash have no row in common.
+    """
+    mine, theirs = (
+        dataset.origin,
+        {name: provenance.get(name) for name in ("dataset", "first_sample")},
+    )
+    if isinstance(provenance.get("calibration"), dict):
+        check_unseen(dataset, provenance["calibration"], where)
+    if {mine["part"], provenance.get("part", "all")} == {"train", "test"}:
+        return
+    same = [name for name, value in theirs.items() if value is not None and value == mine[name]]
+    if same:
+        origin = (
+            "these rows"
+            if same[0] == "dataset"
+            else f"draws of the same seed, {dataset.header.plan.seed}"
+        )
+        raise InvalidInput(
+            f"{where}: expected rows that it was not trained on, got {origin}: "
+            f"{dataset.ledger.folder}; fit it to "
+            "--part train and evaluate it on --part test, or label with another seed"
+        )
+
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
 """Choice of postures and points now (``search.canonical``); another choice gets another name."""

@@ -18,7 +18,7 @@ from importlib import import_module
 from multiprocessing.connection import Connection
 from typing import Any
 
-from .executor import DEATHS
+from .executors import DEATHS
 
 POLL_S = 1.0
 """Period at which the cluster is asked whether it is still there."""

@@ -21,9 +21,8 @@ from stancekit.envs.scenes import LabelledScene
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.projection.project import Projection
 
-from ..data.executor import Executor
-from ..data.labelling import label
-from ..data.quota import Quota
+from ..data.executors import Executor
+from ..data.labelling import Quota, label
 from ..selectors.selector import FixedSelector, Learned
 from ..selectors.selector_file import load_selector
 from ..training.fitting import learn_selector

@@ -26,7 +26,7 @@ from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
 from stancekit.runner.control.envelope_choice import Predictor
 
-from ..data.executor import Executor, gather, processes
+from ..data.executors import Executor, gather, processes
 from ..selectors.own import ANY
 from ..selectors.selector import Learned
 

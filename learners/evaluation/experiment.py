@@ -15,7 +15,7 @@ from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.validation import shown, validated
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 
-from ..data.quota import Quota
+from ..data.labelling import Quota
 from ..training.fit_settings import FitSettings
 from ..training.fitting import METHODS
 

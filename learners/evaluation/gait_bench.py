@@ -41,7 +41,7 @@ from stancekit.planners.terrain.reference import reference_tasks, reference_terr
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
 
-from ..data.executor import processes
+from ..data.executors import processes
 
 
 class _Model(BaseModel):

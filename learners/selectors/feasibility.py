@@ -30,7 +30,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
 
-from ..data.executor import Executor, gather
+from ..data.executors import Executor, gather
 from .dual_bounds import BAND, Bools, DualBounds, Index, least, ranges, witnessed
 
 WITNESS, CERTIFICATE = 0, 1

@@ -33,7 +33,7 @@ from stancekit.planners.files.validation import check_fields, shown
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
-from ..data.executor import Executor, processes
+from ..data.executors import Executor, processes
 from .dual_bounds import Index
 from .feasibility import CachingOracle, FeasibilityOracle, SpreadOracle, VerdictCounts
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from stancekit.planners.files.codec import KEYS
 from stancekit.planners.files.validation import validated
 
-from ..data.quota import Quota
+from ..data.labelling import Quota
 from ..zoo import card_of, shipped
 
 

@@ -17,7 +17,7 @@ from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.validation import typed
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
-from ..data.executor import Executor
+from ..data.executors import Executor
 from ..selectors.genetic import GeneticSettings, fit_genetic
 from ..selectors.gradient import BoxDescent, descend, fit_gradient
 from ..selectors.heuristic import heuristic_envelope

@@ -13,7 +13,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.validation import check_fields, shown, typed
 
-from ..data.executor import Executor
+from ..data.executors import Executor
 from ..selectors.genetic import GeneticSettings
 
 if TYPE_CHECKING:

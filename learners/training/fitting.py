@@ -12,7 +12,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.plugins import Registry, takes
 from stancekit.planners.relaxation.modes import Modes
 
-from ..data.executor import Executor
+from ..data.executors import Executor
 from ..selectors.modes import modes_of
 from ..selectors.own import fitted
 from ..selectors.selector import Learned

@@ -16,7 +16,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.validation import validated
 
-from ..data.quota import Quota
+from ..data.labelling import Quota
 from ..selectors.policy import EnvironmentName, PolicyShape
 
 

@@ -17,8 +17,7 @@ from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.learners.data.labelling import label
-from stancekit.learners.data.origin import check_unseen
+from stancekit.learners.data.labelling import check_unseen, label
 from stancekit.planners.errors import InvalidInput
 from tests.refusals import refuses
 

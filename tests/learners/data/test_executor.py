@@ -18,9 +18,8 @@ import cloudpickle
 import pytest
 
 from stancekit.envs.data.ledger import LabelPlan, TryPlan
-from stancekit.learners.data import ray_cluster, ray_driver
-from stancekit.learners.data.executor import gather, processes
-from stancekit.learners.data.executors import executor
+from stancekit.learners.data import executors, ray_driver
+from stancekit.learners.data.executors import executor, gather, processes
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.leap_tries import label_leaps
 from stancekit.planners.errors import InvalidInput, StancekitError
@@ -30,7 +29,7 @@ from tests.refusals import assert_names, refuses
 PARENT = """
 import os, sys, time
 from functools import partial
-from stancekit.learners.data.executor import processes
+from stancekit.learners.data.executors import processes
 from tests_executor_tasks import nap
 
 for pid in processes(2)([partial(nap, 0.0)] * 2 + [partial(nap, 600.0)] * 2):
@@ -299,9 +298,9 @@ def test_a_driver_that_dies_hangs_or_gives_up_is_one_line(
     says: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "driver.py").write_text(_driver_that(says))
-    monkeypatch.setattr(ray_cluster, "DRIVER", (str(tmp_path / "driver.py"),))
-    monkeypatch.setattr(ray_cluster, "SILENCE_S", 3.0)
-    monkeypatch.setattr(ray_cluster, "START_S", 3.0)
+    monkeypatch.setattr(executors, "DRIVER", (str(tmp_path / "driver.py"),))
+    monkeypatch.setattr(executors, "SILENCE_S", 3.0)
+    monkeypatch.setattr(executors, "START_S", 3.0)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name)
     with pytest.raises(InvalidInput) as error:
         gather(executor("ray", address="10.0.0.1:1"), [partial(square, 1)])

@@ -25,7 +25,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import PostureDistribution, distribution
 from stancekit.learners.data import shards
-from stancekit.learners.data.executor import Answer, Task, due, processes
+from stancekit.learners.data.executors import Answer, Task, due, processes
 from stancekit.learners.data.labelling import Progress, label, recheck
 from stancekit.learners.data.shards import samples
 from stancekit.planners.answer.answer import Status

@@ -22,8 +22,7 @@ import stancekit
 from stancekit.envs.data.leap_tries import LeapTries, open_rows
 from stancekit.envs.data.ledger import TryPlan
 from stancekit.learners.data import leap_tries
-from stancekit.learners.data.executor import Answer, Task, due
-from stancekit.learners.data.executors import executor
+from stancekit.learners.data.executors import Answer, Task, due, executor
 from stancekit.learners.data.leap_tries import label_leaps, recheck_leaps, scene
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.numbers import LeapNumbers

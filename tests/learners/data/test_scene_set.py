@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stancekit.cli.main import main
-from stancekit.learners.data.scene_set import export_scenes
+from stancekit.learners.data.leap_tries import export_scenes
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner

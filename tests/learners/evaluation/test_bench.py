@@ -12,7 +12,7 @@ import yaml
 
 from stancekit.configs import config_path
 from stancekit.envs.data.dataset import Dataset, scenes_of
-from stancekit.learners.data.executor import processes
+from stancekit.learners.data.executors import processes
 from stancekit.learners.evaluation import bench
 from stancekit.learners.evaluation.bench import ClassResult
 from stancekit.learners.evaluation.evaluate import evaluate

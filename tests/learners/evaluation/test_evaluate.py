@@ -12,7 +12,7 @@ from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.learners.data.executor import processes
+from stancekit.learners.data.executors import processes
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation import evaluate as module
 from stancekit.learners.evaluation.evaluate import (

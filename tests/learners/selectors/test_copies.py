@@ -15,7 +15,7 @@ import pytest
 
 import stancekit
 from stancekit.envs.data.dataset import scenes_of
-from stancekit.learners.data.executor import processes
+from stancekit.learners.data.executors import processes
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.planners.errors import StancekitError

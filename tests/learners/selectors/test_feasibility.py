@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import linprog
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.data.executor import processes
+from stancekit.learners.data.executors import processes
 from stancekit.learners.selectors.dual_bounds import (
     BAND,
     DualBounds,

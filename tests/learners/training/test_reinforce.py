@@ -22,7 +22,7 @@ from stancekit.envs.reward import RewardWeights
 from stancekit.envs.scenes import ListedScenes, PooledScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.learners.data.quota import Quota
+from stancekit.learners.data.labelling import Quota
 from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy, bounds_of, moved
 from stancekit.learners.selectors.selector import FixedSelector
