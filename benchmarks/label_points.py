@@ -36,8 +36,8 @@ from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.learners.data.labelling import label
+from stancekit.learners.evaluation.bench import Experiment
 from stancekit.learners.evaluation.evaluate import evaluate
-from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import learn_selector
 from stancekit.planners.answer.answer import Status

@@ -27,9 +27,8 @@ from torch import __version__ as torch_version
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import software
 from stancekit.learners.data.executors import executor
-from stancekit.learners.evaluation.bench import ClassResult, run
+from stancekit.learners.evaluation.bench import ClassResult, Experiment, run
 from stancekit.learners.evaluation.evaluate import Score, evaluate
-from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.selectors.shipped import Card, Figure, card

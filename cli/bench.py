@@ -64,8 +64,8 @@ class BenchEnvelopes:
         """Run the bench, and write the table, as numbers and as a page, and a picture a class."""
         from stancekit.configs import config_path
         from stancekit.learners.data.executors import executor
-        from stancekit.learners.evaluation import bench, leaderboard
-        from stancekit.learners.evaluation.experiment import Experiment
+        from stancekit.learners.evaluation import bench
+        from stancekit.learners.evaluation.bench import Experiment
         from stancekit.planners.files.writing import write_text
         from stancekit.views.sheet import save
 
@@ -88,7 +88,7 @@ class BenchEnvelopes:
                 records = rows(result)
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
-                write_text(folder / "table.md", leaderboard.page(table, experiment))
+                write_text(folder / "table.md", bench.page(table, experiment))
                 save(_comparison_figure(result), folder / f"{result.problem_class}.png")
                 report(result, as_json=self.json)
         if not self.json:
@@ -343,7 +343,7 @@ class BenchRoom:
             with as_options("environment"):
                 raise InvalidInput("environment: expected one or more, got none")
         if others := [name for name in self.environment if name != LEAPS]:
-            from stancekit.learners.evaluation.env_room import ENVIRONMENTS
+            from stancekit.learners.evaluation.room import ENVIRONMENTS
             from stancekit.planners.files.arrays import checked_choice
 
             with as_options("environment"):
@@ -364,7 +364,7 @@ class BenchRoom:
 
     def _other(self, name: str) -> Room:
         """Another environment."""
-        from stancekit.learners.evaluation.env_room import environment_room
+        from stancekit.learners.evaluation.room import environment_room
 
         with as_options("environment", "scenes", "seed"), stages("bench room") as on_progress:
             make_folder(self.out)

@@ -28,22 +28,22 @@ def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
     """
     from rich.console import Console
 
-    from stancekit.learners.evaluation import gait_against
+    from stancekit.learners.evaluation import gait_bench
     from stancekit.planners.files.writing import write_text
 
     rows: list[dict[str, Any]] = []
     with stages("bench gait") as on_progress:
-        for row in gait_against.judged(walks, on_progress):
+        for row in gait_bench.judged(walks, on_progress):
             rows.append(row)
             if as_json:
                 emit(row)
-    rows += gait_against.ours(rows, folder)
+    rows += gait_bench.ours(rows, folder)
     make_folder(folder)
-    write_text(folder / "against.json", gait_against.as_json(rows))
+    write_text(folder / "against.json", gait_bench.as_json(rows))
     if not as_json:
         wide = out if out.is_terminal else Console(width=180)
         wide.print(walk_table(rows))
-        wide.print(_program_table(gait_against.by_program(list(rows))))
+        wide.print(_program_table(gait_bench.by_program(list(rows))))
         out.print(f"all figures: {folder / 'against.json'}")
     return 0
 
@@ -149,7 +149,7 @@ class BenchGait:
             return judge(self.against, self.out or Path("out/bench-gait"), as_json=self.json)
         from rich.console import Console
 
-        from stancekit.learners.evaluation import gait_bench, gait_drawings, gait_figures
+        from stancekit.learners.evaluation import gait_bench
         from stancekit.planners.files.writing import write_text
 
         settings = self._settings()
@@ -174,7 +174,7 @@ class BenchGait:
                     emit(row)
         if not rows:
             raise InvalidInput(f"{folder}: expected cells of this protocol, got none")
-        records = gait_figures.table(rows)
+        records = gait_bench.table(rows)
         write_text(folder / "table.json", json.dumps(records, indent=1) + "\n")
         if not self.json:
             wide = out if out.is_terminal else Console(width=WIDTH)
@@ -182,7 +182,7 @@ class BenchGait:
                 wide.print(made)
             for line in (*_comparisons(rows), *products(records)):
                 out.print(line, highlight=False)
-        drawings = gait_drawings.draw(rows, folder)
+        drawings = gait_bench.draw(rows, folder)
         if not self.json:
             names = ", ".join(sorted({path.stem.partition("-")[0] for path in drawings}))
             out.print(
@@ -315,8 +315,7 @@ def _quartiles(values: list[float] | float | None, digits: int) -> str:
 
 def _comparisons(rows: list[dict[str, Any]]) -> list[str]:
     """Iterations and times against the baseline, on the cells in which both succeeded."""
-    from stancekit.learners.evaluation.gait_bench import METHODS
-    from stancekit.learners.evaluation.gait_figures import BASELINE, ratios
+    from stancekit.learners.evaluation.gait_bench import BASELINE, METHODS, ratios
 
     lines = []
     for method in dict.fromkeys(row["method"] for row in rows):

@@ -7,8 +7,8 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any, ClassVar, Literal
@@ -17,17 +17,232 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan, software
+from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import LabelledScene
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import read_yaml
+from stancekit.planners.files.validation import shown, validated
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.projection.project import Projection
+from stancekit.planners.projection.project import PROJECTIONS, Projection
 
 from ..data.executors import Executor
 from ..data.labelling import Quota, label
 from ..selectors.selector import FixedSelector, Learned
 from ..selectors.selector_file import load_selector
-from ..training.fitting import learn_selector
-from .evaluate import Score, Share, evaluate, evaluate_lift
-from .experiment import Experiment
+from ..training.fit_settings import FitSettings
+from ..training.fitting import METHODS, learn_selector
+from .evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """Definition of an experiment: its problems, amount of data and methods.
+
+    The seeds of ``train``, ``calibration`` and ``test`` differ.
+
+    Arguments:
+        robot, terrain: files that the problems are of, where not the default hexapod and no
+            terrain's.
+        calibration: rows that methods may calibrate on; without it they keep a part of ``train``
+            for that.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    problems: tuple[str, ...]
+    train: Quota
+    test: Quota
+    calibration: Quota | None = None
+    methods: tuple[str, ...]
+    projections: tuple[Projection, ...]
+    fit: FitSettings = field(default_factory=FitSettings)
+    robot: str | None = None
+    terrain: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.train.seed == self.test.seed:
+            raise InvalidInput(
+                f"test.seed: expected another seed than train.seed, got {self.test.seed} for both"
+            )
+        if self.calibration is not None and self.calibration.seed in (
+            self.train.seed,
+            self.test.seed,
+        ):
+            got = self.calibration.seed
+            raise InvalidInput(
+                f"calibration.seed: expected another seed than train.seed and test.seed, got {got}"
+            )
+        for name in self.problems:
+            distribution(name, robot=self.robot, terrain=self.terrain)
+        for index, method in enumerate(self.methods):
+            known = [name for name in METHODS.names() if name != "modes"]
+            if method not in known and ".py:" not in method:
+                raise InvalidInput(
+                    f"methods[{index}]: expected one of {', '.join(known)}, got {method!r}"
+                )
+            if ".py:" in method:
+                METHODS.get(method)  # what is no method is said before anything is labelled
+            self.fit.check(method)
+        for name in ("problems", "methods", "projections"):
+            if not getattr(self, name):
+                raise InvalidInput(f"{name}: expected one or more, got none")
+        for name in self.projections:
+            PROJECTIONS.get(name)
+
+    @classmethod
+    def from_yaml(
+        cls, path: str | Path, *, quick: bool = False, overrides: Mapping[str, Any] | None = None
+    ) -> Experiment:
+        """Read an experiment file.
+
+        Raises InvalidInput with every key that is wrong.
+
+        Arguments:
+            quick: with the keys of its section ``quick`` in place of the main ones.
+            overrides: in place of either.
+        """
+        data = read_yaml(path)
+        short = data.pop("quick", {})
+        if quick and not (isinstance(short, dict) and short):
+            raise InvalidInput(f"{path}: quick: expected keys of an experiment, got {shown(short)}")
+        return validated(cls, (data | short if quick else data) | dict(overrides or {}), str(path))
+
+
+CLAIMS = ("P1 feasible", "P1 infeasible")
+IDENTITY = re.compile(r"-(of|on)-(.+?)-([0-9a-f]{6})[0-9a-f]{6}(?=-on-|$)")
+
+
+def title_of(problem_class: str) -> str:
+    """A class of problems in words: "terrain-3 of go1 (c828d3) on tiles (7802fa)", the digests of
+    both files cut.
+    """
+    return IDENTITY.sub(r" \1 \2 (\3)", problem_class)
+
+
+def page(records: Sequence[Mapping[str, Any]], experiment: Experiment) -> str:
+    """Markdown of rows as ``Score.to_json`` has them, with ``problem_class`` and ``balanced``.
+
+    Sorted by the mean of both shares of P1; shares are % with Wilson 95 % intervals. The paper's
+    rows have no rank: their scenes are other draws. Below the tables stand the data and, a line a
+    selector, what it was learned with.
+    """
+    text = "% of held-out scenes, with 95 % intervals (Wilson); the best share is bold."
+    lines = ["# Leaderboard: selectors of envelopes", "", text, ""]
+    for name in dict.fromkeys(record["problem_class"] for record in records):
+        lines += _table(name, [record for record in records if record["problem_class"] == name])
+    return "\n".join([*lines, *_data(experiment), *_cards(records), ""])
+
+
+def _table(name: str, records: list[Mapping[str, Any]]) -> list[str]:
+    ways = [
+        key.removesuffix("_of").removeprefix("project_")
+        for key in records[0]
+        if key.startswith("project_") and key.endswith("_of")
+    ]
+    keys = ["p1_feasible", "p1_infeasible", *(f"project_{way}" for way in ways)]
+    best = {
+        key: max((row[key] for row in records if row[key] is not None), default=None)
+        for key in keys
+    }
+    ranked = sorted(records, key=lambda row: -row["balanced"])
+    counts = f"{records[0]['p1_feasible_of']} feasible and {records[0]['p1_infeasible_of']} infeasible scenes"
+    lines = [f"## {title_of(name)}", "", f"{counts}.", ""]
+    lines += [_row(["", "selector", *CLAIMS, *(way.replace("_", "-") for way in ways), "P1 [ms]"])]
+    lines += [_row(["---:", "---", *("---:" for _ in keys), "---:"])]
+    for rank, row in enumerate(ranked, 1):
+        shares = (_share(row, key, bold=row[key] == best[key]) for key in keys)
+        lines.append(_row([str(rank), str(row["selector"]), *shares, _number(row.get("p1_ms"))]))
+    for selector, figures in TABLE_I.get(name, {}).items():
+        by_way = {"project_fix_p": figures[2], "project_nlp": figures[3]}
+        shown = [figures[0], figures[1], *(by_way.get(key) for key in keys[2:])]
+        lines.append(
+            _row(
+                [
+                    "",
+                    f"paper: {selector}",
+                    *("–" if x is None else f"{100.0 * x:.1f}" for x in shown),
+                    "–",
+                ]
+            )
+        )
+    return [*lines, ""]
+
+
+def _row(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _share(row: Mapping[str, Any], key: str, *, bold: bool) -> str:
+    if row[key] is None:
+        return "–"
+    low, high = row[f"{key}_interval"]
+    value = f"**{100.0 * row[key]:.1f}**" if bold else f"{100.0 * row[key]:.1f}"
+    return f"{value} [{100.0 * low:.1f}, {100.0 * high:.1f}]"
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _data(experiment: Experiment) -> list[str]:
+    """Section on the rows that the methods learned from and were judged on, and on versions."""
+    lines = [
+        "## Data",
+        "",
+        _row(["part", "feasible", "infeasible", "seed"]),
+        _row(["---", "---:", "---:", "---:"]),
+    ]
+    for part in ("train", "calibration", "test"):
+        quota = getattr(experiment, part)
+        if quota is not None:
+            lines.append(_row([part, *map(str, (quota.feasible, quota.infeasible, quota.seed))]))
+    of = [
+        f"{key} `{value}`"
+        for key in ("robot", "terrain")
+        if (value := getattr(experiment, key)) is not None
+    ]
+    proved = (
+        "Every label has a posture or a certificate, which `stancekit verify FOLDER` checks again."
+    )
+    hard = "Infeasible scenes need their moment balance to be so." + (
+        f" Of {', '.join(of)}." if of else ""
+    )
+    made = (
+        "Made with " + ", ".join(f"{name} {version}" for name, version in software().items()) + "."
+    )
+    return [*lines, "", f"{proved} {hard}", "", made, ""]
+
+
+def _cards(records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A line a learned selector: its file, what fitting took, and where it must not be used."""
+    learned = [row for row in records if "fit_seconds" in row]
+    lines = [
+        "## Cards",
+        "",
+        _row(["selector", "of", "file", "fitted in [s]"]),
+        _row(["---", "---", "---", "---:"]),
+    ]
+    lines += [
+        _row(
+            [
+                str(row["selector"]),
+                row["problem_class"],
+                row.get("file") or "none kept",
+                _number(row["fit_seconds"]),
+            ]
+        )
+        for row in learned
+    ]
+    return [
+        *lines,
+        "",
+        "A selector is for the class, the robot and the terrain of its row: it is refused for "
+        "others. Nothing that it",
+        "says has to be believed: postures and certificates are verified. Settings are those of "
+        "the experiment's file,",
+        "seeds those above; seconds are of the wall clock.",
+    ]
+
 
 Progress = Callable[[str, int, int], None]
 OnProgress = Callable[[str], Callable[[int, int], None]]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
@@ -33,6 +33,7 @@ from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.budget import SolveBudget
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import read_walk, walk_names
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain import reference
@@ -40,8 +41,111 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
+from stancekit.views.gait_plot import GaitRun, draw_convergence, draw_directions, draw_times
 
 from ..data.executors import processes
+from .evaluate import Share
+
+OURS = ("portfolio", "decoupled", "warped", "ambient")
+"""Methods of ``bench gait`` whose cells are shown beside other programs' walks."""
+SHOWN = ("peak_acceleration_g", "force_rms", "friction_needed", "outside_cone")
+
+
+def judged(
+    folder: Path, on_progress: Callable[[str, int, int], None] | None = None
+) -> Iterator[dict[str, Any]]:
+    """The row of every walk of a folder, in order of their names.
+
+    Raises InvalidInput for a walk that is none.
+    """
+    paths = walk_names(folder)
+    for index, path in enumerate(paths):
+        if on_progress is not None:
+            on_progress(path.stem, index, len(paths))
+        walk = read_walk(path)
+        report, keys = check_trajectory(walk.trajectory), walk.keys
+        yield {
+            "walk": walk.name,
+            "program": keys.program,
+            "robot": walk.trajectory.robot.name,
+            "terrain": keys.terrain,
+            "task": keys.task,
+            "verified": report.accepted,
+            "message": report.message,
+            "refused": [group.name for group in report.refused],
+            "cpu_process_s": keys.cpu_process_s,
+            "cpu_solver_s": keys.cpu_solver_s,
+            "duration_s": walk.trajectory.duration_s,
+            "figures": {name: _finite_or_none(value) for name, value in report.figures.items()},
+        }
+    if on_progress is not None:
+        on_progress("done", len(paths), len(paths))
+
+
+def ours(rows: list[dict[str, Any]], folder: Path) -> list[dict[str, Any]]:
+    """Rows of this kind for every task that the rows name, from the cells in a folder of ``bench
+    gait``.
+    """
+    rows_of_ours = []
+    for terrain, task in dict.fromkeys(
+        (row["terrain"], row["task"]) for row in rows if row["task"] is not None
+    ):
+        for method in OURS:
+            path = folder / f"{terrain}-{task:02d}-0-{method}.json"
+            if path.exists():
+                rows_of_ours.append(_of_cell(path, terrain, task, method))
+    return rows_of_ours
+
+
+def _of_cell(path: Path, terrain: str, task: int, method: str) -> dict[str, Any]:
+    content = read_json(path)
+    row = content.get("row") if isinstance(content, dict) else None
+    if not isinstance(row, dict):
+        raise InvalidInput(f"{path}: expected a cell of bench gait, got another file")
+    return {
+        "walk": path.stem,
+        "program": f"stancekit, {method}",
+        "robot": "anymal",
+        "terrain": terrain,
+        "task": task,
+        "verified": bool(row.get("verified")),
+        "message": str(row.get("message", "")),
+        "refused": list(row.get("refused", [])),
+        "cpu_process_s": None,
+        "cpu_solver_s": row.get("cpu_s"),
+        "duration_s": None,
+        "figures": {name: row.get(name) for name in SHOWN},
+    }
+
+
+def by_program(rows: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Results by program: walks, the number verified, medians of CPU time and figures over those."""
+    lines = []
+    for program in dict.fromkeys(row["program"] for row in rows):
+        rows_of_program = [row for row in rows if row["program"] == program]
+        good = [row for row in rows_of_program if row["verified"]]
+        medians = {
+            name: _median([row[name] for row in good]) for name in ("cpu_process_s", "cpu_solver_s")
+        }
+        medians |= {name: _median([row["figures"].get(name) for row in good]) for name in SHOWN}
+        lines.append(
+            {"program": program, "walks": len(rows_of_program), "verified": len(good), **medians}
+        )
+    return lines
+
+
+def as_json(rows: list[dict[str, Any]]) -> str:
+    """All rows, and what they come to, as a document."""
+    return json.dumps({"walks": rows, "programs": by_program(list(rows))}, indent=1) + "\n"
+
+
+def _median(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
+
+
+def _finite_or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 class _Model(BaseModel):
@@ -427,3 +531,211 @@ def _rng(cell: GaitCell) -> np.random.Generator:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+Row = Mapping[str, Any]
+BASELINE = "ambient"
+"""Baseline of iterations and times: the exact Hessian in the world's coordinates, in the same
+run."""
+QUARTILES = (25.0, 50.0, 75.0)
+
+
+def table(rows: Iterable[Row]) -> list[dict[str, Any]]:
+    """One record a method and terrain, in the order of ``METHODS`` and of the rows.
+
+    cells; success, verified: shares, each with its Wilson 95 % interval (success_interval,
+    verified_interval); left_cone: share of those that succeeded whose feet leave the
+    true cone; paper: the success that Pan et al. print for it, if any; capped: how many were cut
+    off. verified_cpu_s: quartiles over what the verifier accepts. Quartiles over the cells that
+    succeeded: iterations, cpu_s, iteration_s, linear_share (of the CPU time in the solver and its
+    linear algebra), peak_g, peak_before_g (of a portfolio's first feasible point), force_rms,
+    force_peak, reach_mm, penetration_mm, and outside_cone, the share of standing samples outside
+    the cone.
+    """
+    every = list(rows)
+    terrains = list(dict.fromkeys(row["terrain"] for row in every))
+    lines: list[dict[str, Any]] = []
+    for method in METHODS:
+        for terrain in terrains:
+            rows_of_method = [
+                row for row in every if row["method"] == method and row["terrain"] == terrain
+            ]
+            if rows_of_method:
+                lines.append(_record(method, terrain, rows_of_method))
+    return lines
+
+
+def _record(method: str, terrain: str, rows: Sequence[Row]) -> dict[str, Any]:
+    good = [row for row in rows if row["success"]]
+    return {
+        "method": method,
+        "label": METHODS[method].label,
+        "terrain": terrain,
+        "cells": len(rows),
+        "success": _share(row["success"] for row in rows),
+        "verified": _share(row["verified"] for row in rows),
+        "success_interval": list(Share(hits=len(good), of=len(rows)).interval),
+        "verified_interval": list(
+            Share(hits=sum(row["verified"] for row in rows), of=len(rows)).interval
+        ),
+        "left_cone": _share(
+            row["outside_cone"] > 0.0 for row in good if row.get("outside_cone") is not None
+        ),
+        "paper": PAPER.get(method, {}).get(terrain),
+        "capped": sum(bool(row.get("capped")) for row in rows),
+        "refused": _counted(group for row in good for group in row.get("refused", ())),
+        **{name: quartiles([read(row) for row in good]) for name, read in MEASURES.items()},
+        "verified_cpu_s": quartiles([row.get("cpu_s") for row in rows if row["verified"]]),
+    }
+
+
+def _of(name: str, scale: float = 1.0) -> Callable[[Row], float | None]:
+    return lambda row: None if row.get(name) is None else scale * float(row[name])
+
+
+def _before(row: Row) -> float | None:
+    return row["before"]["peak_acceleration_g"] if row.get("before") else None
+
+
+def _shares(row: Row) -> float | None:
+    return row["linear_s"] / row["cpu_s"] if row.get("cpu_s") else None
+
+
+def _iteration(row: Row) -> float | None:
+    steps = (
+        sum(row["phase_iterations"].values())
+        if "phase_iterations" in row
+        else row.get("iterations", 0)
+    )
+    return row["cpu_s"] / steps if steps else None
+
+
+MEASURES: Mapping[str, Callable[[Row], float | None]] = {
+    "iterations": _of("iterations"),
+    "cpu_s": _of("cpu_s"),
+    "iteration_s": _iteration,
+    "linear_share": _shares,
+    "peak_g": _of("peak_acceleration_g"),
+    "peak_before_g": _before,
+    "force_rms": _of("force_rms"),
+    "force_peak": _of("force_peak"),
+    "reach_mm": _of("reach", 1e3),
+    "penetration_mm": _of("penetration", 1e3),
+    "outside_cone": _of("outside_cone"),
+    "friction_needed": _of("friction_needed"),
+}
+
+
+def quartiles(values: Iterable[float | None]) -> list[float] | None:
+    """25, 50 and 75 % of what is there; None of nothing."""
+    known = [value for value in values if value is not None]
+    return [float(value) for value in np.percentile(known, QUARTILES)] if known else None
+
+
+def ratios(
+    rows: Iterable[Row], method: str, name: str = "iterations", against: str = BASELINE
+) -> dict[str, float]:
+    """Ratios by terrain: the median of a measure over the median of ``against``, on the cells in
+    which both succeeded.
+
+    Terrains without such a cell are missing.
+    """
+    cells = {
+        (row["terrain"], row["task"], row["seed"], row["method"]): row
+        for row in rows
+        if row["success"]
+    }
+    pairs: dict[str, list[tuple[float, float]]] = {}
+    for (terrain, task, seed, name_of_method), row in cells.items():
+        other = cells.get((terrain, task, seed, against))
+        if name_of_method == method and other is not None:
+            pairs.setdefault(terrain, []).append((float(row[name]), float(other[name])))
+    medians = {
+        terrain: np.median(np.array(cells_of_pair), axis=0)
+        for terrain, cells_of_pair in pairs.items()
+    }
+    return {
+        terrain: float(name_of_method / max(theirs, 1e-9))
+        for terrain, (name_of_method, theirs) in medians.items()
+    }
+
+
+def _share(flags: Iterable[bool]) -> float | None:
+    """Share of true flags; None without flags."""
+    values = list(flags)
+    return sum(values) / len(values) if values else None
+
+
+def _counted(names: Iterable[str]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+    return dict(sorted(counts.items(), key=lambda item: -item[1]))
+
+
+DRAWN = ("ambient-lbfgs", "warped-lbfgs", "decoupled-lbfgs", "ambient", "warped", "decoupled")
+COLOURED = tuple(METHODS[method].label for method in DRAWN)
+"""A method has the same colour in every picture, whatever was measured."""
+AROUND = ("ripple", "cone", "pit", "pit-84", "pit-87")
+"""Terrains whose tasks go all around."""
+
+
+def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
+    """Write convergence-TERRAIN.png, and directions- and times-TERRAIN.png where tasks go all
+    around; what was written.
+
+    Cells without a single iterate, e.g. for want of a map, are left out.
+    """
+    from stancekit.views.sheet import save
+
+    every, written = (
+        [row for row in rows if row["method"] in DRAWN and row.get("violations")],
+        list[Path](),
+    )
+    for terrain in dict.fromkeys(row["terrain"] for row in every):
+        rows_of_method = [
+            row
+            for method in DRAWN
+            for row in every
+            if (row["method"], row["terrain"]) == (method, terrain)
+        ]
+        for name, figure in _figures(terrain, rows_of_method):
+            written.append(folder / f"{name}-{terrain}.png")
+            save(figure, written[-1])
+    return written
+
+
+def _figures(terrain: str, rows: Sequence[Row]) -> Iterator[tuple[str, Any]]:
+    seeds = sorted({row["seed"] for row in rows})
+    runs = [_run(row) for row in rows]
+    yield (
+        "convergence",
+        draw_convergence(runs, caption=f"Convergence on {terrain}", methods=COLOURED),
+    )
+    if terrain in AROUND:
+        wedge = 2.0 * math.pi / len(reference_tasks(terrain)) / len(seeds)
+        beside = [
+            _run(row, wedge * (seeds.index(row["seed"]) - 0.5 * (len(seeds) - 1))) for row in rows
+        ]
+        guesses = (
+            f"up to {len(seeds)} guesses a direction" if len(seeds) > 1 else "one guess a direction"
+        )
+        yield (
+            "directions",
+            draw_directions(
+                beside, caption=f"Violation by walking direction on {terrain}, {guesses}"
+            ),
+        )
+        caption = f"CPU time by walking direction on {terrain}, {guesses}"
+        yield "times", draw_times(runs, caption=caption, methods=COLOURED)
+
+
+def _run(row: Row, beside_rad: float = 0.0) -> GaitRun:
+    task = reference_tasks(row["terrain"])[row["task"]]
+    way = task.goal_xy_m - task.start_xy_m
+    return GaitRun(
+        method=METHODS[row["method"]].label,
+        violations=np.array([math.inf if value is None else value for value in row["violations"]]),
+        direction_rad=math.atan2(way[0], way[1]) + beside_rad,
+        seconds=row["cpu_s"],
+    )

@@ -8,11 +8,22 @@ in every denominator.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
+
+from stancekit.envs.episodes import MemorylessPolicy, any_dimension, largest_gap, noisy_gap, widest
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_choice, checked_int
+from stancekit.planners.gait.charts import CHARTS
+from stancekit.planners.search.exact import ExactPlanner
 
 from .leap_bench import AGAIN, FINDERS, TUNED, UNLEARNED, share
 
@@ -181,3 +192,226 @@ def _share(found: Any) -> Share:
     one = share(int(np.sum(found)), len(found))
     assert one is not None
     return one
+
+
+Player = Callable[[Any, Any, np.random.Generator], Any]
+"""Gives an action for an environment, its observation and a generator."""
+ROWS = "rows.jsonl"
+EXACT = "exact"
+RANDOM = ("random", "random-again")
+"""Names of policies that draw; the second has another seed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plays:
+    """An environment and what is played in it.
+
+    Arguments:
+        options: keywords of ``gymnasium.make``.
+        budget: of an episode, in words.
+        players: makes the policies, by name.
+        learned: names of those that learned.
+        solves: convex problems of an episode, within which the exact planner answers the scene
+            beside the environment; None where the scene is no posture.
+    """
+
+    options: Mapping[str, Any] = field(default_factory=dict)
+    budget: str
+    players: Callable[[], Mapping[str, Player]]
+    learned: tuple[str, ...] = ()
+    solves: int | None = None
+
+
+def environment_room(
+    name: str,
+    folder: Path,
+    *,
+    scenes: int,
+    seed: int,
+    on_progress: Callable[[str, int, int], None] | None = None,
+) -> Room:
+    """Play what the folder does not have, and return the room of an environment at the budget of
+    its episodes.
+
+    Arguments:
+        name: among ``ENVIRONMENTS``.
+        folder: for the rows; a run that is stopped goes on.
+        scenes: episodes per policy; the same scenes for all.
+        seed: of the scenes.
+        on_progress: called with a line, scenes done, and all.
+
+    Raises:
+        InvalidInput: for another name, and a folder with rows of other settings.
+    """
+    plays = ENVIRONMENTS[checked_choice(name, "environment", ENVIRONMENTS)]
+    checked_int(scenes, "scenes", least=1)
+    checked_int(seed, "seed", least=0)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / ROWS
+    head = {"environment": name, "seed": seed}
+    rows = _kept(path, head)
+    players, env = plays.players(), gym.make(f"stancekit/{name}", **plays.options)
+    with path.open("a", encoding="utf-8") as file:
+        if not path.stat().st_size:
+            file.write(json.dumps(head) + "\n")
+        for index in range(scenes):
+            if on_progress is not None:
+                on_progress(f"{name} {index}", index, scenes)
+            if all(
+                (index, method) in rows for method in (*players, *([EXACT] if plays.solves else []))
+            ):
+                continue
+            for row in _scene(env, plays, players, seed, index):
+                rows[index, row["method"]] = row
+                file.write(json.dumps(row) + "\n")
+            file.flush()
+    answers: dict[str, list[bool]] = {}
+    anywhere: dict[str, list[bool]] = {}
+    for (index, method), row in sorted(rows.items()):
+        if index < scenes:
+            answers.setdefault(method, []).append(bool(row["found"]))
+            anywhere.setdefault(method, []).append(bool(row["anywhere"]))
+    return room_of(
+        environment=f"{name} ({', '.join(map(str, plays.options.values())) or 'as it is'})",
+        budget=plays.budget,
+        oracle_budget="all policies" + (", exact search without a limit" if plays.solves else ""),
+        within={method: np.array(each) for method, each in answers.items()},
+        anywhere={method: np.array(each) for method, each in anywhere.items()},
+        fair=[method for method in answers if method not in (*RANDOM, *plays.learned)],
+        learned=list(plays.learned),
+        again={"random": "random-again"},
+    )
+
+
+def _scene(
+    env: gym.Env[Any, Any], plays: Plays, players: Mapping[str, Player], seed: int, index: int
+) -> Iterator[dict[str, Any]]:
+    """A row per policy on one scene, and one of the exact planner."""
+    episode = int(np.random.default_rng([seed, index]).integers(2**31))
+    for number, (method, player) in enumerate(players.items()):
+        rng, begin = np.random.default_rng([seed, index, number]), time.process_time()
+        observation, info = env.reset(seed=episode)
+        over = False
+        while not over:
+            observation, _, ended, cut_off, info = env.step(player(env, observation, rng))
+            over = ended or cut_off
+        won = bool(info["is_success"])
+        yield {
+            "scene": index,
+            "method": method,
+            "found": won,
+            "anywhere": won,
+            "cpu_s": time.process_time() - begin,
+        }
+    if plays.solves is not None:
+        env.reset(seed=episode)
+        begin = time.process_time()
+        outcome = ExactPlanner().solve(env.unwrapped.scene.problem)  # type: ignore[attr-defined]
+        decided = outcome.status is not Status.UNDECIDED
+        yield {
+            "scene": index,
+            "method": EXACT,
+            "found": decided and outcome.effort.solves <= plays.solves,
+            "anywhere": decided,
+            "cpu_s": time.process_time() - begin,
+        }
+
+
+def _kept(path: Path, head: Mapping[str, Any]) -> dict[tuple[int, str], dict[str, Any]]:
+    if not path.exists():
+        return {}
+    text = path.read_text(encoding="utf-8")
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        path.write_text(whole, encoding="utf-8")
+    try:
+        first, *others = map(json.loads, whole.splitlines())
+        rows = {(int(row["scene"]), str(row["method"])): row for row in others}
+    except (ValueError, TypeError, KeyError):
+        raise InvalidInput(f"{path}: expected rows of bench room, got something else") from None
+    if first != head:
+        raise InvalidInput(f"{path}: expected rows of {head}, got those of {str(first)[:80]}")
+    return rows
+
+
+def _drawn(env: Any, observation: Any, rng: np.random.Generator) -> Any:
+    """Any action, each as likely."""
+    space = env.action_space
+    if isinstance(space, gym.spaces.Discrete):
+        return np.int64(rng.integers(space.n))
+    if isinstance(space, gym.spaces.MultiDiscrete):
+        return rng.integers(space.nvec)
+    return rng.uniform(space.low, space.high).astype(space.dtype)
+
+
+def _by(policy: Any) -> Player:
+    return lambda env, observation, rng: policy.predict(observation, deterministic=True)[0]
+
+
+def _selectors() -> Mapping[str, Player]:
+    from stancekit.envs.data.dataset import Dataset
+    from stancekit.envs.data.ledger import folder_of
+
+    from ..selectors.selector import FixedSelector
+    from ..selectors.selector_file import load_selector
+    from ..training.envelope_methods import fit
+
+    rows = Dataset.open(folder_of("pool-wall-3"))
+    boxes = {name: _by(FixedSelector(name, fit(name, rows))) for name in ("heuristic", "quantile")}
+    return {
+        **dict.fromkeys(RANDOM, _drawn),
+        **boxes,
+        "neural-wall-3": _by(load_selector("neural-wall-3").selector),
+    }
+
+
+def _rules() -> Mapping[str, Player]:
+    chance = any_dimension(np.random.default_rng(0))
+    chance_again = any_dimension(np.random.default_rng(1))
+    gap = noisy_gap(np.random.default_rng(0), spread=0.0)
+    rules = {
+        "largest gap": MemorylessPolicy(largest_gap),
+        "largest gap · width": gap,
+        "widest": MemorylessPolicy(widest),
+    }
+    chances = dict(zip(RANDOM, (chance, chance_again), strict=True))
+    return {name: _by(rule) for name, rule in {**chances, **rules}.items()}
+
+
+def _planners() -> Mapping[str, Player]:
+    return {**dict.fromkeys(RANDOM, _drawn), **{f"always {k}": _always(k) for k in range(3)}}
+
+
+def _always(chosen: int) -> Player:
+    return lambda env, observation, rng: np.int64(chosen)
+
+
+def _charts() -> Mapping[str, Player]:
+    """Every chart, on the terrain as it is, from the guess that follows it."""
+    always = {f"always {chart}": _at_once(k) for k, chart in enumerate(CHARTS.names())}
+    return {**dict.fromkeys(RANDOM, _drawn), **always}
+
+
+def _at_once(chart: int) -> Player:
+    return lambda env, observation, rng: np.array([chart, 0, 0])
+
+
+ENVIRONMENTS: Mapping[str, Plays] = {
+    "EnvelopeSelection-v0": Plays(
+        options={"problem": "wall-3"},
+        budget="one box: 2 convex problems",
+        players=_selectors,
+        learned=("neural-wall-3",),
+        solves=2,
+    ),
+    "EnvelopeRefinement-v0": Plays(
+        options={"problem": "ground-3", "budget": 50},
+        budget="50 convex problems",
+        players=_rules,
+        solves=50,
+    ),
+    "Traverse-v0": Plays(budget="an episode", players=_planners),
+    "WarpedGait-v0": Plays(budget="one attempt", players=_charts),
+}
+"""Environments whose episodes policies play, by name without the package's; those of WarpedGait-v0
+take seconds of the processor each."""

@@ -14,9 +14,8 @@ from stancekit.configs import config_path
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.learners.data.executors import processes
 from stancekit.learners.evaluation import bench
-from stancekit.learners.evaluation.bench import ClassResult
+from stancekit.learners.evaluation.bench import ClassResult, Experiment
 from stancekit.learners.evaluation.evaluate import evaluate
-from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.errors import InvalidInput

@@ -14,12 +14,14 @@ from stancekit.learners.evaluation.gait_bench import (
     GaitBenchSettings,
     GaitCell,
     cells,
+    draw,
     gait_task,
     kept,
+    quartiles,
+    ratios,
     run,
+    table,
 )
-from stancekit.learners.evaluation.gait_drawings import draw
-from stancekit.learners.evaluation.gait_figures import quartiles, ratios, table
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.task import GaitSettings
 from tests.refusals import refuses

@@ -12,8 +12,8 @@ import pytest
 from stancekit.configs import config_path
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import SampledScenes
+from stancekit.learners.evaluation.bench import Experiment
 from stancekit.learners.evaluation.evaluate import evaluate
-from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.selectors.shipped import card
 from stancekit.learners.zoo import shipped
