@@ -223,7 +223,7 @@ def _read(path: Path) -> Any:
 
         format_ = safetensors_format(path)
         if format_ == FORMAT:
-            from stancekit.learners.leaps.scorer import LeapScorer  # torch takes a while to load
+            from stancekit.learners.leaps.policy import LeapScorer  # torch takes a while to load
 
             return LeapScorer.read(path)
         if str(format_).startswith("stancekit/surrogate/"):

@@ -36,7 +36,7 @@ from stancekit.planners.terrain.reference import named_terrain
 from stancekit.planners.warp.conformal import CELLS, HEIGHT_M, MapFit, Method, fit_map
 
 if TYPE_CHECKING:
-    from stancekit.learners.leaps.scorer import LeapScorer
+    from stancekit.learners.leaps.policy import LeapScorer
     from stancekit.learners.surrogates.surrogate import Surrogate
 
 
@@ -252,7 +252,7 @@ def _scorer(
             f"data set: expected labelled tries of leaps with the method {method}, got {rows!r:.80}"
         )
     try:
-        from stancekit.learners.leaps.training import (
+        from stancekit.learners.leaps.policy import (
             ScorerSettings,
             fit_scorer,
         )  # torch takes a while to load

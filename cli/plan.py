@@ -594,7 +594,7 @@ class PlanCourse:
                 raise InvalidInput(
                     "--policy: expected none with --planner random, which has no scores"
                 )
-            from stancekit.learners.leaps.scorer import LeapScorer
+            from stancekit.learners.leaps.policy import LeapScorer
 
             rule = LeapScorer.read(self.policy)
         return LeapFinder(order=order, rule=rule, share=0.8 if self.reserve else 1.0)

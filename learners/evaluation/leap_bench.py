@@ -191,7 +191,7 @@ def is_scorer(method: str) -> bool:
 
 def _finder(method: str, seed: int) -> LeapFinder:
     if is_scorer(method):
-        from ..leaps.scorer import LeapScorer  # torch takes a while to load
+        from ..leaps.policy import LeapScorer  # torch takes a while to load
 
         scorer = LeapScorer.read(method)
         if scorer.origin.get("seed") == seed:

@@ -7,7 +7,7 @@ import torch
 
 import stancekit
 import stancekit.envs
-from stancekit.learners.leaps.scorer import LeapScorer
+from stancekit.learners.leaps.policy import LeapScorer
 
 pytest.importorskip("sb3_contrib")
 

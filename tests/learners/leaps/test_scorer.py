@@ -10,15 +10,17 @@ import torch
 
 import stancekit
 from stancekit.learners.leaps.kinds import FORMAT
-from stancekit.learners.leaps.scorer import LeapScorer, ScoreNetwork, with_caps
-from stancekit.learners.leaps.training import (
+from stancekit.learners.leaps.policy import (
     _LEAP_SIGNS,
     _SIGNS,
+    LeapScorer,
+    ScoreNetwork,
     ScorerSettings,
     _fit_scales,
     _loss,
     _rows,
     _Tries,
+    with_caps,
 )
 from stancekit.learners.selectors.tensors import write_tensors
 from stancekit.planners.leap.features import OF_CANDIDATE, LeapFeatures

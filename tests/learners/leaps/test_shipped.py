@@ -11,7 +11,7 @@ import pytest
 
 from stancekit.envs.leap_choice import LeapChoiceEnv
 from stancekit.learners.evaluation.leap_bench import LeapBenchSettings, run
-from stancekit.learners.leaps.scorer import LeapScorer
+from stancekit.learners.leaps.policy import LeapScorer
 from stancekit.learners.zoo import card_of, shipped
 from tests.refusals import refuses
 
