@@ -103,8 +103,7 @@ def map(
     checked_number(time_limit_s, "time_limit_s", above=0.0)
     checked_int(seed, "seed", least=0)
     from stancekit.envs.distributions.cut import identity_of
-    from stancekit.learners.maps.making import MapSettings, make_map
-    from stancekit.learners.maps.poses import Poses
+    from stancekit.learners.maps.making import MapSettings, Poses, make_map
     from stancekit.planners.problem.file_terrain import footholds_for
 
     if fit and surrogate is not None:

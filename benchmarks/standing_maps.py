@@ -19,8 +19,7 @@ from _bench import Options, Row, launch, markdown, upper_end
 from second_labels import HOLDS, second
 
 import stancekit
-from stancekit.learners.maps.making import BLOCK, Maker
-from stancekit.learners.maps.poses import Poses
+from stancekit.learners.maps.making import BLOCK, Maker, Poses
 from stancekit.planners.problem.standing_map import (
     FEASIBLE,
     INFEASIBLE,

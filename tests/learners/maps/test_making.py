@@ -14,8 +14,7 @@ from scipy.stats import beta
 
 import stancekit
 from stancekit.learners.maps import making
-from stancekit.learners.maps.making import Maker, MapSettings, make_map
-from stancekit.learners.maps.poses import Poses
+from stancekit.learners.maps.making import Maker, MapSettings, Poses, make_map
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.standing_map import (
     FEASIBLE,
