@@ -219,7 +219,7 @@ def _read(path: Path) -> Any:
     if (str(path) in builtin_courses() or drawn_name(str(path))) and not path.exists():
         return read_course(path)
     if path.suffix == SCORER:
-        from stancekit.learners.selectors.selector_file import load_selector, safetensors_format
+        from stancekit.learners.selectors.selector import load_selector, safetensors_format
 
         format_ = safetensors_format(path)
         if format_ == FORMAT:

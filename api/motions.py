@@ -271,7 +271,7 @@ def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
     if name == LIFT:
         return None
     from stancekit.envs.selection import class_envelopes
-    from stancekit.learners.selectors.selector_file import load_selector
+    from stancekit.learners.selectors.selector import load_selector
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
     learned = load_selector(Path(name))

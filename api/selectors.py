@@ -16,8 +16,7 @@ from stancekit.learners.data.labelling import rows_of as rows_of
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.leaps.kinds import KINDS
-from stancekit.learners.selectors.selector import Learned
-from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.selectors.selector import Learned, load_selector
 from stancekit.learners.surrogates.screened import Screened
 from stancekit.learners.training.fit_settings import SPREAD as SPREAD
 from stancekit.learners.training.fit_settings import FitSettings, missing

@@ -38,7 +38,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation.bench import Experiment
 from stancekit.learners.evaluation.evaluate import evaluate
-from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.selectors.selector import load_selector
 from stancekit.learners.training.fitting import learn_selector
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import Plan

@@ -25,8 +25,13 @@ from neural import cell, data
 
 from stancekit.envs.data.dataset import scenes_of
 from stancekit.learners.evaluation.evaluate import Score, evaluate
-from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural
-from stancekit.learners.selectors.neural_training import NeuralSettings, TrainingRows
+from stancekit.learners.selectors.neural import (
+    NeuralSelector,
+    NeuralSettings,
+    TrainingRows,
+    calibrated_room,
+    fit_neural,
+)
 from stancekit.learners.selectors.selector import FixedSelector, Learned
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.equilibrium.programs import Programs

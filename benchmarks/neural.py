@@ -30,9 +30,8 @@ from stancekit.envs.scenes import LabelledScene
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift
 from stancekit.learners.selectors.chooser import fit_chooser
-from stancekit.learners.selectors.gradient import fit_gradient
-from stancekit.learners.selectors.neural import fit_neural
-from stancekit.learners.selectors.neural_training import NeuralSettings
+from stancekit.learners.selectors.genetic import fit_gradient
+from stancekit.learners.selectors.neural import NeuralSettings, fit_neural
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.projection.project import Projection

@@ -61,8 +61,7 @@ from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.data.labelling import Quota, label
-from stancekit.learners.selectors.neural import fit_neural
-from stancekit.learners.selectors.neural_training import NeuralSettings
+from stancekit.learners.selectors.neural import NeuralSettings, fit_neural
 from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.learners.training.baselines import open_scenes
 from stancekit.learners.training.envelope_methods import fit

@@ -36,7 +36,7 @@ from stancekit.envs.distributions.postures import PostureDistribution, distribut
 from stancekit.envs.scenes import LabelledScene, OneByOne
 from stancekit.envs.selection import ADMITTED
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.learners.selectors.heuristic import heuristic_envelope
+from stancekit.learners.selectors.selector import heuristic_envelope
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Problem

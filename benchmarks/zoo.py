@@ -30,8 +30,7 @@ from stancekit.learners.data.executors import executor
 from stancekit.learners.evaluation.bench import ClassResult, Experiment, run
 from stancekit.learners.evaluation.evaluate import Score, evaluate
 from stancekit.learners.selectors.neural import NeuralSelector
-from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.learners.selectors.shipped import Card, Figure, card
+from stancekit.learners.selectors.selector import Card, Figure, card, load_selector
 from stancekit.learners.zoo import card_of, shipped
 from stancekit.planners.files.writing import write_bytes, write_text
 

@@ -50,7 +50,7 @@ class Evaluate:
     """Envelope files to compare."""
     selector: Annotated[
         tuple[str, ...],
-        named("stancekit.learners.selectors.own:SELECTORS", "FILE|NAME|FILE.py:NAME"),
+        named("stancekit.learners.selectors.selector:SELECTORS", "FILE|NAME|FILE.py:NAME"),
     ] = ()
     """Selectors to compare: files of envelopes, neural selectors, choosers, policies; names of
     those that ship, as neural-wall-3; or your own."""

@@ -133,7 +133,7 @@ NAMES = {
             "rl",
         ),
     ),
-    "stancekit.learners.selectors.own:SELECTORS": ("stancekit.selectors", ()),
+    "stancekit.learners.selectors.selector:SELECTORS": ("stancekit.selectors", ()),
 }
 """By registry, or by tuple of our own names: the group of other packages' names, and our own,
 for which `--help` would else load solvers and networks (a test holds them to be those that there

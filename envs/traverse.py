@@ -59,8 +59,8 @@ file of these."""
 READERS: Mapping[str, str] = MappingProxyType(
     {
         ".json": "stancekit.planners.formats.answer_file:read_boxes",
-        ".safetensors": "stancekit.learners.selectors.selector_file:load_selector",
-        "": "stancekit.learners.selectors.selector_file:load_selector",  # the name of one that ships
+        ".safetensors": "stancekit.learners.selectors.selector:load_selector",
+        "": "stancekit.learners.selectors.selector:load_selector",  # the name of one that ships
     }
 )
 """Readers of files by their endings, and of names, which have none; named, as in a registry,

@@ -27,8 +27,7 @@ from stancekit.planners.search.clock import Clock
 from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.executors import Executor, gather, processes
-from ..selectors.own import ANY
-from ..selectors.selector import Learned
+from ..selectors.selector import ANY, Learned
 
 Progress = Callable[[int, int], None]
 CHUNK = 100

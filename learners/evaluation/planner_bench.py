@@ -34,7 +34,7 @@ from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 
 from ..selectors.modes import solved_postures
-from ..selectors.quantile import quantile_box
+from ..selectors.selector import quantile_box
 
 Form = Literal[
     "lift", "envelope", "unit-4", "rows-4", "course-4", "shrink-4", "unit-2", "course-2", "shrink-2"

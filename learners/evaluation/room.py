@@ -352,8 +352,7 @@ def _selectors() -> Mapping[str, Player]:
     from stancekit.envs.data.dataset import Dataset
     from stancekit.envs.data.ledger import folder_of
 
-    from ..selectors.selector import FixedSelector
-    from ..selectors.selector_file import load_selector
+    from ..selectors.selector import FixedSelector, load_selector
     from ..training.envelope_methods import fit
 
     rows = Dataset.open(folder_of("pool-wall-3"))

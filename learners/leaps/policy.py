@@ -25,8 +25,7 @@ from stancekit.planners.files.validation import check_fields
 from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
 from stancekit.planners.leap.numbers import LeapNumbers
 
-from ..selectors.network import AttentionBlock
-from ..selectors.tensors import load_weights, read_tensors, write_tensors
+from ..selectors.network import AttentionBlock, load_weights, read_tensors, write_tensors
 from ..zoo import shipped
 from .kinds import FORMAT, KINDS, Kind
 

@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope
 
-from .quantile import quantile_box
+from .selector import quantile_box
 
 CLEARANCE = 1e-4
 """Distance outside the box that an excluded point must have (non-dimensional)."""

@@ -19,7 +19,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
 from stancekit.planners.search.exact import ExactPlanner
 
-from .quantile import quantile_box
+from .selector import quantile_box
 
 MODES = {"ground": "ground", "wall": "wall", "terrain": "ground"}
 """Name of a mode over the scenes of each law."""

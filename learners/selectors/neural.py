@@ -5,15 +5,16 @@ P1's margins.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt
+from torch import Tensor, nn
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.episodes import MemorylessPolicy, Observation
@@ -22,14 +23,367 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
-from stancekit.planners.files.validation import validated
+from stancekit.planners.files.validation import check_fields, validated
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 from stancekit.planners.relaxation.table import RELAXATIONS
 
-from .network import Architecture, BoxNetwork, SceneTensors, as_arrays
-from .neural_training import NeuralSettings, Progress, Trainer, TrainingRows
-from .tensors import load_weights, read_tensors, write_tensors
+from .network import (
+    Architecture,
+    Boxes,
+    BoxNetwork,
+    Mirror,
+    SceneTensors,
+    as_arrays,
+    load_weights,
+    pinball,
+    read_tensors,
+    write_tensors,
+)
+
+
+class Margin(torch.autograd.Function):
+    """Margins that ``margins`` applies."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        low: Tensor,
+        high: Tensor,
+        problems: Sequence[Scaled],
+        programs: Programs,
+        relaxation: str,
+    ) -> Tensor:
+        """Solve P1 once a scene."""
+        lows, highs = as_arrays(low, high)
+        values, slopes = np.zeros(len(problems)), np.zeros((2, *lows.shape))
+        for i, problem in enumerate(problems):
+            box = Envelope(low=lows[i], high=highs[i])
+            answer = RELAXATIONS.get(relaxation).margin(programs, problem, box, gradient=True)
+            if answer.gradient is not None:
+                values[i], slopes[:, i] = answer.margin, answer.gradient
+        ctx.save_for_backward(torch.as_tensor(slopes, dtype=low.dtype))
+        return torch.as_tensor(values, dtype=low.dtype)
+
+    @staticmethod
+    def backward(ctx: Any, *outputs: Tensor) -> tuple[Tensor, Tensor, None, None, None]:
+        """Chain rule."""
+        (slopes,) = ctx.saved_tensors
+        grown = outputs[0][:, None, None]
+        return slopes[0] * grown, slopes[1] * grown, None, None, None
+
+
+def margins(
+    low: Tensor,
+    high: Tensor,
+    problems: Sequence[Scaled],
+    programs: Programs | None = None,
+    relaxation: str = "p1",
+) -> Tensor:
+    """The signed margin of P1 of each scene over its box: 0 or less where P1 admits the scene, and
+    by how much.
+
+    Returns shape (B,), in the precision of ``low``; where P1 has no margin, P̄ having no answer, it
+    is 0 and nothing flows back. Differentiable once, on the processor.
+
+    Arguments:
+        low, high: bounds of [p, f], non-dimensional, shape (B, N, 6), low ≤ high.
+        problems: B of them, with N contacts.
+        programs: compiled models, which a loop keeps from call to call; new ones where None.
+        relaxation: which P1, "p1" or "joint".
+
+    Raises:
+        InvalidInput: for boxes of other shapes, not finite or reversed.
+    """
+    wanted = (len(problems), problems[0].size[0], 6) if problems else (0,)
+    if tuple(low.shape) != wanted or tuple(high.shape) != wanted:
+        raise InvalidInput(
+            f"low, high: expected shape {wanted}, got {tuple(low.shape)} and {tuple(high.shape)}"
+        )
+    margins_of_boxes: Tensor = Margin.apply(low, high, problems, programs or Programs(), relaxation)  # type: ignore[no-untyped-call]
+    return margins_of_boxes
+
+
+Progress = Callable[[int, int], None]
+Share = Annotated[float, Field(gt=0.0, lt=1.0)]
+CHECKPOINT = "stancekit/neural-checkpoint/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeuralSettings:
+    """Settings of training a neural selector.
+
+    Arguments:
+        share: of the solutions that the boxes of the first stage leave out on each side.
+        epochs: of the first stage, over the feasible rows.
+        batch, rate: of AdamW.
+        margin_epochs: of the second stage, over the scarcer label; 0 leaves it out.
+        margin_batch: problems of each label a step.
+        margin_rate: of AdamW there.
+        softness: τ, the margin over which P1's answer turns from wrong to right in the loss
+            σ(±t/τ), non-dimensional.
+        caution: how much more a feasible problem lost counts than an infeasible one let in.
+        anchor: weight of the first stage's loss in the second, which keeps the boxes around
+            solutions and so projectable.
+        target: share of the feasible calibration rows that P1 must admit.
+        relaxation: which P1 has the margins: "p1", or "joint", for which a point in every box is
+            learned, too, the median of the solutions, about which the gap is linearised
+            (``relaxation.joint``).
+        calibration: share of the rows kept for that where no data set is given for it.
+    """
+
+    architecture: Architecture = field(default_factory=Architecture)
+    share: Share = 0.05
+    epochs: PositiveInt = 20
+    batch: PositiveInt = 128
+    rate: PositiveFloat = 2e-3
+    margin_epochs: NonNegativeInt = 4
+    margin_batch: PositiveInt = 64
+    margin_rate: PositiveFloat = 3e-4
+    softness: PositiveFloat = 5e-4
+    caution: float = 2.0
+    anchor: float = 30.0
+    relaxation: str = "p1"
+    target: Share = 0.985
+    calibration: Share = 0.15
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainingRows:
+    """Problems of one label: as the solver wants them, as the network sees them, and with solutions
+    where feasible.
+    """
+
+    problems: tuple[Scaled, ...]
+    scenes: SceneTensors
+    points: Tensor
+
+    @classmethod
+    def of(cls, dataset: Dataset, label: str) -> TrainingRows:
+        """The rows ``feasible`` or ``infeasible`` of a data set.
+
+        Raises InvalidInput where there are none.
+        """
+        indices = dataset.feasible if label == "feasible" else dataset.infeasible
+        if not len(indices):
+            raise InvalidInput(f"data set: expected one or more {label} rows, got none")
+        problems = tuple(Scaled.of(problem) for problem in dataset.select(indices).problems())
+        points = dataset.points if label == "feasible" else np.zeros((0, problems[0].size[0], 6))
+        return cls(
+            problems=problems,
+            scenes=SceneTensors.of_problems(problems),
+            points=torch.tensor(points, dtype=torch.float32),
+        )
+
+    def __len__(self) -> int:
+        return len(self.problems)
+
+
+class Trainer:
+    """Both stages over one data set, an epoch at a time.
+
+    history: one record an epoch, with the mean loss.
+
+    Arguments:
+        checkpoint: file written after every epoch, and gone on from.
+    """
+
+    def __init__(
+        self,
+        feasible: TrainingRows,
+        infeasible: TrainingRows | None,
+        programs: Programs,
+        settings: NeuralSettings,
+        digest: str,
+        checkpoint: Path | None = None,
+    ) -> None:
+        self.history: list[dict[str, Any]] = []
+        self._feasible, self._infeasible, self._programs, self._settings = (
+            feasible,
+            infeasible,
+            programs,
+            settings,
+        )
+        self._run = {"settings": asdict(settings), "data": digest}
+        self._checkpoint = checkpoint
+        self._mirror = Mirror.of(feasible.scenes)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(settings.seed)
+            self.network = BoxNetwork.of_data(
+                settings.architecture, feasible.scenes, feasible.points
+            )
+        self._optimizer = self._fresh(settings.rate)
+        self._stage = 1
+        self._resume()
+
+    @property
+    def total(self) -> int:
+        """Epochs of both stages."""
+        return self._settings.epochs + (self._settings.margin_epochs if self._infeasible else 0)
+
+    def run(self, progress: Progress | None = None) -> BoxNetwork:
+        """Train what is left of both stages; ``progress`` is told epochs done and epochs in all."""
+        while len(self.history) < self.total:
+            epoch = len(self.history)
+            stage = 1 if epoch < self._settings.epochs else 2
+            if stage != self._stage:
+                self._stage, self._optimizer = stage, self._fresh(self._settings.margin_rate)
+            self.network.train()
+            loss = self._regress(epoch) if stage == 1 else self._descend(epoch)
+            self.history.append({"stage": stage, "epoch": epoch + 1, "loss": loss})
+            self._save()
+            if progress is not None:
+                progress(epoch + 1, self.total)
+        return self.network.eval()
+
+    def _regress(self, epoch: int) -> float:
+        """One pass of quantile regression over the feasible rows."""
+        settings, chance = self._settings, self._chance(epoch)
+        order = torch.split(torch.randperm(len(self._feasible), generator=chance), settings.batch)
+        total = 0.0
+        for step, rows in enumerate(order):
+            self._set_rate(settings.rate, (epoch + step / len(order)) / settings.epochs)
+            flipped = self._flipped(len(rows), chance)
+            scenes, points = self._feasible.scenes[rows], self._feasible.points[rows]
+            if self._mirror is not None:
+                scenes, points = (
+                    self._mirror.scenes(scenes, flipped),
+                    self._mirror.points(points, flipped),
+                )
+            loss = self._regression(self.network(scenes), points)
+            total += self._step(loss) * len(rows)
+        return total / len(self._feasible)
+
+    def _descend(self, epoch: int) -> float:
+        """One pass over the scarcer label through P1's margins: a smooth count of its mistakes, and
+        the anchor.
+        """
+        assert self._infeasible is not None
+        settings, chance = self._settings, self._chance(epoch)
+        size = min(settings.margin_batch, len(self._feasible), len(self._infeasible))
+        steps = max(min(len(self._feasible), len(self._infeasible)) // size, 1)
+        orders = [
+            torch.randperm(len(rows), generator=chance)
+            for rows in (self._feasible, self._infeasible)
+        ]
+        total = 0.0
+        for step in range(steps):
+            self._set_rate(
+                settings.margin_rate,
+                (epoch - settings.epochs + step / steps) / settings.margin_epochs,
+            )
+            batch_rows, lost = (order[step * size : (step + 1) * size] for order in orders)
+            boxes, margins = self._margins(self._feasible, batch_rows, chance)
+            loss = settings.caution * torch.sigmoid(margins / settings.softness).mean()
+            loss = loss + settings.anchor * self._regression(
+                boxes, self._feasible.points[batch_rows]
+            )
+            loss = (
+                loss
+                + torch.sigmoid(
+                    -self._margins(self._infeasible, lost, chance)[1] / settings.softness
+                ).mean()
+            )
+            total += self._step(loss)
+        return total / steps
+
+    def _regression(self, boxes: Boxes, points: Tensor) -> Tensor:
+        """Quantile loss of the sides, and of the point as the median where it is of use."""
+        low, high, point = boxes
+        loss = pinball(low, high, points, self._settings.share).mean()
+        if not RELAXATIONS.get(self._settings.relaxation).about_points:
+            return loss
+        return loss + 0.5 * (points - point).abs().mean()
+
+    def _margins(
+        self, rows: TrainingRows, chosen: Tensor, chance: torch.Generator
+    ) -> tuple[Boxes, Tensor]:
+        """((low, high, point), margin) of scenes; some are shown mirrored, and their boxes mirrored
+        back.
+        """
+        flipped = self._flipped(len(chosen), chance)
+        scenes = rows.scenes[chosen]
+        boxes = self.network(
+            scenes if self._mirror is None else self._mirror.scenes(scenes, flipped)
+        )
+        if self._mirror is not None:
+            boxes = self._mirror.boxes(boxes, flipped)
+        low, high, _ = boxes
+        problems = [rows.problems[int(i)] for i in chosen]
+        return boxes, margins(low, high, problems, self._programs, self._settings.relaxation)
+
+    def _step(self, loss: Tensor) -> float:
+        self._optimizer.zero_grad()
+        torch.autograd.backward(loss)
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._optimizer.step()
+        return float(loss.detach())
+
+    def _set_rate(self, rate: float, done: float) -> None:
+        """Rise over the first tenth of a stage, then fall along a cosine."""
+        factor = (
+            min(done / 0.1, 1.0)
+            if done < 0.1
+            else 0.5 * (1.0 + math.cos(math.pi * (done - 0.1) / 0.9))
+        )
+        for group in self._optimizer.param_groups:
+            group["lr"] = rate * max(factor, 1e-3)
+
+    def _fresh(self, rate: float) -> torch.optim.AdamW:
+        return torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
+
+    def _chance(self, epoch: int) -> torch.Generator:
+        state = np.random.SeedSequence([self._settings.seed, epoch]).generate_state(1)
+        return torch.Generator().manual_seed(int(state[0]))
+
+    def _flipped(self, count: int, chance: torch.Generator) -> Tensor:
+        return torch.rand(count, generator=chance) < 0.5
+
+    def _save(self) -> None:
+        if self._checkpoint is None:
+            return
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        for index, state in self._optimizer.state_dict()["state"].items():
+            tensors |= {
+                f"adam.{index}.{name}": torch.as_tensor(value) for name, value in state.items()
+            }
+        write_tensors(
+            self._checkpoint, CHECKPOINT, {"run": self._run, "history": self.history}, tensors
+        )
+
+    def _resume(self) -> None:
+        """Go on from the checkpoint where there is one.
+
+        Raises InvalidInput where it belongs to another run.
+        """
+        if self._checkpoint is None or not self._checkpoint.exists():
+            return
+        header, tensors = read_tensors(self._checkpoint, CHECKPOINT)
+        if header.get("run") != self._run or not header.get("history"):
+            raise InvalidInput(
+                f"{self._checkpoint}: expected a checkpoint of these settings and rows, got "
+                "another's"
+            )
+        self.history = list(header["history"])
+        self._stage = self.history[-1]["stage"]
+        weights = {
+            name.removeprefix("network."): tensor
+            for name, tensor in tensors.items()
+            if "network." in name
+        }
+        load_weights(self.network, weights, self._checkpoint)
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, value in tensors.items():
+            if name.startswith("adam."):
+                _, index, key = name.split(".")
+                state.setdefault(int(index), {})[key] = value
+        self._optimizer = self._fresh(self._settings.rate)
+        self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": state})
+
 
 FORMAT = "stancekit/neural/1"
 STEP, STEPS = 0.004, 8

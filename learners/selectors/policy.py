@@ -27,7 +27,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import shown, validated
 from stancekit.planners.relaxation.envelope import Envelope
 
-from .tensors import read_tensors, write_tensors
+from .network import read_tensors, write_tensors
 
 FORMAT = "stancekit/policy/1"
 EnvironmentName = Literal["stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"]

@@ -4,18 +4,31 @@ stable-baselines3 policy.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+import pickle
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 
 from stancekit.envs.episodes import MemorylessPolicy, Observation
-from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.answer_file import write_boxes
-from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.errors import InvalidInput, not_installed
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.codec import KEYS
+from stancekit.planners.files.documents import decoded, file_or_named, open_file, parse_json
+from stancekit.planners.files.validation import shown, validated
+from stancekit.planners.formats.answer_file import read_envelopes, write_boxes
+from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
+from stancekit.planners.problem import Problem
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.expert import rule_of_thumb
+
+from ..data.labelling import Quota
+from ..zoo import card_of, shipped
 
 if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import Predictor
@@ -145,4 +158,267 @@ def unsaved(path: str | Path, selector: Any) -> InvalidInput:
     """Refusal for a selector that has no file."""
     return InvalidInput(
         f"{path}: expected a selector with save(path), got a {type(selector).__name__}"
+    )
+
+
+ANY = "any"
+"""Class of problems of a selector that does not say for which it was made."""
+SELECTORS: Registry[Any] = Registry(
+    "selector",
+    "stancekit.selectors",
+    {},
+    expected="something with predict(observation), or a class of it that is made without arguments",
+    accepts=lambda it: made_or_class(it, "predict"),
+)
+"""Selectors by name. A class is made without arguments."""
+
+
+def is_own(name: str) -> bool:
+    """Tell whether a text names a selector from elsewhere, and no file of weights or envelopes."""
+    return (
+        ".py:" in name
+        or name.endswith(".py")
+        or (not Path(name).exists() and name in SELECTORS.names())
+    )
+
+
+def own_selector(name: str) -> Learned:
+    """A selector by its entry point's name, or "FILE.py:NAME".
+
+    Raises InvalidInput.
+    """
+    selector = SELECTORS.get(name)
+    return Learned.of(
+        OwnSelector(selector() if isinstance(selector, type) else selector, name), name, ANY
+    )
+
+
+def fitted(selector: Any, method: str, problem_class: str) -> Learned:
+    """The selector that a fitting method returned.
+
+    Raises InvalidInput if the method returned neither envelopes nor a selector.
+    """
+    if of_file(selector) and callable(getattr(selector, "predict", None)):
+        selector = OwnSelector(selector, method, problem_class)
+    return Learned.of(selector, method, problem_class)
+
+
+class OwnSelector:
+    """A selector from elsewhere.
+
+    It can be copied and pickled, to processes that have not run its file, too.
+
+    Its ``predict`` is given as much of stable-baselines3's arguments as it takes: the observation
+    is enough.
+
+    Arguments:
+        name: what messages call it.
+        problem_class: where it does not say its own.
+    """
+
+    def __init__(self, found: Any, name: str, problem_class: str = ANY) -> None:
+        self._found, self._name = found, name
+        self.problem_class = str(getattr(found, "problem_class", problem_class))
+        parameters = inspect.signature(found.predict).parameters.values()
+        everything = any(one.kind is one.VAR_KEYWORD for one in parameters)
+        self._takes = None if everything else {one.name for one in parameters}
+        self.boxes = int(getattr(found, "boxes", 1))
+        self.relaxation = getattr(found, "relaxation", "p1")
+        self.provenance = dict(getattr(found, "provenance", {}))
+
+    def predict(
+        self,
+        observation: Observation,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Any, Any]:
+        """Return (action, state), as every selector."""
+        options = {"state": state, "episode_start": episode_start, "deterministic": deterministic}
+        arguments = (
+            options
+            if self._takes is None
+            else {name: options[name] for name in options if name in self._takes}
+        )
+        action = self._found.predict(observation, **arguments)
+        if not isinstance(action, tuple) or len(action) != 2:
+            raise InvalidInput(
+                f"selector {self._name}: expected (action, state), got a {type(action).__name__}"
+            )
+        self._check(observation, action[0])
+        return action
+
+    def save(self, path: str | Path) -> None:
+        """Write its file.
+
+        Raises InvalidInput where it has no ``save`` of its own.
+        """
+        if not callable(getattr(self._found, "save", None)):
+            raise unsaved(path, self._found)
+        self._found.save(path)
+
+    def _check(self, observation: Observation, action: Any) -> None:
+        """Raise InvalidInput for what is no box.
+
+        How much a library or a point adds, the environment knows.
+        """
+        bounds = np.asarray(action)
+        if bounds.dtype.kind == "f" and not np.all(np.isfinite(bounds)):
+            raise InvalidInput(
+                f"selector {self._name}: action: expected finite numbers, got {shown(action)}"
+            )
+        expected = 12 * np.shape(observation["friction"])[-1]
+        if self.relaxation == "p1" and self.boxes == 1 and np.shape(action)[-1:] != (expected,):
+            wanted = f"shape ({expected},), all lower bounds, then all upper"
+            raise InvalidInput(
+                f"selector {self._name}: action: expected {wanted}, got shape {np.shape(action)}"
+            )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if of_file(self._found):
+            return _unpacked, (packed(self._found), self._name, self.problem_class)
+        return OwnSelector, (self._found, self._name, self.problem_class)
+
+
+def _unpacked(found: bytes, name: str, problem_class: str) -> OwnSelector:
+    return OwnSelector(pickle.loads(found), name, problem_class)
+
+
+def load_selector(path: str | Path) -> Learned:
+    """Read any selector's file: an envelope file (JSON), or weights (safetensors).
+
+    Nothing is unpickled.
+
+    Or, of a selector that ships (``shipped``), or that another package registered under
+    ``stancekit.selectors``, its name; or "FILE.py:NAME". Raises InvalidInput for what is missing,
+    damaged or foreign.
+    """
+    if is_own(str(path)):
+        return own_selector(str(path))
+    path = file_or_named(path, shipped("selectors"))
+    kind = safetensors_format(path) if path.is_file() else None
+    if kind is None and path.suffix == ".safetensors" and path.is_file():
+        raise InvalidInput(f"{path}: expected a whole safetensors file, got something else")
+    if kind is None:
+        return Learned.fixed(path.stem, read_envelopes(path))
+    try:
+        return _network(kind, path)
+    except ImportError as error:
+        raise not_installed(str(path), error.name, kind, "rl") from None
+
+
+def _network(kind: str, path: Path) -> Learned:
+    """A selector that needs torch."""
+    if kind == "stancekit/neural/1":
+        from .neural import NeuralSelector
+
+        neural = NeuralSelector.load(path)
+        return Learned.of(neural, kind, neural.problem_class)
+    if kind == "stancekit/chooser/1":
+        from .chooser import Chooser
+
+        chooser = Chooser.load(path)
+        return Learned(selector=chooser, problem_class=chooser.envelopes.problem_class)
+    if kind == "stancekit/policy/1":
+        from .policy import TrainedPolicy
+
+        policy = TrainedPolicy.load(path)
+        if not policy.shape.selects:
+            got = policy.shape.environment
+            raise InvalidInput(
+                f"{path}: expected a policy that chooses envelopes, got one for {got}"
+            )
+        return Learned(selector=policy, problem_class=policy.shape.problem)
+    known = "stancekit/envelope/1, stancekit/neural/1, stancekit/chooser/1 or stancekit/policy/1"
+    raise InvalidInput(f"{path}: expected format {known}, got {kind:.60}")
+
+
+def safetensors_format(path: Path) -> str | None:
+    """The format that a safetensors file says it has; None for a file of another kind."""
+    with open_file(path) as file:
+        size = int.from_bytes(file.read(8), "little")
+        if not 2 <= size <= min(path.stat().st_size, 10_000_000) or file.read(1) != b"{":
+            return None
+        header = b"{" + file.read(size - 1)
+    try:
+        head = parse_json(decoded(header, "header"), "header")
+        return str(parse_json(str(head["__metadata__"]["stancekit"]), "header")["format"])
+    except (ValueError, TypeError, KeyError):
+        return "a safetensors file of something else"
+
+
+class Figure(BaseModel):
+    """A share of test rows with its Wilson 95 % interval."""
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
+    share: float
+    low: float
+    high: float
+
+
+class Card(BaseModel):
+    """Card of a selector that ships.
+
+    Arguments:
+        method: of ``stancekit fit``.
+        problem_class, legs: what it is for.
+        sha256: of its file.
+        seed: of training.
+        train, calibration, test: rows.
+        figures: shares of the test rows: ``p1_feasible`` and ``p1_infeasible``, that P1 answers
+            right, and ``project_fix_p``, of the feasible ones, from which fix-p reaches a verified
+            posture.
+        lift: the same of the lift, which learns nothing.
+        limits: where it is of no use.
+        software: versions that made it.
+    """
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
+    method: str
+    problem_class: str
+    legs: list[str]
+    sha256: str
+    seed: int
+    train: Annotated[Quota, KEYS]
+    calibration: Annotated[Quota, KEYS]
+    test: Annotated[Quota, KEYS]
+    figures: dict[str, Figure]
+    lift: dict[str, Figure]
+    limits: list[str]
+    software: dict[str, str]
+
+
+def card(name: str) -> Card:
+    """The card of a selector that ships.
+
+    Raises KeyError for another name.
+    """
+    file = shipped("selectors")[name]
+    return validated(Card, card_of(file), str(file.with_suffix(".json")))
+
+
+def heuristic_envelope(problem_class: str, problems: Sequence[Problem]) -> EnvelopeSet:
+    """Bounds on p from the limbs' workspace, on f for climbing where the mean normals are level,
+    else for walking.
+    """
+    first = problems[0]
+    shoulders = np.array([contact.shoulder_m for contact in first.contacts])
+    reach = np.array([contact.reach_m for contact in first.contacts])
+    normals = np.array(
+        [[contact.patch.normal for contact in problem.contacts] for problem in problems]
+    ).mean(axis=0)
+    envelope = rule_of_thumb(shoulders, reach, np.abs(normals[:, 2]) < 0.5, first.length_scale_m)
+    return EnvelopeSet.for_problems(
+        problem_class, problems, [envelope], {"method": "heuristic", "source": "paper E §IV-A"}
+    )
+
+
+def quantile_box(points: Array, *, share: float = 0.05) -> Envelope:
+    """Bounds that leave ``share`` of the solutions out on each side of each dimension.
+
+    Arguments:
+        points: shape (K, N, 6).
+    """
+    return Envelope(
+        low=np.quantile(points, share, axis=0), high=np.quantile(points, 1.0 - share, axis=0)
     )

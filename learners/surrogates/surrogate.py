@@ -26,8 +26,7 @@ from stancekit.planners.files.validation import validated
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.relaxation.learned import check_learned
 
-from ..selectors.network import Architecture
-from ..selectors.tensors import load_weights, read_tensors, write_tensors
+from ..selectors.network import Architecture, load_weights, read_tensors, write_tensors
 from .calibration import CONFIDENCE, KINDS, checked_error, thresholds
 from .features import Features, Seer
 from .likeness import ALARM, BINS, Likeness

@@ -18,11 +18,9 @@ from stancekit.planners.files.validation import typed
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executors import Executor
-from ..selectors.genetic import GeneticSettings, fit_genetic
-from ..selectors.gradient import BoxDescent, descend, fit_gradient
-from ..selectors.heuristic import heuristic_envelope
+from ..selectors.genetic import BoxDescent, GeneticSettings, descend, fit_genetic, fit_gradient
 from ..selectors.mixture import fit_as_printed, fit_improved
-from ..selectors.quantile import quantile_box
+from ..selectors.selector import heuristic_envelope, quantile_box
 from .fit_settings import FitSettings, Progress
 
 ENVELOPES = ("heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient")

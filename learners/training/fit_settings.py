@@ -110,7 +110,7 @@ class FitSettings:
         if method == "ga":
             typed(GeneticSettings, self.genetic, "genetic")
         elif method in ("neural", "joint"):
-            from ..selectors.neural_training import NeuralSettings
+            from ..selectors.neural import NeuralSettings
 
             typed(NeuralSettings, self.neural, "neural")
         elif method == "chooser":

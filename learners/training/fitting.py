@@ -14,8 +14,7 @@ from stancekit.planners.relaxation.modes import Modes
 
 from ..data.executors import Executor
 from ..selectors.modes import modes_of
-from ..selectors.own import fitted
-from ..selectors.selector import Learned
+from ..selectors.selector import Learned, fitted
 from .envelope_methods import ENVELOPES, fit
 from .fit_settings import KNOBS, FitRequest, FitSettings, Progress, missing
 

@@ -10,8 +10,7 @@ from stancekit.envs.data.dataset import scenes_of
 from stancekit.planners.files.validation import typed
 
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
-from ..selectors.neural import NeuralSelector, fit_neural
-from ..selectors.neural_training import NeuralSettings
+from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural
 from ..selectors.policy import TrainedPolicy, bounds_of
 from .envelope_methods import fit
 from .fit_settings import FitRequest

@@ -29,8 +29,8 @@ from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_text
 
+from ..selectors.network import read_tensors, write_tensors
 from ..selectors.policy import TrainedPolicy, check_shapes
-from ..selectors.tensors import read_tensors, write_tensors
 from .baselines import SelectionVecEnv, refinement_vec_env
 from .held_out import CurvePoint, Trained, TrainingScenes, evaluator
 from .train_config import TrainConfig

@@ -14,7 +14,7 @@ from stancekit.envs.scenes import SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.learners.selectors.heuristic import heuristic_envelope
+from stancekit.learners.selectors.selector import heuristic_envelope
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.robot.robot_file import named_robot

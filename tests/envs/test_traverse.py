@@ -371,7 +371,7 @@ def test_a_course_of_one_frame_has_nowhere_to_go():
 
 @pytest.mark.parametrize("terrain", ["ground", "wall"])
 def test_the_experts_envelopes_are_those_of_the_selector(terrain):
-    heuristic = pytest.importorskip("stancekit.learners.selectors.heuristic")
+    heuristic = pytest.importorskip("stancekit.learners.selectors.selector")
     from stancekit.envs.distributions.postures import distribution
 
     name = f"{terrain}-3"

@@ -16,7 +16,7 @@ from stancekit.learners.data.executors import processes
 from stancekit.learners.evaluation import bench
 from stancekit.learners.evaluation.bench import ClassResult, Experiment
 from stancekit.learners.evaluation.evaluate import evaluate
-from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.selectors.selector import load_selector
 from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import validated

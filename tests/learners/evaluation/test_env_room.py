@@ -12,7 +12,7 @@ import pytest
 import stancekit.envs  # noqa: F401
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.evaluation.room import ENVIRONMENTS, environment_room
-from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.selectors.selector import load_selector
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.reference import reference_terrain
 from tests.refusals import refuses

@@ -22,7 +22,7 @@ from stancekit.learners.leaps.policy import (
     _Tries,
     with_caps,
 )
-from stancekit.learners.selectors.tensors import write_tensors
+from stancekit.learners.selectors.network import write_tensors
 from stancekit.planners.leap.features import OF_CANDIDATE, LeapFeatures
 from stancekit.planners.leap.finder import LeapFinder
 from stancekit.planners.leap.numbers import LeapNumbers

@@ -18,7 +18,7 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation.evaluate import rollout
 from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs, fit_chooser
-from stancekit.learners.selectors.gradient import clustered_boxes
+from stancekit.learners.selectors.genetic import clustered_boxes
 from stancekit.learners.selectors.network import Architecture
 from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.planners.equilibrium.programs import Programs

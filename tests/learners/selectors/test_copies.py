@@ -17,7 +17,7 @@ import stancekit
 from stancekit.envs.data.dataset import scenes_of
 from stancekit.learners.data.executors import processes
 from stancekit.learners.evaluation.evaluate import evaluate
-from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.selectors.selector import load_selector
 from stancekit.planners.errors import StancekitError
 from tests.refusals import refuses
 

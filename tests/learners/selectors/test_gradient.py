@@ -8,7 +8,7 @@ import pytest
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
-from stancekit.learners.selectors.gradient import (
+from stancekit.learners.selectors.genetic import (
     BoxDescent,
     clustered_boxes,
     descend,
@@ -18,7 +18,7 @@ from stancekit.learners.selectors.gradient import (
     smooth_mistakes,
     soft_least,
 )
-from stancekit.learners.selectors.quantile import quantile_box
+from stancekit.learners.selectors.selector import quantile_box
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import Envelope

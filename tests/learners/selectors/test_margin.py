@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.selectors.neural_training import margins
+from stancekit.learners.selectors.neural import margins
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import Envelope

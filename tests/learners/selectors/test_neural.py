@@ -23,19 +23,22 @@ from stancekit.learners.selectors.network import (
     Mirror,
     SceneTensors,
     pinball,
+    read_tensors,
+    write_tensors,
 )
 from stancekit.learners.selectors.neural import (
     STEP,
     STEPS,
     NeuralSelector,
+    NeuralSettings,
+    TrainingRows,
     calibrated_room,
     fit_neural,
+    margins,
     roomiest,
     roomy,
 )
-from stancekit.learners.selectors.neural_training import NeuralSettings, TrainingRows, margins
-from stancekit.learners.selectors.quantile import quantile_box
-from stancekit.learners.selectors.tensors import read_tensors, write_tensors
+from stancekit.learners.selectors.selector import quantile_box
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

@@ -14,8 +14,7 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import SampledScenes
 from stancekit.learners.evaluation.bench import Experiment
 from stancekit.learners.evaluation.evaluate import evaluate
-from stancekit.learners.selectors.selector_file import load_selector
-from stancekit.learners.selectors.shipped import card
+from stancekit.learners.selectors.selector import card, load_selector
 from stancekit.learners.zoo import shipped
 from tests.refusals import refuses
 

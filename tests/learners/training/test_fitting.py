@@ -11,8 +11,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.genetic import GeneticSettings
-from stancekit.learners.selectors.selector import FixedSelector
-from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.selectors.selector import FixedSelector, load_selector
 from stancekit.learners.training.envelope_methods import ENVELOPES, fit
 from stancekit.learners.training.fit_settings import KNOBS, FitSettings
 from stancekit.learners.training.fitting import METHODS, learn, learn_selector

@@ -23,9 +23,8 @@ from stancekit.envs.scenes import ListedScenes, PooledScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.data.labelling import Quota
-from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy, bounds_of, moved
-from stancekit.learners.selectors.selector import FixedSelector
+from stancekit.learners.selectors.selector import FixedSelector, heuristic_envelope
 from stancekit.learners.training import reinforce
 from stancekit.learners.training.baselines import SelectionVecEnv, open_scenes, refinement_vec_env
 from stancekit.learners.training.held_out import TrainingScenes, evaluator
