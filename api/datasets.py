@@ -182,7 +182,7 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
             raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")
         return None, None
     try:
-        from stancekit.learners.surrogates.shipped import surrogate_of
+        from stancekit.learners.surrogates.surrogate import surrogate_of
     except ImportError as missing:
         raise not_installed("screen", missing.name, "networks", "rl") from None
 

@@ -130,8 +130,7 @@ def screen(
         True
     """
     try:
-        from stancekit.learners.surrogates.shipped import surrogate_for, surrogate_of
-        from stancekit.learners.surrogates.surrogate import as_batch
+        from stancekit.learners.surrogates.surrogate import as_batch, surrogate_for, surrogate_of
     except ImportError as error_:
         raise not_installed("surrogate", error_.name, "networks", "rl") from None
     batch = as_batch([problems] if isinstance(problems, Problem) else problems)

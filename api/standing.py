@@ -157,6 +157,6 @@ def _surrogate(surrogate: Any) -> Surrogate:
 
     Raises InvalidInput.
     """
-    from stancekit.learners.surrogates.shipped import surrogate_of
+    from stancekit.learners.surrogates.surrogate import surrogate_of
 
     return surrogate_of(surrogate)

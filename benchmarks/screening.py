@@ -23,9 +23,8 @@ import tyro
 from _bench import Options, launch, upper_end
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.learners.surrogates.rows import LabelledBatch
-from stancekit.learners.surrogates.shipped import surrogate_of
-from stancekit.learners.surrogates.surrogate import Surrogate
+from stancekit.learners.surrogates.surrogate import Surrogate, surrogate_of
+from stancekit.learners.surrogates.training import LabelledBatch
 
 OTHER = {"feasible": "infeasible", "infeasible": "feasible", "trivial": "feasible"}
 ERRORS = (0.005, 0.01, 0.02, 0.05)

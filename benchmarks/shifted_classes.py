@@ -20,7 +20,7 @@ import tyro
 from _bench import Options, launch, upper_end
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.surrogates.shipped import surrogate_of
+from stancekit.learners.surrogates.surrogate import surrogate_of
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem import PostureBatch
 from stancekit.planners.search.batch import decide_all

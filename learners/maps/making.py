@@ -448,8 +448,7 @@ def make_map(
 
 def _learned(maker: Maker, settings: MapSettings, rng: np.random.Generator) -> Surrogate | None:
     """Surrogate learned from proved poses; None where all of them have one answer."""
-    from ..surrogates.rows import FARTHEST, LabelledBatch
-    from ..surrogates.training import SurrogateSettings, fit_rows
+    from ..surrogates.training import FARTHEST, LabelledBatch, SurrogateSettings, fit_rows
 
     proved = np.flatnonzero(
         (maker.verdict == FEASIBLE)

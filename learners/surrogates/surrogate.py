@@ -22,14 +22,15 @@ from stancekit.planners.cached import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
+from stancekit.planners.files.documents import file_or_named
 from stancekit.planners.files.validation import validated
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.relaxation.learned import check_learned
 
 from ..selectors.network import Architecture, load_weights, read_tensors, write_tensors
-from .calibration import CONFIDENCE, KINDS, checked_error, thresholds
+from ..zoo import shipped
+from .calibration import ALARM, BINS, CONFIDENCE, KINDS, Likeness, checked_error, thresholds
 from .features import Features, Seer
-from .likeness import ALARM, BINS, Likeness
 from .network import SurrogateNetwork
 from .screened import Screened
 
@@ -403,3 +404,33 @@ def _fixed(problem: Problem) -> dict[str, Any]:
             ]
         ),
     }
+
+
+def surrogate_of(given: Any) -> Surrogate:
+    """A surrogate: itself, that of a file, or the shipped one of a name.
+
+    Raises InvalidInput.
+    """
+    if isinstance(given, str | Path):
+        return Surrogate.read(file_or_named(given, shipped("surrogates")))
+    return Surrogate.of(given)
+
+
+def surrogate_for(problem: Problem) -> Surrogate:
+    """The surrogate that ships for problems like this one.
+
+    Raises InvalidInput where none does.
+    """
+    files = shipped("surrogates")
+    for path in files.values():
+        surrogate = Surrogate.read(path)
+        try:
+            surrogate.check_fits(problem)
+        except InvalidInput:
+            continue
+        return surrogate
+    raise InvalidInput(
+        f"surrogate: expected a surrogate or its file, since none of those that ship "
+        f"({', '.join(files)}) is for problems like these, got none: "
+        "stancekit.fit(rows, 'surrogate') learns one"
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.learners.surrogates.likeness import ALARM, BINS, FEWEST, Likeness
+from stancekit.learners.surrogates.calibration import ALARM, BINS, FEWEST, Likeness
 
 KINDS = ("feasible", "infeasible", "trivial")
 

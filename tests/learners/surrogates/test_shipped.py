@@ -11,7 +11,7 @@ from scipy.stats import binom
 pytest.importorskip("torch")
 
 import stancekit
-from stancekit.learners.surrogates.shipped import surrogate_of
+from stancekit.learners.surrogates.surrogate import surrogate_of
 from stancekit.learners.zoo import card_of, shipped
 from tests.refusals import assert_names, refuses
 

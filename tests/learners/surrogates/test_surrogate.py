@@ -18,8 +18,8 @@ import torch
 import stancekit
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.surrogates.features import Seer
-from stancekit.learners.surrogates.rows import LabelledBatch
 from stancekit.learners.surrogates.surrogate import Surrogate
+from stancekit.learners.surrogates.training import LabelledBatch
 from stancekit.planners.problem import PostureBatch
 from tests.refusals import assert_names, refuses
 
