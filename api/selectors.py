@@ -18,9 +18,8 @@ from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import Learned, load_selector
 from stancekit.learners.surrogates.screened import Screened
-from stancekit.learners.training.fit_settings import SPREAD as SPREAD
-from stancekit.learners.training.fit_settings import FitSettings, missing
-from stancekit.learners.training.fitting import learn
+from stancekit.learners.training.fitting import SPREAD as SPREAD
+from stancekit.learners.training.fitting import FitSettings, learn, missing
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked_int

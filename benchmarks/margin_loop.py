@@ -33,7 +33,7 @@ from stancekit.learners.selectors.neural import (
     fit_neural,
 )
 from stancekit.learners.selectors.selector import FixedSelector, Learned
-from stancekit.learners.training.envelope_methods import fit
+from stancekit.learners.training.fitting import fit
 from stancekit.planners.equilibrium.programs import Programs
 
 BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)

@@ -33,7 +33,7 @@ from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.genetic import fit_gradient
 from stancekit.learners.selectors.neural import NeuralSettings, fit_neural
 from stancekit.learners.selectors.selector import Learned
-from stancekit.learners.training.envelope_methods import fit
+from stancekit.learners.training.fitting import fit
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.runner.control.envelope_choice import Predictor

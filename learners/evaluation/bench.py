@@ -28,8 +28,7 @@ from stancekit.planners.projection.project import PROJECTIONS, Projection
 from ..data.executors import Executor
 from ..data.labelling import Quota, label
 from ..selectors.selector import FixedSelector, Learned, load_selector
-from ..training.fit_settings import FitSettings
-from ..training.fitting import METHODS, learn_selector
+from ..training.fitting import METHODS, FitSettings, learn_selector
 from .evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift
 
 

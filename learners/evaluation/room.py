@@ -353,7 +353,7 @@ def _selectors() -> Mapping[str, Player]:
     from stancekit.envs.data.ledger import folder_of
 
     from ..selectors.selector import FixedSelector, load_selector
-    from ..training.envelope_methods import fit
+    from ..training.fitting import fit
 
     rows = Dataset.open(folder_of("pool-wall-3"))
     boxes = {name: _by(FixedSelector(name, fit(name, rows))) for name in ("heuristic", "quantile")}

@@ -2,21 +2,480 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from stancekit.envs.data.dataset import Dataset
-from stancekit.planners.errors import InvalidInput
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
+
+from stancekit.envs.data.dataset import Dataset, scenes_of
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.refinement import EnvelopeRefinementEnv
+from stancekit.envs.scenes import LabelledScene, ListedScenes
+from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput, not_installed
+from stancekit.planners.files.arrays import Array, checked_choice
+from stancekit.planners.files.validation import check_fields, shown, typed
 from stancekit.planners.plugins import Registry, takes
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
+from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.executors import Executor
+from ..data.labelling import Progress, label
+from ..selectors.genetic import BoxDescent, GeneticSettings, descend, fit_genetic, fit_gradient
+from ..selectors.mixture import fit_as_printed, fit_improved
 from ..selectors.modes import modes_of
-from ..selectors.selector import Learned, fitted
-from .envelope_methods import ENVELOPES, fit
-from .fit_settings import KNOBS, FitRequest, FitSettings, Progress, missing
+from ..selectors.policy import TrainedPolicy, bounds_of
+from ..selectors.selector import Learned, fitted, heuristic_envelope, quantile_box
+from .train_config import TrainConfig, open_scenes
+
+if TYPE_CHECKING:
+    from .train_config import TrainConfig
+
+
+SPREAD = ("ga",)
+"""Methods that use an executor."""
+KNOBS: Mapping[str, tuple[str, ...]] = {
+    "heuristic": (),
+    "quantile": ("share",),
+    "gmm-printed": ("clusters", "threshold", "time_limit_s", "seed"),
+    "gmm": ("share", "clusters", "steps", "batch", "seed"),
+    "gradient": ("share", "boxes", "steps", "batch", "seed"),
+    "ga": ("genetic",),
+    "modes": ("share",),
+    "chooser": ("share", "boxes", "steps", "batch", "seed", "chooser"),
+    "neural": ("neural",),
+    "joint": ("neural",),
+    "rl": ("rl",),
+}
+"""Settings by the method that they concern."""
+EpochsDone = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitSettings:
+    """Knobs of the fitting methods; each method uses those that concern it (``KNOBS``).
+
+    Arguments:
+        share: of the solutions that a quantile box leaves out on each side.
+        clusters: n of Algorithm E2.
+        threshold: p_th of its line 6.
+        time_limit_s: of the printed Boundary_fit, per cluster.
+        boxes: of gradient and chooser.
+        steps, batch: of the margin descent.
+        genetic, neural, chooser: keys of ``GeneticSettings``, ``NeuralSettings``,
+            ``ChooserSettings``.
+        rl: of ``TrainConfig``, but for environment, problem and scenes.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    share: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.05
+    clusters: PositiveInt = 1
+    threshold: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.05
+    time_limit_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = 12.0
+    boxes: PositiveInt = 1
+    steps: PositiveInt = 80
+    batch: PositiveInt = 100
+    seed: NonNegativeInt = 0
+    genetic: Mapping[str, Any] = field(default_factory=dict)
+    neural: Mapping[str, Any] = field(default_factory=dict)
+    chooser: Mapping[str, Any] = field(default_factory=dict)
+    rl: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def concerning(self, method: str) -> dict[str, Any]:
+        """The settings that this method uses, JSON-ready; of a method from elsewhere all."""
+        values = {
+            name: getattr(self, name)
+            for name in KNOBS.get(method, [each.name for each in fields(self)])
+        }
+        return {
+            name: dict(value) if isinstance(value, Mapping) else value
+            for name, value in values.items()
+        }
+
+    def check_used(self, method: str) -> None:
+        """Raise InvalidInput for a setting that was given and does not concern the method; any seed
+        is right for one that draws nothing. A bench, whose settings are for all of its methods,
+        does not ask.
+        """
+        concerns, usual = self.concerning(method), FitSettings()
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if name not in (*concerns, "seed") and value != getattr(usual, name):
+                came = shown(value) if isinstance(value, int | float) else f"{len(value)} keys"
+                raise InvalidInput(
+                    f"{name}: expected none for {method}, which has no use for it, got {came}"
+                )
+
+    def check(self, method: str) -> None:
+        """Raise InvalidInput where the keys of a method with settings of its own are wrong, or
+        torch is missing.
+        """
+        try:
+            self._check(method)
+        except ImportError as error:
+            raise missing(method, error) from None
+
+    def _check(self, method: str) -> None:
+        if method == "ga":
+            typed(GeneticSettings, self.genetic, "genetic")
+        elif method in ("neural", "joint"):
+            from ..selectors.neural import NeuralSettings
+
+            typed(NeuralSettings, self.neural, "neural")
+        elif method == "chooser":
+            from ..selectors.chooser import ChooserSettings
+
+            typed(ChooserSettings, self.chooser, "chooser")
+        elif method == "rl":
+            self.training("wall-3", None, {"feasible": 1, "infeasible": 1, "seed": 0})
+
+    def training(
+        self, problem: str, legs: Sequence[str] | None, count: Mapping[str, int]
+    ) -> TrainConfig:
+        """The reinforcement that these settings describe.
+
+        Raises InvalidInput.
+
+        Arguments:
+            legs: see ``TrainConfig``.
+        """
+        from .train_config import TrainConfig
+
+        fixed = {
+            "environment": "stancekit/EnvelopeSelection-v0",
+            "problem": problem,
+            "legs": legs,
+            "train": dict(count),
+            "held_out": {**count, "seed": count["seed"] + 1},
+        }
+        for name in fixed:
+            if name in self.rl:
+                raise InvalidInput(
+                    f"rl.{name}: expected no value, since the data set gives it, got "
+                    f"{self.rl[name]!r}"
+                )
+        return typed(TrainConfig, {**self.rl, **fixed}, "rl")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitRequest:
+    """Argument of a method of fitting: it is called with this alone, and returns what it learned.
+
+    Arguments:
+        datasets: rows to learn from; all but "modes" want one, ``dataset``.
+        progress: told steps done and in all, where a method takes its time.
+        calibration: rows to calibrate on, never those of a test; a part of the data set where None.
+        checkpoint: file or folder by which a method that takes long goes on where it was stopped.
+        run: executor of a method that spreads its work ("ga"); this process where None.
+    """
+
+    datasets: tuple[Dataset, ...]
+    settings: FitSettings = FitSettings()
+    progress: EpochsDone | None = None
+    calibration: Dataset | None = None
+    checkpoint: Path | None = None
+    run: Executor | None = None
+
+    @property
+    def dataset(self) -> Dataset:
+        """The one data set.
+
+        Raises InvalidInput where there are several.
+        """
+        if len(self.datasets) != 1:
+            raise InvalidInput(f"data sets: expected one, got {len(self.datasets)}")
+        return self.datasets[0]
+
+
+def missing(method: str, error: ImportError) -> InvalidInput:
+    """Refusal of a method that needs a package which is not installed."""
+    return not_installed("method", error.name, repr(method), "rl")
+
+
+ENVELOPES = ("heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient")
+"""The methods of this file."""
+PAPER_ROWS = 500
+"""Points of S and of S̄ that the printed Boundary_fit gets: as many as in Lin et al.; its program
+grows with each."""
+
+
+def fit(
+    method: str,
+    dataset: Dataset,
+    settings: FitSettings = FitSettings(),
+    progress: EpochsDone | None = None,
+    *,
+    checkpoint: Path | None = None,
+    run: Executor | None = None,
+) -> EnvelopeSet:
+    """Learn envelopes from the data set's S and S̄.
+
+    Raises InvalidInput where it lacks what the method needs.
+
+    ``progress`` is told steps done and steps in all where a method takes its time.
+
+    Arguments:
+        run: the executor of "ga".
+    """
+    checked_choice(method, "method", ENVELOPES)
+    if len(dataset.feasible) < 2 or (method.startswith("gmm") and len(dataset.infeasible) < 2):
+        raise InvalidInput(
+            f"data set: expected two or more rows of each label, got {len(dataset.feasible)} "
+            "feasible and "
+            f"{len(dataset.infeasible)} infeasible"
+        )
+    if method == "heuristic":
+        return heuristic_envelope(dataset.problem_class, list(dataset.problems()))
+    if method == "ga":
+        knobs = typed(GeneticSettings, settings.genetic, "genetic")
+        return fit_genetic(dataset, knobs, progress, checkpoint=checkpoint, run=run)
+    if method == "gradient":
+        return fit_gradient(
+            dataset,
+            boxes=settings.boxes,
+            steps=settings.steps,
+            batch=settings.batch,
+            share=settings.share,
+            seed=settings.seed,
+            progress=progress,
+        )
+    envelopes, notes = _envelope_rows(method, dataset, settings, progress)
+    provenance = {
+        "method": method,
+        "settings": settings.concerning(method),
+        "rows": len(dataset),
+        **dataset.origin,
+        "notes": notes,
+    }
+    return EnvelopeSet.for_problems(
+        dataset.problem_class, list(dataset.problems()), envelopes, provenance
+    )
+
+
+def _envelope_rows(
+    method: str, dataset: Dataset, settings: FitSettings, progress: EpochsDone | None
+) -> tuple[tuple[Envelope, ...], dict[str, Any]]:
+    points = dataset.points
+    if method == "quantile":
+        return (quantile_box(points, share=settings.share),), {}
+    if method == "gmm-printed":
+        made = fit_as_printed(
+            points[:PAPER_ROWS],
+            dataset.infeasible_points[:PAPER_ROWS],
+            clusters=settings.clusters,
+            threshold=settings.threshold,
+            seed=settings.seed,
+            time_limit_s=settings.time_limit_s,
+        )
+    else:
+        made = fit_improved(
+            points,
+            _margin_fit(dataset, settings, progress),
+            clusters=settings.clusters,
+            seed=settings.seed,
+            share=settings.share,
+        )
+    return made.envelopes, {
+        "kept": list(made.shares),
+        "gaps": [float(np.minimum(gap, 1e6)) for gap in made.gaps],
+    }
+
+
+def _margin_fit(
+    dataset: Dataset, settings: FitSettings, progress: EpochsDone | None
+) -> Callable[[Envelope, NDArray[np.intp]], Envelope]:
+    """Boundary_fit by P1's margins over the members' problems and all infeasible ones."""
+    feasible = [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
+    infeasible = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
+    programs = Programs()
+    done = 0
+
+    def on_progress(step: int, loss: float) -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, settings.steps * settings.clusters)
+
+    def boundary_fit(start: Envelope, members: NDArray[np.intp]) -> Envelope:
+        rng = np.random.default_rng(settings.seed)
+        mine = [feasible[i] for i in members]
+        return descend(
+            start,
+            mine,
+            infeasible,
+            programs,
+            rng,
+            BoxDescent(steps=settings.steps, batch=settings.batch),
+            on_progress,
+        )
+
+    return boundary_fit
+
+
+Figures = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """A point of the learning curve: steps so far, mean reward an episode on held-out scenes, and
+    further figures.
+    """
+
+    steps: int
+    reward: float
+    figures: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trained:
+    """Result of a run."""
+
+    policy: TrainedPolicy
+    curve: tuple[CurvePoint, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainingScenes:
+    """Scenes that a run learns from, and scenes on which it is evaluated.
+
+    Arguments:
+        base: bounds, shape (12N,), empty where nothing is selected.
+        rows: those that ``train`` are of, where they are a data set's.
+    """
+
+    train: Sequence[LabelledScene]
+    held_out: Sequence[LabelledScene]
+    base: Array
+    rows: Dataset | None = None
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Origin of the rows learned from, see ``Dataset.origin``; empty where they come from no
+        data set.
+        """
+        return {} if self.rows is None else self.rows.origin
+
+    @classmethod
+    def label(
+        cls,
+        config: TrainConfig,
+        folder: Path,
+        *,
+        workers: int = 1,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> TrainingScenes:
+        """Make both data sets in a folder, or use those that are there.
+
+        Arguments:
+            progress: told the stage, rows done and all.
+        """
+        sets = []
+        for name, quota in (("train", config.train), ("held-out", config.held_out)):
+            plan = LabelPlan(
+                distribution=config.problem,
+                robot=config.robot,
+                terrain=config.terrain,
+                shard_size=125,
+                **asdict(quota),
+            )
+            watched = (
+                None if progress is None else partial(_tell, progress, f"label {name}", plan.rows)
+            )
+            label(plan, folder / name, workers=workers, progress=watched)
+            sets.append(Dataset.open(folder / name))
+        scenes = [scenes_of(dataset) for dataset in sets]
+        if config.shape.selects:
+            base = bounds_of(fit(config.base, sets[0]).envelopes[0])
+            return cls(train=scenes[0], held_out=scenes[1], base=base, rows=sets[0])
+        cut = [open_scenes(part) for part in scenes]
+        for name, quota, left in zip(
+            ("train", "held_out"), (config.train, config.held_out), cut, strict=True
+        ):
+            if not left:
+                wanted = quota.feasible + quota.infeasible
+                raise InvalidInput(
+                    f"{name}: expected scenes that need cuts, found none among {wanted}: ask for "
+                    "more"
+                )
+        return cls(train=cut[0], held_out=cut[1], base=np.zeros(0), rows=sets[0])
+
+
+def _tell(
+    progress: Callable[[str, int, int], None], stage: str, rows: int, state: Progress
+) -> None:
+    progress(f"{stage}: {rows} rows", state.rows, rows)
+
+
+def evaluator(
+    config: TrainConfig, scenes: Sequence[LabelledScene]
+) -> Callable[[Predictor], tuple[float, Figures]]:
+    """A function that plays every scene once with a policy: mean reward an episode, and figures.
+
+    Selection: ``p1_feasible``, ``p1_infeasible`` (shares that P1 answers as the expert does),
+    ``projected`` (of the feasible). Refinement: ``solves`` an episode, ``settled`` (share that
+    ended with a verdict).
+    """
+    if config.shape.selects:
+        selection = EnvelopeSelectionEnv(config.kind, scenes=ListedScenes(scenes))
+        return lambda policy: _selection_figures(policy, selection, len(scenes))
+    refinement = EnvelopeRefinementEnv(
+        config.kind, budget=config.budget, scenes=ListedScenes(scenes)
+    )
+    return lambda policy: _refinement_figures(policy, refinement, len(scenes))
+
+
+def _selection_figures(
+    policy: Predictor, env: EnvelopeSelectionEnv, episodes: int
+) -> tuple[float, Figures]:
+    rewards, projected = [], []
+    right: dict[int, list[float]] = {0: [], 1: []}
+    for _ in range(episodes):
+        observation, _ = env.reset()
+        _, reward, _, _, info = env.step(policy.predict(observation, deterministic=True)[0])
+        rewards.append(reward)
+        right[info["label"]].append(float(info["p1_right"]))
+        if info["label"]:
+            projected.append(float(info["project_fix_p"]))
+    shares = {"p1_feasible": right[1], "p1_infeasible": right[0], "projected": projected}
+    return float(np.mean(rewards)), {
+        name: float(np.mean(values)) for name, values in shares.items() if values
+    }
+
+
+def _refinement_figures(
+    policy: Predictor, env: EnvelopeRefinementEnv, episodes: int
+) -> tuple[float, Figures]:
+    reward, solves, settled = refinement_episodes(policy, env, episodes).mean(axis=0).tolist()
+    return reward, {"solves": solves, "settled": settled}
+
+
+def refinement_episodes(policy: Predictor, env: EnvelopeRefinementEnv, episodes: int) -> Array:
+    """Reward, solves, and whether it ended with a verdict (1 or 0), of every episode, shape
+    (episodes, 3).
+    """
+    figures = np.zeros((episodes, 3))
+    for row in figures:
+        observation, _ = env.reset()
+        total, over = 0.0, False
+        while not over:
+            action, _ = policy.predict(observation, deterministic=True)
+            observation, reward, ended, cut_off, info = env.step(np.int64(action))
+            total, over = total + reward, ended or cut_off
+        row[:] = total, info["solves"], info["verdict"] >= 0
+    return figures
+
 
 _BOXES, _NETWORKS = (
     "stancekit.learners.training.fitting",
@@ -44,7 +503,7 @@ def learn(
     method: str,
     dataset: Dataset | Sequence[Dataset],
     settings: FitSettings = FitSettings(),
-    progress: Progress | None = None,
+    progress: EpochsDone | None = None,
     *,
     calibration: Dataset | None = None,
     checkpoint: Path | None = None,

@@ -12,9 +12,7 @@ from stancekit.planners.files.validation import typed
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
 from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural
 from ..selectors.policy import TrainedPolicy, bounds_of
-from .envelope_methods import fit
-from .fit_settings import FitRequest
-from .held_out import TrainingScenes
+from .fitting import FitRequest, TrainingScenes, fit
 from .reinforce import train
 
 JOINT_TARGET = 0.99

@@ -23,7 +23,7 @@ from stancekit.learners.evaluation.evaluate import (
     rollout,
 )
 from stancekit.learners.selectors.selector import FixedSelector, Learned
-from stancekit.learners.training.envelope_methods import fit
+from stancekit.learners.training.fitting import fit
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import EnvelopeSet

@@ -12,9 +12,15 @@ from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.genetic import GeneticSettings
 from stancekit.learners.selectors.selector import FixedSelector, load_selector
-from stancekit.learners.training.envelope_methods import ENVELOPES, fit
-from stancekit.learners.training.fit_settings import KNOBS, FitSettings
-from stancekit.learners.training.fitting import METHODS, learn, learn_selector
+from stancekit.learners.training.fitting import (
+    ENVELOPES,
+    KNOBS,
+    METHODS,
+    FitSettings,
+    fit,
+    learn,
+    learn_selector,
+)
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
