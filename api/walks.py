@@ -11,7 +11,7 @@ from typing import Any, Literal
 from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import check_argument, check_names, checked
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, interruptible
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt, Progress
@@ -20,7 +20,6 @@ from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_att
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.task import GaitSettings
-from stancekit.planners.interrupts import interruptible
 from stancekit.planners.problem.walk import Walk as Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.heightfield import HeightField

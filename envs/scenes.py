@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.features import observe, observe_batch
 from stancekit.planners.equilibrium.programs import Programs

@@ -3,8 +3,38 @@
 from __future__ import annotations
 
 import json
+import signal
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+
+@contextmanager
+def interruptible(*numbers: signal.Signals) -> Iterator[Callable[[], bool]]:
+    """Yield a function that says whether one of these signals came; a second one raises
+    KeyboardInterrupt at once.
+
+    Outside the main thread, which alone hears of signals, nothing comes.
+    """
+    came: list[int] = []
+
+    def note(number: int, _frame: Any) -> None:
+        if came:
+            raise KeyboardInterrupt
+        came.append(number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    before = {number: signal.signal(number, note) for number in numbers}
+    try:
+        yield lambda: bool(came)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class StancekitError(Exception):

@@ -18,7 +18,7 @@ from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.codec import to_json
 from stancekit.planners.files.documents import read_json

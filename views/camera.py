@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
 
 

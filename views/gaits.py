@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import SETTLE_S

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from stancekit.planners.answer.crossing import Crossing
 from stancekit.planners.answer.leap_plan import LeapPlan
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Motion, Samples
 from stancekit.planners.robot.model import Robot

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.colors import to_rgb as rgb
 from scipy.spatial import ConvexHull, QhullError
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.meshes import thinned_mesh
 from stancekit.planners.robot.robot_model import RobotModel

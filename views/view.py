@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples

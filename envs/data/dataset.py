@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

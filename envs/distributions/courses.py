@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_spec

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_bytes

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, cast, runtim
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml

@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS

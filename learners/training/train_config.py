@@ -18,7 +18,7 @@ from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import LabelledScene, PooledScenes, SceneKind
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, StancekitError

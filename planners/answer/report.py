@@ -17,7 +17,7 @@ from typing import Any, Generic, Literal, TypeVar, cast
 
 from numpy.typing import NDArray
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..problem import Problem
 from ..robot.urdf import joint_names
 from .certificate import Certificate

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.comparison import first_difference

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.plan import Plan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array, locked
 from ..problem import PostureBatch, Problem
 from ..problem.problem import made

@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from .layout import Index
 

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from .gather import Fill, Of
 from .half_spaces import within_half_spaces, within_relative_reach

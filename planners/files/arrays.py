@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from .validation import shown
 

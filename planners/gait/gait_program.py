@@ -11,7 +11,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from ..answer.trajectory import STEP_S, Trajectory
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..problem.walk import Walk

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.half_spaces import HalfSpaces
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.scaled import Scaled

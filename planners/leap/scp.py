@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..answer.leap_plan import LeapPlan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs

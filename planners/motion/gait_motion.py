@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.trajectory import Trajectory
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from ..robot.urdf import FOOT_RADIUS_M
 from ..terrain.prism import Solid

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..answer.plan import Plan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import descend

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.leap_plan import LeapPlan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2

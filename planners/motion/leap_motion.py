@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.leap_plan import LeapPlan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..robot.rotation import rotations_of

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..answer.leap_plan import LeapPlan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from ..terrain.prism import Solid
 from .leap_body import LeapBody

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.plan import Plan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.urdf import FOOT_RADIUS_M

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.plan import Plan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array, check_numbers
 from ..robot.rotation import rotation_of
 from .motion import Samples, smooth, smooth_rate

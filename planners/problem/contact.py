@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_members, checked_name, collect_errors, read_only
 from ..files.codec import INLINE, LATER, fields_to_json

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..answer.plan import Plan
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..files.arrays import Array
 from ..robot.inverse_kinematics import descend

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout

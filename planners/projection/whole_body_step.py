@@ -24,7 +24,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.gather import Fill, Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.objective import objective

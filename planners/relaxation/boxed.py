@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.terms import Given
 from ..files.arrays import Array
 from .envelope import Corners, Envelope

@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout

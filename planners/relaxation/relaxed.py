@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled

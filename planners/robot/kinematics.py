@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid

@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
 

@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown

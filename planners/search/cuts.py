@@ -23,7 +23,7 @@ import numpy as np
 
 from ..answer.answer import Status
 from ..answer.certificate import Certificate
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled, cones_met

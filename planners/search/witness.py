@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import skew

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 from scipy.sparse.linalg import splu
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 
 REACH_M = 100.0

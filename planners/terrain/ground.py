@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 
 if TYPE_CHECKING:

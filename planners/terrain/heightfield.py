@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, read_only
 from .bspline import CubicBasis

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array, cross
 from .patch import Patch, flat_patches, with_polygons
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array, checked
 from .patch import Patch
 from .polygon import EDGE_M, UPRIGHT, VOID_M, half_planes

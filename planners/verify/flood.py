@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from ..answer.certificate import Certificate
 from ..answer.report import Report
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.passage import Passage

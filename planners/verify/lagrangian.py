@@ -48,7 +48,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from .geometry import cross, length
 from .half_spaces import bending, relative_pulls

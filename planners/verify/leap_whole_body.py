@@ -16,7 +16,7 @@ import numpy as np
 from ..answer.hindrance import LEAP_BODY
 from ..answer.leap_plan import LeapPlan
 from ..answer.report import Group, Report
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..motion.leap_body import LeapBody, gaps

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..answer.motion_table import MotionTable
 from ..answer.report import Group, Report
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2

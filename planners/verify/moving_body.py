@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from .bodies import BodyReport, bodies_report, spaced
 from .trajectory_series import Series

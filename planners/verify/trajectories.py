@@ -17,7 +17,7 @@ import numpy as np
 
 from ..answer.report import Group, Report
 from ..answer.trajectory import Trajectory
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import LARGEST, Array
 from ..physics import GRAVITY_M_S2
 from .trajectory_limits import GROUPS as GROUPS

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.trajectory import OFF_M, Trajectory
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from .trajectory_series import Series

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..files.arrays import Array
 from ..terrain.bspline import CubicBasis
 

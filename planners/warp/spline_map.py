@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cached import cached_property
+from ..arguments import cached_property
 from ..errors import InvalidInput, PlanningFailed
 from ..files.archive import read_archive
 from ..files.arrays import Array, checked, read_only

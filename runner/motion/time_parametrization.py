@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import STRAY_M

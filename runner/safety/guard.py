@@ -17,7 +17,7 @@ from typing import NoReturn, Self
 
 import numpy as np
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
 

@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array, check_numbers, read_only
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators

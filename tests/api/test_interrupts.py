@@ -10,7 +10,7 @@ import pytest
 
 import stancekit
 from stancekit import walks
-from stancekit.planners.interrupts import interruptible
+from stancekit.planners.errors import interruptible
 
 
 def test_a_walk_that_is_interrupted_ends_at_the_next_iteration(monkeypatch):

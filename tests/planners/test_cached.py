@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.planners.cached import cached_property
+from stancekit.planners.arguments import cached_property
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ...cached import cached_property
+from ...arguments import cached_property
 from ...files.arrays import Array
 from ..transcription.taylor import ExpansionPoint, TaylorMap
 from .chart import Chart

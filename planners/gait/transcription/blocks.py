@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, vstack
 
-from ...cached import cached_property
+from ...arguments import cached_property
 from ...files.arrays import Array
 from .taylor import ExpansionPoint, Jets, TaylorMap
 

@@ -10,7 +10,7 @@ import casadi as cs
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from ...cached import cached_property
+from ...arguments import cached_property
 from ...files.arrays import Array
 from .blocks import Block, Compiled, Constraint, TaylorBank, blocks_of, matrix, scattered
 

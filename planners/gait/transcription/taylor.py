@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import casadi as cs
 import numpy as np
 
-from ...cached import cached_property
+from ...arguments import cached_property
 from ...files.arrays import Array
 from ...terrain.bspline import CubicBasis
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...cached import cached_property
+from ...arguments import cached_property
 from ...errors import InvalidInput
 from ...files.arrays import Array
 from ...problem.walk import Walk
