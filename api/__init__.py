@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from .planners.answer.answer import Effort as Effort
     from .planners.answer.answer import Status as Status
     from .planners.answer.certificate import Certificate as Certificate
-    from .planners.answer.crossing import Crossing as Crossing
-    from .planners.answer.leap_plan import LeapPlan as LeapPlan
+    from .planners.answer.certificate import Crossing as Crossing
+    from .planners.answer.plan import LeapPlan as LeapPlan
     from .planners.answer.plan import Plan as Plan
     from .planners.answer.report import Group as Group
     from .planners.answer.report import Report as Report

@@ -10,10 +10,8 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.learners.data.labelling import RecheckReport
 from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.crossing import Crossing
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.certificate import Certificate, Crossing
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked

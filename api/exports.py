@@ -12,9 +12,8 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import folder_of
 from stancekit.learners.data.export import Exported
 from stancekit.learners.data.labelling import rows_of
-from stancekit.planners.answer.crossing import Crossing
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from stancekit.learners.leaps.kinds import FORMAT, SCORER, Scores
 from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.crossing import Crossing
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.certificate import Certificate, Crossing
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import came, checked
 from stancekit.planners.errors import InvalidInput

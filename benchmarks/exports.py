@@ -28,7 +28,7 @@ from _bench import Options, launch, share
 import stancekit
 from stancekit.checks import check_file
 from stancekit.exports import read_accepted
-from stancekit.planners.answer.motion_table import MotionTable
+from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.report import Report
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.verify.motions import check_motion, nearest

@@ -19,9 +19,8 @@ import numpy as np
 import tyro
 from _bench import Options, launch
 
-from stancekit.planners.answer.crossing import Crossing
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.formats.crossing_file import read_crossing

@@ -21,7 +21,7 @@ from _bench import Options, launch
 from _leap_nlp import LeapNlp
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.cuts import MARGIN, proof_cut, ray
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap

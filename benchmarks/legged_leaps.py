@@ -24,8 +24,8 @@ import tyro
 from _bench import Lines, Options, launch, share
 
 from stancekit.motions import run
-from stancekit.planners.answer.hindrance import LEAP_BODY
-from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.certificate import LEAP_BODY
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.formats.leap_file import read_leap, write_leap
 from stancekit.planners.leap.bend import judged_answer

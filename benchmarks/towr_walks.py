@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from towr import compiled
 
 from stancekit.checks import check_file
-from stancekit.planners.answer.motion_table import MotionTable
+from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.formats.motion_file import csv_of
 from stancekit.planners.robot.kinematics import Kinematics

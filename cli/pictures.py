@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 from .console import progress
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.crossing import Crossing
-    from stancekit.planners.answer.leap_plan import LeapPlan
-    from stancekit.planners.answer.plan import Plan
+    from stancekit.planners.answer.certificate import Crossing
+    from stancekit.planners.answer.plan import LeapPlan, Plan
     from stancekit.planners.answer.trajectory import Trajectory
     from stancekit.runner.execution import Execution
 

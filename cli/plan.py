@@ -35,9 +35,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stancekit.planners.answer.answer import Answer
-    from stancekit.planners.answer.crossing import Crossing
-    from stancekit.planners.answer.leap_plan import LeapPlan
-    from stancekit.planners.answer.plan import Plan
+    from stancekit.planners.answer.certificate import Crossing
+    from stancekit.planners.answer.plan import LeapPlan, Plan
     from stancekit.planners.leap.finder import LeapFinder
     from stancekit.planners.problem import Problem
     from stancekit.planners.problem.leap import Leap
@@ -199,7 +198,7 @@ def _change(details: Mapping[str, float], name: str) -> tuple[float, float]:
 
 def _frames(answer: Answer[Any]) -> int | None:
     """The number of key frames; None of a leap, and of a crossing, whose parts have their own."""
-    from stancekit.planners.answer.crossing import Crossing
+    from stancekit.planners.answer.certificate import Crossing
 
     crosses = isinstance(answer.solution, Crossing)
     return None if crosses else getattr(answer.problem, "frames", None)
@@ -207,8 +206,8 @@ def _frames(answer: Answer[Any]) -> int | None:
 
 def _lines(answer: Answer[Any]) -> Iterator[str]:
     """Lines about what was found, below its table."""
-    from stancekit.planners.answer.crossing import Crossing
-    from stancekit.planners.answer.leap_plan import LeapPlan
+    from stancekit.planners.answer.certificate import Crossing
+    from stancekit.planners.answer.plan import LeapPlan
 
     solution = answer.solution
     if isinstance(solution, Crossing):
@@ -252,7 +251,7 @@ def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:
     """Lines about a leap; of a robot with a body each group with what it was before bending, and
     what was bent.
     """
-    from stancekit.planners.answer.hindrance import LEAP_BODY
+    from stancekit.planners.answer.certificate import LEAP_BODY
 
     report = answer.report
     assert report is not None
@@ -284,7 +283,7 @@ def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:
 
 
 def _crossing_lines(answer: Answer[Crossing], crossing: Crossing) -> Iterator[str]:
-    from stancekit.planners.answer.leap_plan import LeapPlan
+    from stancekit.planners.answer.plan import LeapPlan
 
     assert answer.report is not None
     yield f"key frames alone: {crossing.refusal}"
@@ -350,8 +349,8 @@ def _record(answer: Answer[Any], reason: str) -> dict[str, Any]:
 
 
 def _solution_record(solution: Plan | LeapPlan | Crossing) -> dict[str, Any]:
-    from stancekit.planners.answer.crossing import Crossing
-    from stancekit.planners.answer.leap_plan import LeapPlan
+    from stancekit.planners.answer.certificate import Crossing
+    from stancekit.planners.answer.plan import LeapPlan
 
     if isinstance(solution, Crossing):
         return {

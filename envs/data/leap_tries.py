@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.leap.numbers import LeapNumbers

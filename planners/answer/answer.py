@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from ..problem import Problem
 from ..problem.leap import Leap
 from ..problem.passage import Passage
-from .certificate import Certificate
-from .crossing import Crossing
-from .leap_plan import LeapPlan
-from .plan import Plan
+from .certificate import Certificate, Crossing
+from .plan import LeapPlan, Plan
 from .report import Report
 from .trajectory import Trajectory
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,9 +14,54 @@ from ..files.arrays import Array, plain_numbers
 from ..problem import Problem
 from ..problem.leap import Leap
 from ..problem.passage import Passage
+from ..robot.model import Robot
+from ..terrain.patch import Patch
+from .plan import LeapPlan, Plan
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
+    from .plan import Plan
+    from .trajectory import Trajectory
+
+
+NOBODY_CARRIES = "nobody carries between frames"
+WALK_BODY = ("joints", "joint_speed", "torque", "legs_moment", "bodies")
+"""The groups of a walk that ask for a model of the robot's legs."""
+LEAP_BODY = ("joints", "joint_speed", "torque", "legs_turn", "take_off", "landing", "bodies")
+"""Those of a leap."""
+
+
+def plan_hindrance(plan: Plan) -> str:
+    """The reason why no runner executes a plan, whatever the world; empty where one may."""
+    course = plan.problem
+    if course.uncarried:
+        return NOBODY_CARRIES
+    if course.has_soles:
+        return "its feet are soles, and only point feet are executed"
+    return course.robot.source.hindrance
+
+
+def walk_hindrance(walk: Trajectory, unchecked: Sequence[str]) -> str:
+    """The reason why no runner executes a walk, whatever the world; empty where one may.
+
+    Arguments:
+        walk: the trajectory.
+        unchecked: names of the groups that could not be checked. Of a robot without a model the
+            groups of ``WALK_BODY`` are no hindrance: the runner asks the servos of the world.
+    """
+    from ..robot.legged import walking_robot  # slow to import
+
+    left = [name for name in unchecked if walk.robot.source.own or name not in WALK_BODY]
+    if left:
+        return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'} not checked"
+    if walk.adhesive.any():
+        names = np.array(walk.robot.limb_names)[walk.adhesive]
+        return f"no world has feet that stick, as {', '.join(names)} do"
+    try:
+        walking_robot(walk.robot)
+    except InvalidInput as error:
+        return str(error)
+    return ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,3 +193,67 @@ class Certificate:
                 "certificate: expected two tables of numbers, got something else"
             ) from None
         return cls.from_arrays(tree, multipliers)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Crossing:
+    """A way over a course of which key frames alone cross only stretches: climbs, and leaps over
+    what is between them.
+
+    Nothing is checked here: ``verify`` does it.
+
+    Arguments:
+        name: of the course.
+        parts: plans of key frames and of leaps in order, the first of key frames.
+        refusal: what key frames alone came to, in words.
+        certificate: proof that no balanced motion leads from start to goal, with that passage as its
+            problem; None where nothing is proved.
+    Source:
+        None: Lin et al. for the climbs, Newton and Euler for the leaps.
+
+    Example:
+        >>> import stancekit
+        >>> way = stancekit.load("crossing.json")  # doctest: +SKIP
+        >>> [type(part).__name__ for part in way.parts]  # doctest: +SKIP
+        ['Plan', 'LeapPlan', 'Plan']
+    """
+
+    name: str
+    parts: tuple[Plan | LeapPlan, ...]
+    refusal: str = ""
+    certificate: Certificate | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", tuple(self.parts))
+        if not self.parts or not isinstance(self.parts[0], Plan):
+            raise InvalidInput(
+                f"crossing {self.name}: expected parts of which the first is a plan of key frames"
+            )
+        for k, part in enumerate(self.parts):
+            if not isinstance(part, Plan | LeapPlan) or (
+                isinstance(part, Plan) and part.problem.is_posture
+            ):
+                raise InvalidInput(
+                    f"crossing {self.name}: parts[{k}]: expected a plan of key frames or of a leap, got something else"
+                )
+
+    def __repr__(self) -> str:
+        words = ", ".join("climb" if isinstance(part, Plan) else "leap" for part in self.parts)
+        return f"Crossing({self.name}: {words})"
+
+    @property
+    def first(self) -> Problem:
+        """The course of the first climb, which has all of the terrain."""
+        problem = self.parts[0].problem
+        assert isinstance(problem, Problem)
+        return problem
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the first climb."""
+        return self.first.robot
+
+    @property
+    def terrain(self) -> tuple[Patch, ...]:
+        """Every surface that there is."""
+        return self.first.terrain

@@ -20,12 +20,8 @@ from numpy.typing import NDArray
 from ..arguments import cached_property
 from ..problem import Problem
 from ..robot.urdf import joint_names
-from .certificate import Certificate
-from .crossing import Crossing
-from .hindrance import LEAP_BODY, plan_hindrance, walk_hindrance
-from .leap_plan import NUMBERS, LeapPlan
-from .motion_table import MotionTable
-from .plan import Plan
+from .certificate import LEAP_BODY, Certificate, Crossing, plan_hindrance, walk_hindrance
+from .plan import NUMBERS, LeapPlan, MotionTable, Plan
 from .trajectory import OFF_M, Trajectory
 
 GROUPS = {

@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..answer.crossing import Crossing
-from ..answer.leap_plan import LeapPlan
-from ..answer.plan import Plan
+from ..answer.certificate import Crossing
+from ..answer.plan import LeapPlan, Plan
 from ..errors import InvalidInput
 from ..files.documents import read_json
 from ..files.validation import shown

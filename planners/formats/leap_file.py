@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..answer.certificate import Certificate
-from ..answer.leap_plan import LATER, NUMBERS, LeapPlan
+from ..answer.plan import LATER, NUMBERS, LeapPlan
 from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers

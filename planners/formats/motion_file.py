@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.motion_table import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
+from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 from ..errors import InvalidInput
 from ..files.archive import read_archive
 from ..files.arrays import Array

@@ -18,10 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.answer import Answer, Effort, Status
-from ..answer.certificate import Certificate
-from ..answer.crossing import Crossing
-from ..answer.leap_plan import LeapPlan
-from ..answer.plan import Plan
+from ..answer.certificate import Certificate, Crossing
+from ..answer.plan import LeapPlan, Plan
 from ..equilibrium.programs import programs_of_this_thread
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array

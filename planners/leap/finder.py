@@ -13,7 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
-from ..answer.leap_plan import LeapPlan
+from ..answer.plan import LeapPlan
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs, programs_of_this_thread
 from ..errors import InvalidInput

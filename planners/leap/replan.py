@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..answer.leap_plan import LeapPlan
+from ..answer.plan import LeapPlan
 from ..errors import InvalidInput
 from ..problem.foothold import Foothold
 from ..problem.leap import BodyState, Leap

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ..answer.answer import Status
-from ..answer.leap_plan import LeapPlan
+from ..answer.plan import LeapPlan
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs, programs_of_this_thread
 from ..files.arrays import Array

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.crossing import Crossing
-from ..answer.leap_plan import LeapPlan
-from ..answer.plan import Plan
+from ..answer.certificate import Crossing
+from ..answer.plan import LeapPlan, Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.prism import Solid

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from ..answer.crossing import Crossing
-from ..answer.leap_plan import LeapPlan
-from ..answer.plan import Plan
+from ..answer.certificate import Crossing
+from ..answer.plan import LeapPlan, Plan
 from ..answer.trajectory import Trajectory
 from .crossing_motion import CrossingMotion
 from .gait_motion import GaitMotion

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.leap_plan import LeapPlan
+from ..answer.plan import LeapPlan
 from ..arguments import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2

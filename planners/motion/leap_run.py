@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..answer.leap_plan import LeapPlan
+from ..answer.plan import LeapPlan
 from ..arguments import cached_property
 from ..files.arrays import Array
 from ..terrain.prism import Solid

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..answer.motion_table import MotionTable
+from ..answer.plan import MotionTable
 from ..files.arrays import Array, checked
 from ..robot.rotation import rotations_of
 from .motion import Motion

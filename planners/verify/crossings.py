@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answer.crossing import Crossing
-from ..answer.leap_plan import LeapPlan
-from ..answer.plan import Plan
+from ..answer.certificate import Crossing
+from ..answer.plan import LeapPlan, Plan
 from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answer.hindrance import NOBODY_CARRIES
+from ..answer.certificate import NOBODY_CARRIES
 from ..answer.plan import Plan
 from ..answer.report import LATE, WHOLE_BODY, Group
 from ..errors import InvalidInput

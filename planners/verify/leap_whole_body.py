@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..answer.hindrance import LEAP_BODY
-from ..answer.leap_plan import LeapPlan
+from ..answer.certificate import LEAP_BODY
+from ..answer.plan import LeapPlan
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput

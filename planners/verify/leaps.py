@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..answer.leap_plan import LEAST_GATHER, MOST_GATHER, NUMBERS, LeapPlan
+from ..answer.plan import LEAST_GATHER, MOST_GATHER, NUMBERS, LeapPlan
 from ..answer.report import Group, Report
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2

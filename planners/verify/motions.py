@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.motion_table import MotionTable
+from ..answer.plan import MotionTable
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..answer.hindrance import WALK_BODY as WHOLE_BODY
+from ..answer.certificate import WALK_BODY as WHOLE_BODY
 from ..answer.trajectory import STEP_S
 
 __all__ = ["GROUPS", "WHOLE_BODY", "WalkLimits"]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stancekit.planners.answer.motion_table import MotionTable
+from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 

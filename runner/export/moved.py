@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stancekit.planners.answer.crossing import Crossing
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.motion_table import MotionTable
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.plan import LeapPlan, MotionTable, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.physics import GRAVITY_M_S2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.motion.leap_motion import LeapMotion
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.runner.motion.stream import joint_motion

@@ -13,8 +13,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 
 import stancekit
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.motion.gait_motion import SETTLE_S, GaitMotion
 from stancekit.planners.motion.plan_motion import PlanMotion

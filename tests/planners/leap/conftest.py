@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers

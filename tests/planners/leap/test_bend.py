@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.formats.leap_file import read_leap
 from stancekit.planners.leap.bend import (

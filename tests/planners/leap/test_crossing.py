@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.crossing import Crossing
+from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.leap.crossing import stretches, surface_of
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.terrain.families import family_terrain

@@ -7,9 +7,8 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.hindrance import LEAP_BODY
-from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.certificate import LEAP_BODY, Certificate
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.cuts import MARGIN, guide, plan_cut, proof_cut, ray, shapes, split

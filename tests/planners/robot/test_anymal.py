@@ -11,7 +11,7 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.hindrance import walk_hindrance
+from stancekit.planners.answer.certificate import walk_hindrance
 from stancekit.planners.answer.trajectory import Trajectory, robot_from_json
 from stancekit.planners.formats.trajectory_file import check_file, read_trajectory, write_trajectory
 from stancekit.planners.robot import single_body

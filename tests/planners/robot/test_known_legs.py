@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.hindrance import plan_hindrance
+from stancekit.planners.answer.certificate import plan_hindrance
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import WHOLE_BODY
 from stancekit.planners.errors import InvalidInput

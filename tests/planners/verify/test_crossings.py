@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.crossing import Crossing
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.formats.crossing_file import read_crossing, write_crossing
 from stancekit.planners.motion.crossing_motion import BLEND_S, CrossingMotion
 from stancekit.planners.motion.leap_body import LeapBody

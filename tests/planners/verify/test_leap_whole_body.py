@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.hindrance import LEAP_BODY
-from stancekit.planners.answer.leap_plan import LeapPlan
+from stancekit.planners.answer.certificate import LEAP_BODY
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.formats.leap_file import check_file, read_leap, write_leap
 from stancekit.planners.leap.bend import joint_rows, legged_numbers
 from stancekit.planners.leap.bend import point_of as point_of_plan

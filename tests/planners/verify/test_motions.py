@@ -13,7 +13,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 
 import stancekit
-from stancekit.planners.answer.motion_table import MotionTable
+from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.report import Report
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics

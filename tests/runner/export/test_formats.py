@@ -17,8 +17,7 @@ import yaml
 pytest.importorskip("pinocchio")
 
 import stancekit
-from stancekit.planners.answer.leap_plan import LeapPlan
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import csv_of, read_motion
