@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.arguments import settings_from
-from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.validation import shown

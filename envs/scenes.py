@@ -17,9 +17,8 @@ from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.equilibrium.batch import ScaledBatch
-from stancekit.planners.equilibrium.features import observe, observe_batch
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Scaled, observe, observe_batch
 from stancekit.planners.errors import InvalidInput, PlanningFailed, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch, Problem

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import settings_from
-from stancekit.planners.equilibrium.features import ROOM
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import ROOM, Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.validation import shown

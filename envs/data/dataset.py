@@ -22,8 +22,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import cached_property
-from stancekit.planners.equilibrium.features import observe
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import parse_json

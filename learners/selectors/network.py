@@ -22,8 +22,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from stancekit.envs.episodes import Observation
-from stancekit.planners.equilibrium.features import observe
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import open_file, parse_json

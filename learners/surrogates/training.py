@@ -17,8 +17,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
-from stancekit.planners.equilibrium.slacks import slacks
+from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch, slacks
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import parse_json

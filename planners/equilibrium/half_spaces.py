@@ -14,8 +14,7 @@ from ..files.arrays import Array
 from ..problem import Contact
 from ..robot.model import Limb, Robot
 from ..robot.reach import ReachRows, turned_most
-from .gather import Of
-from .layout import Index, Layout
+from .layout import Index, Layout, Of
 from .rows import Rows
 
 

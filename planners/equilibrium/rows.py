@@ -24,9 +24,8 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..files.columns import Columns as Columns
-from .conic_solution import ConicSolution, ConicStatus
-from .gather import D, Fill, Gather, GatheredNumbers, Values
-from .layout import Index
+from .layout import D, Fill, Gather, GatheredNumbers, Index, Values
+from .programs import ConicSolution, ConicStatus
 
 
 def pattern_of(rows: Index, columns: Index, shape: tuple[int, int]) -> Columns:

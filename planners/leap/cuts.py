@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.layout import Index
+from ..equilibrium.programs import ConicSolution
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2

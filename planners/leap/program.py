@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.layout import Layout
+from ..equilibrium.programs import ConicSolution
 from ..equilibrium.rows import Rows
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes
 from .numbers import LeapGiven, LeapPoint

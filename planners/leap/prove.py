@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..answer.certificate import Certificate
-from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index, Layout
-from ..equilibrium.programs import Programs
+from ..equilibrium.programs import ConicSolution, ConicStatus, Programs
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
 from .cuts import MARGIN, Cut, proof_cut, ray, widened

@@ -10,9 +10,8 @@ import numpy as np
 
 from ..answer.plan import LeapPlan
 from ..arguments import cached_property
-from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index
-from ..equilibrium.programs import Programs
+from ..equilibrium.programs import ConicSolution, ConicStatus, Programs
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array, cross
 from .numbers import FREE_M, LeapGiven, LeapNumbers, LeapPoint

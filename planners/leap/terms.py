@@ -18,8 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..equilibrium.gather import Of
-from ..equilibrium.layout import Index, Layout
+from ..equilibrium.layout import Index, Layout, Of
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import skew
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes

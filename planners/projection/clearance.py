@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from ..answer.plan import Plan
-from ..equilibrium.gather import Fill
-from ..equilibrium.layout import Index
+from ..equilibrium.layout import Fill, Index
 from ..equilibrium.rows import Rows
 from ..equilibrium.terms import Given
 from ..errors import check_time

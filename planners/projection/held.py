@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..equilibrium.conic_solution import ConicSolution
-from ..equilibrium.gather import Fill, Of
-from ..equilibrium.layout import Layout
-from ..equilibrium.objective import objective
+from ..equilibrium.layout import Fill, Layout, Of
+from ..equilibrium.programs import ConicSolution
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Moments
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Moments, objective
 from ..files.arrays import Array, cross
 
 MOMENT_PRICE = 30.0

@@ -21,14 +21,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arguments import cached_property
-from ..equilibrium.conic_solution import ConicSolution
-from ..equilibrium.gather import Of
-from ..equilibrium.layout import Index, Layout
-from ..equilibrium.objective import objective
-from ..equilibrium.programs import Programs
+from ..equilibrium.layout import Index, Layout, Of
+from ..equilibrium.programs import ConicSolution, Programs
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point
-from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Moments, Toes
+from ..equilibrium.terms import (
+    BodyVariables,
+    Forces,
+    FreeToes,
+    Given,
+    HeldToes,
+    Moments,
+    Toes,
+    objective,
+)
 from ..files.arrays import Array
 from .held import held_moments, toes_of
 from .whole_body_step import EVEN, TORQUE_PRICE, TorqueRows, WholeBodyGiven

@@ -25,12 +25,10 @@ from functools import lru_cache
 import numpy as np
 
 from ..arguments import cached_property
-from ..equilibrium.gather import Fill, Of
-from ..equilibrium.layout import Index, Layout
-from ..equilibrium.objective import objective
+from ..equilibrium.layout import Fill, Index, Layout, Of
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, skew
-from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Toes
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Toes, objective
 from ..files.arrays import Array, cross, locked
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.leg_slopes import LegSlopes, turning

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..equilibrium.gather import Of
-from ..equilibrium.layout import Index
+from ..equilibrium.layout import Index, Of
 from ..equilibrium.rows import Rows
 from .envelope import Corners
 

@@ -19,10 +19,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..equilibrium.conic_solution import ConicSolution, ConicStatus
-from ..equilibrium.gather import Of
-from ..equilibrium.layout import Index, Layout
-from ..equilibrium.programs import Programs
+from ..equilibrium.layout import Index, Layout, Of
+from ..equilibrium.programs import ConicSolution, ConicStatus, Programs
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments

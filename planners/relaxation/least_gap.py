@@ -14,8 +14,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..equilibrium.gather import Of
-from ..equilibrium.layout import Index, Layout
+from ..equilibrium.layout import Index, Layout, Of
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments

@@ -16,15 +16,11 @@ from typing import ClassVar
 import numpy as np
 
 from ..arguments import cached_property
-from ..equilibrium.conic_solution import ConicSolution, ConicStatus
-from ..equilibrium.gather import Of
-from ..equilibrium.layout import Layout
-from ..equilibrium.multipliers import multipliers
-from ..equilibrium.objective import objective
-from ..equilibrium.programs import Programs
+from ..equilibrium.layout import Layout, Of
+from ..equilibrium.programs import ConicSolution, ConicStatus, Programs, multipliers
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Scaled
-from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments, objective
 from ..files.arrays import Array
 from .envelope import Envelope
 from .relaxed import RelaxationAnswer, Relaxed, unit_shares

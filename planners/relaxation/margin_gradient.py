@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..equilibrium.conic_solution import ConicSolution
+from ..equilibrium.programs import ConicSolution
 from ..files.arrays import Array
 from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Envelope
 

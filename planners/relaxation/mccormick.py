@@ -21,14 +21,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ..equilibrium.conic_solution import ConicSolution, ConicStatus
-from ..equilibrium.gather import Of
-from ..equilibrium.layout import Index, Layout
-from ..equilibrium.objective import objective
-from ..equilibrium.programs import Programs
+from ..equilibrium.layout import Index, Layout, Of
+from ..equilibrium.programs import ConicSolution, ConicStatus, Programs
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled, skew
-from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given
+from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, objective
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .boxed import Boxed as Boxed

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arguments import cached_property
-from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.layout import Index
+from ..equilibrium.programs import ConicSolution
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..answer.certificate import Certificate
-from ..equilibrium.conic_solution import ConicStatus
 from ..equilibrium.layout import Index
-from ..equilibrium.programs import Programs
+from ..equilibrium.programs import ConicStatus, Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 from ..projection.descent import cost

@@ -16,14 +16,11 @@ import numpy as np
 from ..answer.answer import Answer
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index, Layout
-from ..equilibrium.multipliers import multipliers
-from ..equilibrium.objective import objective
-from ..equilibrium.programs import Programs
+from ..equilibrium.programs import ConicSolution, ConicStatus, Programs, multipliers
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import BodyVariables, FreeToes, Given
+from ..equilibrium.terms import BodyVariables, FreeToes, Given, objective
 from ..errors import InvalidInput
 from ..problem import Problem
 from ..projection.project import project

@@ -22,9 +22,8 @@ import numpy as np
 
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
-from ..equilibrium.conic_solution import ConicStatus
 from ..equilibrium.layout import Index
-from ..equilibrium.programs import Programs
+from ..equilibrium.programs import ConicStatus, Programs
 from ..equilibrium.scaled import Point, Scaled, cones_met, skew
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_int

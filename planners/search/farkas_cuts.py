@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..equilibrium.layout import Index
-from ..equilibrium.multipliers import multiplier_shapes
+from ..equilibrium.programs import multiplier_shapes
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
 from ..relaxation.lift import LiftAnswer

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.equilibrium.gather import Of
+from stancekit.planners.equilibrium.layout import Of
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.files.arrays import Array, check_numbers, lengths, read_only
 from stancekit.planners.motion.motion import Samples

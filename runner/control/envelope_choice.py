@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem

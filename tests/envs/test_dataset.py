@@ -19,8 +19,7 @@ from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data import shards
 from stancekit.learners.data.labelling import label
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.equilibrium.features import observe_batch
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Scaled, observe_batch
 from stancekit.planners.errors import InvalidInput
 from tests.refusals import assert_names, refuses
 

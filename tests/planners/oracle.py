@@ -15,8 +15,7 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
-from stancekit.planners.equilibrium.conic_solution import ConicSolution, ConicStatus, Solved
-from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.programs import ConicSolution, ConicStatus, Programs, Solved
 from stancekit.planners.equilibrium.rows import EXACT, STATUS
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.projection.held import MOMENT_PRICE, FixForces, FixToes, Linearised

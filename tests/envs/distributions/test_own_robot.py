@@ -13,8 +13,7 @@ import pytest
 from stancekit.envs.distributions.cut import CutDistribution, Places
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, composed, distribution
 from stancekit.envs.distributions.stance import PAPER_LEGS, Law, StandingRobot, paper_stance
-from stancekit.planners.equilibrium.features import observe
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.codec import to_json
 from stancekit.planners.problem import Problem

@@ -21,8 +21,7 @@ from stancekit.learners.training.fitting import (
     learn,
     learn_selector,
 )
-from stancekit.planners.equilibrium.features import observe
-from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import typed
 from tests.refusals import refuses

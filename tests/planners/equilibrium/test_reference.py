@@ -14,8 +14,7 @@ import pytest
 import scipy.sparse as sp
 
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.equilibrium.conic_solution import ConicSolution, ConicStatus
-from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.programs import ConicSolution, ConicStatus, Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import Given
 from stancekit.planners.problem import Problem

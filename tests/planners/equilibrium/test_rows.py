@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stancekit.planners.equilibrium.conic_solution import ConicStatus
+from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.rows import Rows, solver_settings
 from stancekit.planners.relaxation.papers import Model
 from tests.planners.oracle import solve, solve_as

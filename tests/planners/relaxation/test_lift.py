@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.equilibrium.conic_solution import ConicStatus
-from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.programs import ConicStatus, Programs
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import Contact, Problem

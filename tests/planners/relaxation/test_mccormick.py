@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.equilibrium.conic_solution import ConicStatus
+from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import Envelope

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.equilibrium.conic_solution import ConicStatus
+from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.problem import StepLimits

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.equilibrium.conic_solution import ConicStatus
+from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.lift import solve_lift

@@ -15,7 +15,7 @@ import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.equilibrium.conic_solution import ConicStatus
+from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.equilibrium.conic_solution import ConicStatus
+from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import PROJECTIONS
