@@ -14,8 +14,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import or_null
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
-from stancekit.planners.files.documents import read_json
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import read_json, shown
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.ground import Ground

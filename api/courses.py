@@ -17,7 +17,7 @@ from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.arrays import checked as checked_number
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 from stancekit.planners.formats.partial_plan import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem

@@ -18,8 +18,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
-from stancekit.planners.files.documents import parse_json, read_json, read_text
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import parse_json, read_json, read_text, shown
 from stancekit.planners.files.writing import alone_in, check_writable, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
 from stancekit.runner.export.formats import FORMATS, beside, moved_of

@@ -14,8 +14,7 @@ from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import came, checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import read_json, read_text, read_yaml
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import read_json, read_text, read_yaml, shown
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats import crossing_file, leap_file, plan_file, proof_file
 from stancekit.planners.formats.answer_file import (

@@ -23,8 +23,7 @@ from stancekit.learners.training.fitting import FitSettings, learn, missing
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked_int
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.validation import typed
+from stancekit.planners.files.documents import read_yaml, typed
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet

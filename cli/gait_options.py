@@ -17,7 +17,7 @@ def place(text: str, option: str) -> Array:
     """A place X,Y, shape (2,) [m]."""
     import numpy as np
 
-    from stancekit.planners.files.validation import shown
+    from stancekit.planners.files.documents import shown
 
     try:
         x, y = (float(part) for part in text.split(","))
@@ -28,7 +28,7 @@ def place(text: str, option: str) -> Array:
 
 def heading(text: str, way: Array, option: str = "--heading") -> float:
     """An angle, or that of the way to the goal [rad]."""
-    from stancekit.planners.files.validation import shown
+    from stancekit.planners.files.documents import shown
 
     if text == "goal":
         return math.atan2(way[1], way[0])

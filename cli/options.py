@@ -413,7 +413,7 @@ def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
     except ValueError:
         parts = ()
     if len(parts) != count:
-        from stancekit.planners.files.validation import shown  # slow to import
+        from stancekit.planners.files.documents import shown  # slow to import
 
         raise InvalidInput(
             f"{option}: expected {count} numbers with commas between them, got {shown(text)}"

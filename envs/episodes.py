@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 
 Observation = Mapping[str, NDArray[Any]]
 

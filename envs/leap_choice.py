@@ -19,7 +19,7 @@ from stancekit.planners.arguments import settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
 from stancekit.planners.leap.numbers import LeapNumbers, LeapPoint
 from stancekit.planners.leap.scp import attempt, plan_from, plan_of

@@ -18,7 +18,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import check_numbers, checked
-from stancekit.planners.files.validation import typed
+from stancekit.planners.files.documents import typed
 from stancekit.planners.plugins import Registry, takes
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import Envelope

@@ -24,7 +24,7 @@ from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import check_numbers, checked, checked_int
-from stancekit.planners.files.validation import shown, typed
+from stancekit.planners.files.documents import shown, typed
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_spec, spec_from

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import checked_int
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 
 from .episodes import check_options, checked_mask, checked_render_mode, checked_seed
 from .scenes import LabelledScene, ProblemSource, all_seen

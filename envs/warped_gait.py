@@ -21,11 +21,9 @@ from numpy.typing import NDArray
 
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.archive import read_archive
-from stancekit.planners.files.arrays import Array, check_numbers
-from stancekit.planners.files.comparison import first_difference
-from stancekit.planners.files.validation import shown, typed
-from stancekit.planners.files.writing import write_bytes
+from stancekit.planners.files.arrays import Array, check_numbers, read_archive
+from stancekit.planners.files.documents import shown, typed
+from stancekit.planners.files.writing import first_difference, write_bytes
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings

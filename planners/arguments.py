@@ -27,7 +27,7 @@ from typing import (
 import numpy as np
 
 from .errors import InvalidInput
-from .files.validation import neighbour, shown
+from .files.documents import neighbour, shown
 
 T = TypeVar("T")
 

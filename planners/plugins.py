@@ -32,8 +32,7 @@ from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from .errors import InvalidInput, StancekitError
-from .files.documents import read_text
-from .files.validation import shown
+from .files.documents import read_text, shown
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint

@@ -28,8 +28,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import decoded, parse_json, read_bytes
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import decoded, parse_json, read_bytes, shown
 from stancekit.planners.files.writing import check_writable
 
 from .worlds.world import State

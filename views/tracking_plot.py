@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 from stancekit.runner.log import TOPICS, Recorded, table
 
 from .sheet import DEFAULT_STYLE, MEASURE_COLOURS, headline, leg_colour, quiet_axes

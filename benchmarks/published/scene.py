@@ -20,8 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.validation import validated
+from stancekit.planners.files.documents import read_yaml, validated
 from stancekit.planners.problem.course_terrain import Friction, Length, Point, Positive
 from stancekit.planners.problem.problem import Foothold, Problem, StepLimits, Weights
 from stancekit.planners.problem.terrain_spec import SolePoints

@@ -25,8 +25,7 @@ from pydantic import BaseModel, Field, ValidationError
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files import writing
-from stancekit.planners.files.documents import open_file, read_json
-from stancekit.planners.files.validation import shown, validation_errors
+from stancekit.planners.files.documents import open_file, read_json, shown, validation_errors
 from stancekit.planners.files.writing import write_bytes
 
 from .label_plan import STRICT, RowPlan

@@ -17,8 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.validation import validated
+from stancekit.planners.files.documents import read_yaml, validated
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS

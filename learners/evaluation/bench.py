@@ -20,8 +20,7 @@ from stancekit.envs.data.ledger import LabelPlan, software
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import LabelledScene
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.validation import shown, validated
+from stancekit.planners.files.documents import read_yaml, shown, validated
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 

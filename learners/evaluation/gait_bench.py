@@ -25,8 +25,7 @@ from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import LARGEST
-from stancekit.planners.files.documents import read_json
-from stancekit.planners.files.validation import check_fields, shown, validated
+from stancekit.planners.files.documents import check_fields, read_json, shown, validated
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate

@@ -20,8 +20,7 @@ from torch.nn import functional
 from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_choice
-from stancekit.planners.files.documents import file_or_named
-from stancekit.planners.files.validation import check_fields
+from stancekit.planners.files.documents import check_fields, file_or_named
 from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
 from stancekit.planners.leap.numbers import LeapNumbers
 

@@ -24,7 +24,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
-from stancekit.planners.files.validation import check_fields, validated
+from stancekit.planners.files.documents import check_fields, validated
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet

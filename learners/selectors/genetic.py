@@ -28,10 +28,8 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.archive import read_archive
-from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.files.documents import parse_json
-from stancekit.planners.files.validation import check_fields, shown
+from stancekit.planners.files.arrays import Array, checked_int, read_archive
+from stancekit.planners.files.documents import check_fields, parse_json, shown
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick

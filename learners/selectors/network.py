@@ -25,8 +25,7 @@ from stancekit.envs.episodes import Observation
 from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import open_file, parse_json
-from stancekit.planners.files.validation import check_fields
+from stancekit.planners.files.documents import check_fields, open_file, parse_json
 from stancekit.planners.files.writing import write_bytes
 
 KEY = "stancekit"

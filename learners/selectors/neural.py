@@ -23,7 +23,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
-from stancekit.planners.files.validation import check_fields, validated
+from stancekit.planners.files.documents import check_fields, validated
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 from stancekit.planners.relaxation.table import RELAXATIONS

@@ -24,7 +24,7 @@ from stancekit.envs.refinement import refinement_space
 from stancekit.envs.selection import scene_space
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.validation import shown, validated
+from stancekit.planners.files.documents import shown, validated
 from stancekit.planners.relaxation.envelope import Envelope
 
 from .network import read_tensors, write_tensors

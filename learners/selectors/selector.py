@@ -19,8 +19,14 @@ from stancekit.envs.episodes import MemorylessPolicy, Observation
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import KEYS
-from stancekit.planners.files.documents import decoded, file_or_named, open_file, parse_json
-from stancekit.planners.files.validation import shown, validated
+from stancekit.planners.files.documents import (
+    decoded,
+    file_or_named,
+    open_file,
+    parse_json,
+    shown,
+    validated,
+)
 from stancekit.planners.formats.answer_file import read_envelopes, write_boxes
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
 from stancekit.planners.problem import Problem

@@ -22,8 +22,7 @@ from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
-from stancekit.planners.files.documents import file_or_named
-from stancekit.planners.files.validation import validated
+from stancekit.planners.files.documents import file_or_named, validated
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.relaxation.learned import check_learned
 

@@ -20,8 +20,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch, slacks
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import parse_json
-from stancekit.planners.files.validation import check_fields
+from stancekit.planners.files.documents import check_fields, parse_json
 from stancekit.planners.problem import PostureBatch
 
 from ..selectors.network import Architecture

@@ -21,7 +21,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import Array, checked_choice
-from stancekit.planners.files.validation import check_fields, shown, typed
+from stancekit.planners.files.documents import check_fields, shown, typed
 from stancekit.planners.plugins import Registry, takes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes

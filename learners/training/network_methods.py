@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from stancekit.envs.data.dataset import scenes_of
-from stancekit.planners.files.validation import typed
+from stancekit.planners.files.documents import typed
 
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
 from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural

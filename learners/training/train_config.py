@@ -23,8 +23,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.validation import validated
+from stancekit.planners.files.documents import read_yaml, validated
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from ..data.labelling import Quota

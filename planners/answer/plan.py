@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_name
-from ..files.validation import shown
+from ..files.documents import shown
 from ..problem import Problem
 from ..problem.leap import Leap
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.comparison import first_difference
-from ..files.validation import shown
+from ..files.documents import shown
+from ..files.writing import first_difference
 
 if TYPE_CHECKING:
     from ..robot.model import Robot

@@ -23,7 +23,7 @@ import clarabel
 import numpy as np
 
 from ..files.arrays import Array
-from ..files.columns import Columns as Columns
+from ..files.codec import Columns as Columns
 from .layout import D, Fill, Gather, GatheredNumbers, Index, Values
 from .programs import ConicSolution, ConicStatus
 

@@ -11,6 +11,8 @@ file needs beside that, a class says once:
 
 from __future__ import annotations
 
+import base64
+import io
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
@@ -18,6 +20,7 @@ from functools import lru_cache, partial
 from typing import (
     Annotated,
     Any,
+    ClassVar,
     Literal,
     TypeVar,
     Union,
@@ -28,6 +31,7 @@ from typing import (
 )
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -43,8 +47,57 @@ from pydantic import Field as Key
 from pydantic_core import CoreSchema, core_schema
 
 from ..errors import InvalidInput
-from .arrays import LARGEST, checked, collect_errors
-from .validation import shown, validated
+from .arrays import LARGEST, Array, checked, collect_errors
+from .documents import shown, validated
+
+Index = NDArray[np.int_]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A sparse matrix by columns, as Clarabel reads one; importing ``scipy.sparse`` takes longer
+    than most solves.
+
+    Arguments:
+        data, indices: values and rows of the entries, in order.
+        indptr: where each column begins and the last one ends.
+    """
+
+    data: Array
+    indices: Index
+    indptr: Index
+    shape: tuple[int, int]
+    has_canonical_format: ClassVar[bool] = True
+
+    @property
+    def columns(self) -> Index:
+        """The column of every entry."""
+        return np.repeat(np.arange(self.shape[1]), np.diff(self.indptr))
+
+    def transposed_times(self, z: Array) -> Array:
+        """A'z."""
+        return np.bincount(
+            self.columns, self.data * z[self.indices], minlength=self.shape[1]
+        ).astype(np.float64, copy=False)
+
+
+def embedded(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """Arrays by name as the text of a compressed archive; equal arrays give equal texts."""
+    content = io.BytesIO()
+    np.savez_compressed(content, **dict[str, Any](arrays))
+    return base64.b64encode(content.getvalue()).decode("ascii")
+
+
+def extracted(text: str, where: str) -> bytes:
+    """The archive that ``embedded`` made a text of.
+
+    Raises InvalidInput for a text that is no base64.
+    """
+    try:
+        return base64.b64decode(text, validate=True)
+    except ValueError as error:
+        raise InvalidInput(f"{where}: expected base64 text: {error}") from None
+
 
 LATER: Mapping[str, Any] = types.MappingProxyType({"later": True})
 """Metadata of a field that is written only where it is not its default."""

@@ -8,11 +8,65 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from ..errors import InvalidInput
+from .documents import shown
+
+FOLDER = "STANCEKIT_CACHE"
+
+
+def cache_folder() -> Path:
+    """Folder of measured workspaces and thinned meshes: $STANCEKIT_CACHE, or the user's folder for
+    caches.
+    """
+    folder, users = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME")
+    return (
+        Path(folder) if folder else (Path(users) if users else Path.home() / ".cache") / "stancekit"
+    )
+
+
+SAME = 1e-9
+"""Numbers so near to each other, absolutely or as a share, are the same: another machine rounds
+otherwise."""
+
+
+def first_difference(said: Any, expected: Any, where: str = "") -> str:
+    """The first place where ``said`` is not ``expected``, as "key[3].name: expected this, got
+    that"; empty where there is none. Numbers may differ by ``SAME``.
+    """
+    if isinstance(said, Mapping) and isinstance(expected, Mapping):
+        for name in dict.fromkeys((*expected, *said)):
+            place = f"{where}.{name}" if where else str(name)
+            if name not in said:
+                return f"{place}: expected this key, got nothing"
+            if name not in expected:
+                return f"{place}: expected nothing, got {shown(said[name])}"
+            if difference := first_difference(said[name], expected[name], place):
+                return difference
+        return ""
+    if isinstance(said, list | tuple) and isinstance(expected, list | tuple):
+        if len(said) != len(expected):
+            return f"{where}: expected {len(expected)}, got {len(said)}"
+        each = (
+            first_difference(*pair, f"{where}[{i}]")
+            for i, pair in enumerate(zip(said, expected, strict=True))
+        )
+        return next(filter(None, each), "")
+    same = (
+        abs(said - expected) <= SAME * max(1.0, abs(expected))
+        if _number(said) and _number(expected)
+        else said == expected
+    )
+    return "" if same else f"{where}: expected {shown(expected)}, got {shown(said)}"
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
 
 TEMPORARY = re.compile(r"\.(?P<name>.+)\.\d+(-[0-9a-f]{8})?\.tmp", re.DOTALL)
 """Names of what is being written: those of its target and of the process, and a number of its

@@ -13,8 +13,7 @@ from typing import Any
 from ..answer.certificate import Crossing
 from ..answer.plan import LeapPlan, Plan
 from ..errors import InvalidInput
-from ..files.documents import read_json
-from ..files.validation import shown
+from ..files.documents import read_json, shown
 from ..files.writing import write_text
 from ..problem.leap_names import is_leap
 from ..verify import check_plan

@@ -17,8 +17,7 @@ from ..answer.plan import LATER, NUMBERS, LeapPlan
 from ..answer.report import Report
 from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
-from ..files.documents import YAML, read_json, read_yaml
-from ..files.validation import shown
+from ..files.documents import YAML, read_json, read_yaml, shown
 from ..files.writing import write_text
 from ..problem.leap import Leap
 from ..problem.leap_classes import leap_class

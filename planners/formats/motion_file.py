@@ -20,10 +20,8 @@ from numpy.typing import NDArray
 
 from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 from ..errors import InvalidInput
-from ..files.archive import read_archive
-from ..files.arrays import Array
-from ..files.documents import read_json, read_text, read_yaml
-from ..files.validation import neighbour, shown
+from ..files.arrays import Array, read_archive
+from ..files.documents import neighbour, read_json, read_text, read_yaml, shown
 
 AXES = "xyz"
 OF_BODY = {

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from ..answer.plan import Plan
 from ..answer.report import OPTIONAL, WHOLE_BODY, plan_arrays, plan_digest, plan_shapes
 from ..errors import InvalidInput
-from ..files.archive import unpacked
-from ..files.documents import read_json
-from ..files.embedded import embedded, extracted
-from ..files.validation import shown
+from ..files.arrays import unpacked
+from ..files.codec import embedded, extracted
+from ..files.documents import read_json, shown
 from ..files.writing import check_writable, write_text
 from ..problem import Problem
 from ..problem.course_comparison import course_difference

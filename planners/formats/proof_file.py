@@ -12,8 +12,7 @@ from typing import Any, Literal
 from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
-from ..files.documents import read_json
-from ..files.validation import shown
+from ..files.documents import read_json, shown
 from ..files.writing import write_text
 from ..problem import Problem
 from ..problem.leap import Leap

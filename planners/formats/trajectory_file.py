@@ -20,13 +20,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..answer.report import Report
 from ..answer.trajectory import SAMPLES, Trajectory, robot_from_json
 from ..errors import InvalidInput
-from ..files.archive import unpacked
-from ..files.arrays import read_only
-from ..files.comparison import first_difference
-from ..files.documents import read_json
-from ..files.embedded import embedded, extracted
-from ..files.validation import shown, validated
-from ..files.writing import check_writable, write_text
+from ..files.arrays import read_only, unpacked
+from ..files.codec import embedded, extracted
+from ..files.documents import read_json, shown, validated
+from ..files.writing import check_writable, first_difference, write_text
 from ..robot.model_json import robot_numbers
 from ..terrain.heightfield import HeightField
 from ..verify.trajectories import check_trajectory

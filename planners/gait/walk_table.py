@@ -28,10 +28,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..answer.trajectory import Trajectory
 from ..errors import InvalidInput
-from ..files.archive import read_archive
-from ..files.arrays import Array, read_only
-from ..files.documents import read_text, read_yaml
-from ..files.validation import validated
+from ..files.arrays import Array, read_archive, read_only
+from ..files.documents import read_text, read_yaml, validated
 from ..robot.model import Robot
 from ..robot.walker import named_walker
 from ..terrain.families import drawn_name

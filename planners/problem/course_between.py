@@ -17,7 +17,7 @@ import numpy as np
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_int, read_only
-from ..files.validation import validated
+from ..files.documents import validated
 from ..robot.model import Robot, hexapod
 from ..terrain.footholds import Footholds
 from ..terrain.polygon import STEEP, Surface

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..files.comparison import first_difference
+from ..files.writing import first_difference
 from ..robot.model_json import robot_numbers
 from .problem import Problem
 

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from pydantic import ValidationError
 
 from ..errors import InvalidInput
-from ..files.documents import parse_yaml, read_json, read_yaml
-from ..files.validation import validation_errors
+from ..files.documents import parse_yaml, read_json, read_yaml, validation_errors
 from ..plugins import split_name
 from ..robot.model import Robot
 from ..terrain.families import TERRAIN_FAMILIES, drawn_name

@@ -10,7 +10,7 @@ from pydantic import Field, PrivateAttr, ValidationError
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import KEYS
-from ..files.validation import validation_errors
+from ..files.documents import validation_errors
 from ..robot.model import Robot
 from ..robot.robot_file import BUILT_IN, named_robot
 from ..terrain.footholds import FRICTION, FootholdLimits, Footholds

@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_choice
-from ..files.documents import YAML, read_yaml
-from ..files.validation import validated
+from ..files.documents import YAML, read_yaml, validated
 from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import LegLimits, Limb, Robot
 from ..terrain.families import family_terrain

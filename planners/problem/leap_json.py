@@ -13,7 +13,7 @@ from pydantic import Field
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import LATER, fields_to_json, from_json, keys_of, to_json
-from ..files.validation import shown, validated
+from ..files.documents import shown, validated
 from ..robot.leg_limits import leaping_robot
 from ..robot.model import Robot
 from ..terrain.patch import Patch

@@ -34,7 +34,7 @@ from ..files.arrays import (
     read_only,
 )
 from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json
-from ..files.validation import shown
+from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
 from ..terrain.patch import Patch

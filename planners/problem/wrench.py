@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross, read_only
-from ..files.validation import shown
+from ..files.documents import shown
 
 MOST_WEIGHTS = 100.0
 """No posture bears a force of so many times the weight, nor such a moment at an arm of the length

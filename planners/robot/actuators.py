@@ -22,8 +22,7 @@ from pydantic import ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import check_numbers, checked, collect_errors
-from ..files.documents import parse_yaml, read_json, read_yaml
-from ..files.validation import shown, validated
+from ..files.documents import parse_yaml, read_json, read_yaml, shown, validated
 from .leg import Joint
 
 FORMAT: Literal["stancekit/actuators/1"] = "stancekit/actuators/1"

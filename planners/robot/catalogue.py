@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import InvalidInput, not_installed
-from ..files.validation import shown
+from ..files.documents import shown
 
 PROVIDERS: dict[str, tuple[str, dict[str, str]]] = {
     "example-robot-data": (

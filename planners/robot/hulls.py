@@ -16,11 +16,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.archive import unpacked
-from ..files.arrays import Array, read_only
-from ..files.documents import read_bytes
-from ..files.embedded import embedded, extracted
-from ..files.validation import shown
+from ..files.arrays import Array, read_only, unpacked
+from ..files.codec import embedded, extracted
+from ..files.documents import read_bytes, shown
 from ..terrain.mesh_file import MOST_BYTES
 from .meshes import kept, read_mesh
 from .shapes import Shape

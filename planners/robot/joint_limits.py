@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.validation import shown
+from ..files.documents import shown
 from .rotation import rotation_of
 from .shapes import numbers_of, pose_of, write_pose
 

@@ -14,8 +14,7 @@ from pydantic import BaseModel, ConfigDict
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.documents import YAML, read_yaml
-from ..files.validation import validated
+from ..files.documents import YAML, read_yaml, validated
 from .joint_limits import speed_doubts
 from .leg import Leg
 from .legged import robot_of

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.validation import shown
+from ..files.documents import shown
 from .chain import Chain
 from .contacts import Fits, Touch, placed_shapes, touch_of
 from .leg import FULL_TURN, FootContact, Joint, Leg

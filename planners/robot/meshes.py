@@ -15,12 +15,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.archive import read_archive
-from ..files.arrays import Array, read_only
-from ..files.cache import cache_folder
-from ..files.documents import read_bytes
-from ..files.validation import shown
-from ..files.writing import write_bytes
+from ..files.arrays import Array, read_archive, read_only
+from ..files.documents import read_bytes, shown
+from ..files.writing import cache_folder, write_bytes
 from ..terrain.mesh_file import MOST_BYTES, read_corners
 from .shapes import Shape
 from .solids import solid_shapes

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.validation import shown
+from ..files.documents import shown
 from ..terrain.scene_file import compiled_mjcf
 from .hulls import hull_corners
 from .plausibility import BETWEEN

@@ -20,7 +20,7 @@ from ..files.arrays import (
     read_only,
 )
 from ..files.codec import LATER, to_json
-from ..files.validation import shown
+from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from .foot import Foot, half_sides
 from .leg_sources import DrawnLegs, LegSource, OwnLegs

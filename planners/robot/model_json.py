@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.codec import KEYS, to_json
-from ..files.validation import validated
+from ..files.documents import validated
 from .hulls import hulls_of_text, hulls_to_text
 from .leg import FootContact
 from .urdf_reader import Number

@@ -25,10 +25,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.archive import read_archive
-from ..files.arrays import Array
-from ..files.cache import cache_folder
-from ..files.writing import write_bytes
+from ..files.arrays import Array, read_archive
+from ..files.writing import cache_folder, write_bytes
 from .leg import FULL_TURN, Leg
 from .limb import Limb
 from .outer import ROUNDING_M, STEPS, Cloud, directions_of, foot_cloud, summed, turned

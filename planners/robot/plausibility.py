@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.validation import shown
+from ..files.documents import shown
 from .leg import Leg, Mount
 from .shapes import Shape, pose_of
 from .solids import shape_points

@@ -14,8 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
 from ..files.codec import KEYS
-from ..files.documents import YAML, read_text, read_yaml
-from ..files.validation import shown, validated
+from ..files.documents import YAML, read_text, read_yaml, shown, validated
 from .catalogue import as_they_come, catalogue, provided
 from .leg import FootContact
 from .mjcf import read_mjcf

@@ -21,7 +21,7 @@ import numpy as np
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
-from ..files.validation import shown
+from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls, with_same_hulls

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
-from ..files.validation import shown
+from ..files.documents import shown
 
 Kind = Literal["sphere", "box", "cylinder", "capsule", "mesh"]
 PACKAGE_PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")

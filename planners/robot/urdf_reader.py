@@ -17,8 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput, not_installed
 from ..files.arrays import LARGEST
-from ..files.documents import parse_xml
-from ..files.validation import shown
+from ..files.documents import parse_xml, shown
 
 DEEPEST_XML = 30
 MOST_JOINTS, MOST_MOVING = 500, 150

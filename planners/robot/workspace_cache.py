@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.archive import read_archive
-from ..files.cache import cache_folder
-from ..files.writing import write_bytes
+from ..files.arrays import read_archive
+from ..files.writing import cache_folder, write_bytes
 from .leg import Leg
 from .polytope import Polytope
 from .workspace import Workspace, workspace_of

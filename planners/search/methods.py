@@ -15,7 +15,7 @@ from ..arguments import check_argument
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..files.arrays import check_numbers, checked_choice
-from ..files.validation import shown
+from ..files.documents import shown
 from ..plugins import Registry, foreign, takes
 from ..projection.project import PROJECTIONS, Projection
 from .answer import (

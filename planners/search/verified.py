@@ -17,7 +17,7 @@ from ..answer.answer import Answer, Status
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
 from ..errors import InvalidInput
-from ..files.validation import shown
+from ..files.documents import shown
 from ..plugins import foreign
 from ..problem import Problem
 from .answer import Acceptance, Claim, Kind, kind_of

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InvalidInput, not_installed
-from ..files.archive import array_of
-from ..files.arrays import Array
+from ..files.arrays import Array, array_of
 from ..files.documents import read_bytes
 from .grid_file import table
 from .mesh_file import MOST_BYTES

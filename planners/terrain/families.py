@@ -23,7 +23,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked
-from ..files.validation import shown
+from ..files.documents import shown
 from ..plugins import Registry, split_name, takes
 from .family import SCENE, WIDE, Draw, Family, Shape
 from .patch import Patch

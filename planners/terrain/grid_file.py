@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InvalidInput, not_installed
-from ..files.archive import array_of, unpacked
-from ..files.arrays import Array, checked
-from ..files.documents import decoded, read_bytes
-from ..files.validation import shown
+from ..files.arrays import Array, array_of, checked, unpacked
+from ..files.documents import decoded, read_bytes, shown
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS
 from .import_options import ImportOptions

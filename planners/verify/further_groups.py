@@ -15,7 +15,7 @@ from functools import cache
 from ..answer.plan import Plan
 from ..answer.report import Group
 from ..errors import InvalidInput
-from ..files.validation import shown
+from ..files.documents import shown
 from ..plugins import Registry, foreign, takes
 
 FURTHER: Registry[Callable[[Plan], Group]] = Registry(

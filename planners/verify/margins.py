@@ -30,7 +30,7 @@ import numpy as np
 from ..answer.plan import Plan
 from ..answer.report import Group
 from ..files.arrays import Array
-from ..files.columns import Columns
+from ..files.codec import Columns
 from ..problem.problem import Problem, Stance
 from .geometry import contact_frames, cross
 

@@ -26,7 +26,7 @@ import clarabel
 import numpy as np
 
 from ..files.arrays import Array
-from ..files.columns import Columns
+from ..files.codec import Columns
 from .geometry import cross, length
 from .lagrangian import Numbers
 from .stances import Index

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from ..arguments import cached_property
 from ..errors import InvalidInput, PlanningFailed
-from ..files.archive import read_archive
-from ..files.arrays import Array, checked, read_only
+from ..files.arrays import Array, checked, read_archive, read_only
 from ..files.writing import write_bytes
 from ..terrain.bspline import CubicBasis
 from ..terrain.heightfield import HeightField

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Self
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 
 from ..worlds.ros.bridge import RosLink
 from ..worlds.ros.estop import BOOL, Estop

@@ -21,8 +21,7 @@ from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.validation import shown, validated
+from stancekit.planners.files.documents import read_yaml, shown, validated
 
 FORMAT: Literal["stancekit/simulation/1"] = "stancekit/simulation/1"
 MOST_N_M = 1e7

@@ -12,7 +12,7 @@ import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, checked, checked_name
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo
 

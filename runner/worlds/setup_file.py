@@ -13,8 +13,7 @@ import yaml
 from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.validation import shown, validated
+from stancekit.planners.files.documents import read_yaml, shown, validated
 from stancekit.planners.files.writing import write_text
 
 

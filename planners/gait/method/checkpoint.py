@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...files.archive import read_archive
-from ...files.arrays import Array
+from ...files.arrays import Array, read_archive
 from ...files.writing import remove_leftovers, write_bytes
 from ...problem.walk import Walk
 from ..task import GaitSettings

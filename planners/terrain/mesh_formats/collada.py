@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidInput
 from ...files.arrays import Array
-from ...files.documents import parse_xml
-from ...files.validation import shown
+from ...files.documents import parse_xml, shown
 from .numbers import (
     Surface,
     Triangles,

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidInput
 from ...files.arrays import Array
-from ...files.documents import decoded, parse_json
-from ...files.validation import shown
+from ...files.documents import decoded, parse_json, shown
 from .numbers import Surface, broken, check_count, fans, joined, strip
 from .placement import checked_matrix, moved, turn_of
 

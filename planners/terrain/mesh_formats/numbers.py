@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidInput
 from ...files.arrays import Array
-from ...files.validation import shown
+from ...files.documents import shown
 
 Triangles: TypeAlias = NDArray[np.int_]
 Surface: TypeAlias = tuple[Array, Triangles]

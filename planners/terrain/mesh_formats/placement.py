@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...files.arrays import Array
-from ...files.validation import shown
+from ...files.documents import shown
 from .numbers import broken
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...files.arrays import Array
-from ...files.validation import shown
+from ...files.documents import shown
 from .numbers import MOST_TRIANGLES, Surface, broken, check_count, fans, reals, wholes
 
 HEAD_BYTES = 65_536

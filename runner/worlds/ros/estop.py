@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 
 from ..settings import EstopCheck
 from .bridge import RosLink

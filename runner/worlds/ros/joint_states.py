@@ -13,7 +13,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import LARGEST, Array
-from stancekit.planners.files.validation import shown
+from stancekit.planners.files.documents import shown
 
 from .clock import RobotClock, stamp_of
 from .setup import Mapping

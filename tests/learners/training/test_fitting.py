@@ -23,7 +23,7 @@ from stancekit.learners.training.fitting import (
 )
 from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import typed
+from stancekit.planners.files.documents import typed
 from tests.refusals import refuses
 
 SETTINGS = FitSettings(

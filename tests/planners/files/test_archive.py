@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.archive import array_of, unpacked
+from stancekit.planners.files.arrays import array_of, unpacked
 from tests.damage import bombs
 from tests.refusals import refuses
 

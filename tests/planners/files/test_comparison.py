@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from stancekit.planners.files.comparison import SAME, first_difference
+from stancekit.planners.files.writing import SAME, first_difference
 
 VALUE: dict[str, Any] = {
     "name": "walls",

@@ -14,8 +14,8 @@ from stancekit.planners.files.documents import (
     parse_json,
     parse_yaml,
     read_bytes,
+    shown,
 )
-from stancekit.planners.files.validation import shown
 from tests.damage import bombs
 from tests.refusals import assert_names
 

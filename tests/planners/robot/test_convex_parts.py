@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.embedded import embedded
+from stancekit.planners.files.codec import embedded
 from stancekit.planners.robot.convex_parts import MOST_PARTS, convex_parts
 from stancekit.planners.robot.hulls import (
     hull_corners,
