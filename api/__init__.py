@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from .planners.answer.trajectory import Trajectory as Trajectory
     from .planners.errors import InvalidInput as InvalidInput
     from .planners.errors import StancekitError as StancekitError
-    from .planners.formats.file_check import FileCheck as FileCheck
+    from .planners.formats.motion_file import FileCheck as FileCheck
     from .planners.leap.finder import LeapFinder as LeapFinder
     from .planners.problem.contact import Contact as Contact
     from .planners.problem.leap import Leap as Leap

@@ -16,7 +16,7 @@ from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.file_check import FileCheck
+from stancekit.planners.formats.motion_file import FileCheck
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.verify import Explanation, check_certificate, check_plan

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from stancekit.envs.data.leap_tries import LeapTries
     from stancekit.learners.data.labelling import RecheckReport
     from stancekit.planners.answer.trajectory import Trajectory
-    from stancekit.planners.formats.file_check import FileCheck
+    from stancekit.planners.formats.motion_file import FileCheck
     from stancekit.planners.terrain.patch import Patch
 
 FRICTION = 0.75
@@ -130,7 +130,7 @@ def check_file(
         raise InvalidInput(
             "tolerance: expected none with a gait, whose groups have limits of their own"
         )
-    from stancekit.planners.formats.file_check import FileCheck
+    from stancekit.planners.formats.motion_file import FileCheck
     from stancekit.planners.robot.walker import named_walker
 
     report = trajectory_file.check_file(path, robot=None if robot is None else named_walker(robot))
@@ -148,8 +148,7 @@ def _check_motion(
         course: course, as ``plan`` takes it, whose patches are the terrain, and whose robot is
             taken if no other is given.
     """
-    from stancekit.planners.formats.file_check import FileCheck
-    from stancekit.planners.formats.motion_file import read_motion
+    from stancekit.planners.formats.motion_file import FileCheck, read_motion
     from stancekit.planners.physics import GRAVITY_M_S2
     from stancekit.planners.verify.motions import check_motion
     from stancekit.runner.export.mjcf import read_keys
@@ -284,7 +283,7 @@ def check_answers(
         InvalidInput: for another number of answers than of problems; a record that cannot be read
             is "invalid".
     """
-    from stancekit.planners.formats.answer_file import json_records, read_problems  # slow to import
+    from stancekit.planners.formats.plan_file import json_records, read_problems  # slow to import
 
     problems_read, claims = list(read_problems(*problems)), list(json_records(*answers))
     if len(problems_read) != len(claims):
@@ -304,7 +303,7 @@ def check_answers(
 
 def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
     """Verdict on an answer; where the answer lacks its evidence, the verdict says so."""
-    from stancekit.planners.formats.answer_file import answer_from_json  # slow to import
+    from stancekit.planners.formats.plan_file import answer_from_json  # slow to import
 
     answer, status = answer_from_json(claim, problem), _status(claim)
     kind, expected = None if answer is None else type(answer), EVIDENCE[status]

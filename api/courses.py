@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.documents import shown
-from stancekit.planners.formats.partial_plan import PartialPlan
+from stancekit.planners.formats.plan_file import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative

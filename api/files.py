@@ -17,7 +17,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml, shown
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats import crossing_file, leap_file, plan_file, proof_file
-from stancekit.planners.formats.answer_file import (
+from stancekit.planners.formats.plan_file import (
     read_envelopes,
     read_modes,
     read_problems,

@@ -682,7 +682,7 @@ class PlanCourse:
 
         boxes = None
         if self.envelope is not None:
-            from stancekit.planners.formats.answer_file import read_boxes  # slow to import
+            from stancekit.planners.formats.plan_file import read_boxes  # slow to import
 
             boxes = read_boxes(self.envelope)
         planner_settings = {

@@ -58,7 +58,7 @@ Boxes = EnvelopeSet | Sequence[EnvelopeSet | str | Path] | Modes | LearnedSelect
 file of these."""
 READERS: Mapping[str, str] = MappingProxyType(
     {
-        ".json": "stancekit.planners.formats.answer_file:read_boxes",
+        ".json": "stancekit.planners.formats.plan_file:read_boxes",
         ".safetensors": "stancekit.learners.selectors.selector:load_selector",
         "": "stancekit.learners.selectors.selector:load_selector",  # the name of one that ships
     }

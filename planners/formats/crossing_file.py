@@ -18,8 +18,8 @@ from ..files.writing import write_text
 from ..problem.leap_names import is_leap
 from ..verify import check_plan
 from ..verify.crossings import check_crossing
-from .file_check import FileCheck
 from .leap_file import leap_content, leap_from
+from .motion_file import FileCheck
 from .plan_file import plan_content, plan_from
 from .proof_file import proof_content, proof_from
 

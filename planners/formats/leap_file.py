@@ -25,7 +25,7 @@ from ..problem.leap_json import leap_from_keys, leap_to_json
 from ..problem.leap_names import is_drawn, is_leap
 from ..verify import check_certificate, explain
 from ..verify.leaps import check_leap
-from .file_check import FileCheck
+from .motion_file import FileCheck
 
 PLAN = ("timing", "choice", *NUMBERS, "provenance")
 

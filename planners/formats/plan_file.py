@@ -9,29 +9,169 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..answer.certificate import Certificate
 from ..answer.plan import Plan
 from ..answer.report import OPTIONAL, WHOLE_BODY, plan_arrays, plan_digest, plan_shapes
 from ..errors import InvalidInput
-from ..files.arrays import unpacked
+from ..files.arrays import plain_numbers, unpacked
 from ..files.codec import embedded, extracted
-from ..files.documents import read_json, shown
-from ..files.writing import check_writable, write_text
+from ..files.documents import parse_json, read_json, shown
+from ..files.writing import check_writable, remove_leftovers, write_text
 from ..problem import Problem
 from ..problem.course_comparison import course_difference
+from ..relaxation.envelope import EnvelopeSet
+from ..relaxation.modes import Modes
+from ..robot import Robot
 from ..robot.urdf import joint_names
+from ..search.plan_window import beginning, course_window
 from ..verify import Report, check_plan
-from .file_check import FileCheck
+from .motion_file import FileCheck
 
 if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel
+
+
+Read = TypeVar("Read")
+MOST_RECORDS = 500_000
+"""Most records of a file of JSON lines."""
+
+
+def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
+    """Yield (where, value) for every record in a text that is one JSON object, an array of them, or
+    JSON lines.
+
+    A record that cannot be parsed is yielded as its InvalidInput, and the rest still come. A text
+    that is no JSON as a whole is taken for JSON lines where a line that is not indented is an
+    object, unless it begins as an array does. Raises InvalidInput for more than ``MOST_RECORDS``
+    lines.
+    """
+    if text.count("\n") > MOST_RECORDS:
+        raise InvalidInput(
+            f"{where}: expected {MOST_RECORDS} lines or fewer, got {text.count(chr(10))}"
+        )
+    try:
+        whole = parse_json(text, where)
+    except InvalidInput as error:
+        lines = [
+            (f"{where} line {n}", line)
+            for n, line in enumerate(text.split("\n"), 1)
+            if line.strip()
+        ]
+        objects = (
+            line for _, line in lines if line[0] == "{" and isinstance(_parsed(line, where), dict)
+        )
+        if len(lines) < 2 or text.lstrip()[0] == "[" or not any(objects):
+            yield where, error
+            return
+        for place, line in lines:
+            yield place, _parsed(line, place)
+        return
+    if not isinstance(whole, list):
+        yield where, whole
+        return
+    if not whole:
+        yield where, InvalidInput(f"{where}: expected one or more problems, got an empty array")
+    for index, item in enumerate(whole):
+        yield f"{where}[{index}]", item
+
+
+def read_problems(
+    text: str, where: str, *, robot: Robot | None = None
+) -> Iterator[tuple[str, Problem | InvalidInput]]:
+    """Yield (where, problem or its InvalidInput) for every posture problem in a text, in order."""
+    for place, item in json_records(text, where):
+        if isinstance(item, InvalidInput):
+            yield place, item
+            continue
+        try:
+            yield place, Problem.from_json(item, robot=robot)
+        except InvalidInput as error:
+            yield place, InvalidInput(f"{place}: {error}")
+
+
+def read_envelopes(path: str | Path) -> EnvelopeSet:
+    """Read an envelope file.
+
+    Raises InvalidInput.
+    """
+    return _located(path, lambda: EnvelopeSet.from_json(read_json(path)))
+
+
+def read_modes(path: str | Path) -> Modes:
+    """Read a file of modes.
+
+    Raises InvalidInput.
+    """
+    return _located(path, lambda: Modes.from_json(read_json(path)))
+
+
+def read_boxes(path: str | Path) -> EnvelopeSet | Modes:
+    """Read an envelope file, or one of modes.
+
+    Raises InvalidInput.
+    """
+    data = read_json(path)
+    return (
+        read_modes(path)
+        if isinstance(data, dict) and data.get("format") == Modes.FORMAT
+        else read_envelopes(path)
+    )
+
+
+def answer_from_json(data: Any, problem: Problem) -> Plan | Certificate | None:
+    """Read what a line of answers claims of a posture problem: a plan, a certificate, or nothing to
+    check.
+
+    Raises InvalidInput.
+    """
+    if not isinstance(data, dict):
+        raise InvalidInput(f"expected a JSON object, got {type(data).__name__}")
+    if data.get("certificate") is not None:
+        return Certificate.from_json(data["certificate"]).of(problem)
+    names: tuple[str, ...] = ("com_m", "rotation_rad", "toes_m", "forces_n")
+    if not any(name in data for name in names):
+        return None
+    missing = [name for name in names if name not in data]
+    if missing:
+        raise InvalidInput(f"{missing[0]}: expected this key, got nothing")
+    names += tuple(name for name in ("points_m", "point_forces_n") if name in data)
+    try:
+        arrays = {name: plain_numbers(data[name]) for name in names}
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(
+            f"{', '.join(names)}: expected lists of numbers, got something else"
+        ) from None
+    return Plan.of_posture(problem, **arrays)
+
+
+def write_boxes(path: str | Path, envelopes: EnvelopeSet | Modes) -> None:
+    """Write an envelope file, or one of modes."""
+    write_text(path, json.dumps(envelopes.to_json(), indent=1) + "\n")
+
+
+def _parsed(text: str, where: str) -> Any | InvalidInput:
+    try:
+        return parse_json(text, where)
+    except InvalidInput as error:
+        return error
+
+
+def _located(path: str | Path, read: Callable[[], Read]) -> Read:
+    try:
+        return read()
+    except InvalidInput as error:
+        text = str(error)
+        raise InvalidInput(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
 
 __all__ = [
     "FORMAT",
@@ -326,3 +466,54 @@ def _check_numbers(path: str, numbers: Mapping[str, NDArray[Any]], course: Probl
             )
         if not np.isfinite(array).all():
             raise InvalidInput(f"{path}: {name}: expected finite numbers, got others")
+
+
+class PartialPlan:
+    """The beginning of a course's plan, in a file that is written as its pieces are planned.
+
+    Arguments:
+        path: of the file, None keeps nothing. A run goes on from what stands there already as far
+            as it begins the same course, and if the verifier accepts all of it anew, joints and
+            bodies too; else it counts for nothing, and is written over.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = None if path is None else check_name(path)
+
+    def begun(self, course: Problem) -> Plan | None:
+        """The plan of the course's beginning that an earlier run left; None where there is none."""
+        if self._path is None or not self._path.exists():
+            return None
+        with suppress(InvalidInput):
+            plan, _ = read_plan(self._path)
+            last = 0 if plan.joints_rad is None else _shared(course, plan.problem)
+            if last > 0:
+                plan = plan if last == plan.problem.frames - 1 else beginning(plan, last)
+                return plan if check_plan(plan, joints=True).accepted else None
+        return None
+
+    def keep(self, plan: Plan) -> None:
+        """Write the beginning that there is."""
+        if self._path is not None:
+            write_plan(self._path, plan, check_plan(plan))
+
+    def remove(self) -> None:
+        """The course is planned: nothing is left."""
+        if self._path is not None:
+            with suppress(OSError):
+                self._path.unlink(missing_ok=True)
+            remove_leftovers(self._path.parent, self._path.name.__eq__)
+
+
+def _shared(course: Problem, other: Problem) -> int:
+    """The last key frame up to which two courses are one; 0 where they begin otherwise."""
+
+    def same(last: int) -> bool:
+        one, two = (json.dumps(course_window(each, 0, last).to_json()) for each in (course, other))
+        return one == two
+
+    first, last = 0, min(course.frames, other.frames) - 1
+    while first < last:
+        middle = (first + last + 1) // 2
+        first, last = (middle, last) if same(middle) else (first, middle - 1)
+    return first

@@ -19,7 +19,7 @@ from ..problem.leap import Leap
 from ..problem.passage import Passage
 from ..problem.posture import FORMAT as POSTURE
 from ..verify import check_certificate, explain
-from .file_check import FileCheck
+from .motion_file import FileCheck
 
 FORMAT = "stancekit/proof/1"
 KEYS = ("format", "subject", "tree", "multipliers")

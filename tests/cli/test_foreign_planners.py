@@ -12,7 +12,7 @@ import pytest
 import stancekit as library
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.formats.answer_file import answer_from_json
+from stancekit.planners.formats.plan_file import answer_from_json
 from stancekit.planners.problem import Problem
 from stancekit.planners.search import methods
 from stancekit.planners.verify import check_certificate, check_plan

@@ -22,8 +22,7 @@ pytest.importorskip("mcap")
 from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
 from stancekit.cli.run import RunMotion
-from stancekit.planners.formats.answer_file import write_boxes
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.plan_file import write_boxes, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.robot import hexapod

@@ -21,8 +21,7 @@ from stancekit.learners.selectors.network import Architecture, BoxNetwork, Choic
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.formats.answer_file import write_boxes
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.plan_file import write_boxes, write_plan
 from stancekit.planners.formats.proof_file import write_proof
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.problem.course_file import read_course, spec_from

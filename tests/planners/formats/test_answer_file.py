@@ -20,7 +20,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import parse_json, read_text
 from stancekit.planners.files.writing import write_bytes, write_text
-from stancekit.planners.formats.answer_file import (
+from stancekit.planners.formats.plan_file import (
     answer_from_json,
     json_records,
     read_envelopes,

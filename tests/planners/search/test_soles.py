@@ -16,8 +16,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.answer_file import answer_from_json
-from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
+from stancekit.planners.formats.plan_file import answer_from_json, check_file, read_plan, write_plan
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.problem import Foothold
