@@ -80,7 +80,7 @@ def _map(one: Attempted) -> Callable[[Array], Array] | None:
     """The map of the chart that a walk was found in, None for charts without."""
     import numpy as np
 
-    from stancekit.planners.gait.charts.pushforward import Pushforward
+    from stancekit.planners.gait.charts.warped import Pushforward
 
     chart = one.solution.program.structure.chart
     if chart.scales:

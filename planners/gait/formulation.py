@@ -13,7 +13,7 @@ from ..problem.walk import Walk
 from ..warp.conformal import flatten
 from ..warp.spline_map import SplineMap
 from .charts import CHARTS
-from .charts.shear import Shear
+from .charts.warped import Shear
 from .constraints.cone import cone
 from .constraints.contact import contact
 from .constraints.durations import durations

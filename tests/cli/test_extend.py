@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 import stancekit
-from stancekit.planners.gait.charts.shear import Shear
+from stancekit.planners.gait.charts.warped import Shear
 from stancekit.planners.projection.project import project
 from stancekit.planners.terrain.polygon import surface_patch
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from ...plugins import Registry
 
 if TYPE_CHECKING:
-    from .chart import Chart
+    from .warped import Chart
 
 
 def _is_chart(thing: Any) -> bool:
-    from .chart import Chart
+    from .warped import Chart
 
     return isinstance(thing, type) and issubclass(thing, Chart)
 
@@ -22,9 +22,9 @@ CHARTS: Registry[type[Chart]] = Registry(
     "chart",
     "stancekit.charts",
     {
-        "ambient": "stancekit.planners.gait.charts.ambient:Ambient",
-        "shear": "stancekit.planners.gait.charts.shear:Shear",
-        "decoupled": "stancekit.planners.gait.charts.decoupled:DecoupledChart",
+        "ambient": "stancekit.planners.gait.charts.warped:Ambient",
+        "shear": "stancekit.planners.gait.charts.warped:Shear",
+        "decoupled": "stancekit.planners.gait.charts.warped:DecoupledChart",
         "warped": "stancekit.planners.gait.charts.warped:Warped",
         "warped-exact": "stancekit.planners.gait.charts.warped:WarpedExact",
     },

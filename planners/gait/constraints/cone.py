@@ -16,7 +16,7 @@ import casadi as cs
 import numpy as np
 
 from ...files.arrays import Array
-from ..charts.chart import Chart
+from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel
 from ..transcription.taylor import ExpansionPoint
 from ..variables.layout import NOTHING

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array, vstack
 from ...files.arrays import Array
 from ...physics import GRAVITY_M_S2
 from ...robot.model import Robot
-from ..charts.chart import Chart
+from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows, Selection, VariableGroup
 from ..transcription.taylor import ExpansionPoint
 from ..variables.structure import Structure

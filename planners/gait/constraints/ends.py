@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ...files.arrays import Array
-from ..charts.chart import Chart
+from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel
 from ..transcription.taylor import ExpansionPoint
 from ..variables.layout import NOTHING, Index

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..charts.chart import Chart
+from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows
 from ..transcription.taylor import ExpansionPoint
 from ..variables.structure import Structure

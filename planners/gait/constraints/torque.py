@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...files.arrays import Array
-from ..charts.chart import Chart
+from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows, VariableGroup
 from ..transcription.taylor import ExpansionPoint
 from ..variables.structure import Structure

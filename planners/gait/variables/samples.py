@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...answer.trajectory import Trajectory
 from ...files.arrays import Array
-from ..charts.pushforward import Pushforward
+from ..charts.warped import Pushforward
 from .structure import Structure
 
 

@@ -10,7 +10,7 @@ from ...arguments import cached_property
 from ...errors import InvalidInput
 from ...files.arrays import Array
 from ...problem.walk import Walk
-from ..charts.chart import Chart
+from ..charts.warped import Chart
 from ..task import GaitSettings
 from ..transcription.blocks import Rows, Selection, VariableGroup
 from .layout import GaitLayout, Index

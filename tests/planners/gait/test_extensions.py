@@ -21,7 +21,7 @@ from stancekit.planners.terrain.reference import TERRAINS, named_terrain
 CHART = '''
 """The shear with the torso's height counted from elsewhere: the same walk, other numbers."""
 
-from stancekit.planners.gait.charts.shear import Shear
+from stancekit.planners.gait.charts.warped import Shear
 
 
 class Lifted(Shear):

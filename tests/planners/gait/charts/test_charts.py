@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.charts.pushforward import Pushforward
+from stancekit.planners.gait.charts.warped import Pushforward
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.method.guess import GuessedWalk

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.gait.charts.ambient import Ambient
-from stancekit.planners.gait.charts.rotations import euler, shear_rotation
+from stancekit.planners.gait.charts.warped import Ambient, euler, shear_rotation
 from stancekit.planners.gait.constraints.dynamics import centred, newton_euler, printed, wrench
 from stancekit.planners.gait.method.guess import euler_angles
 from stancekit.planners.physics import GRAVITY_M_S2
