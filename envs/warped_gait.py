@@ -26,7 +26,7 @@ from stancekit.planners.files.documents import shown, typed
 from stancekit.planners.files.writing import first_difference, write_bytes
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.single_body import anymal

@@ -28,11 +28,10 @@ from stancekit.planners.files.arrays import LARGEST
 from stancekit.planners.files.documents import check_fields, read_json, shown, validated
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.gait.charts import CHARTS
-from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.gait_program import formulate
 from stancekit.planners.gait.method.budget import SolveBudget
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
-from stancekit.planners.gait.task import GaitSettings
-from stancekit.planners.gait.walk_table import read_walk, walk_names
+from stancekit.planners.gait.walk_table import GaitSettings, read_walk, walk_names
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain import reference

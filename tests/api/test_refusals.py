@@ -13,7 +13,7 @@ import pytest
 
 import stancekit
 import stancekit.envs
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import SETTINGS
 from stancekit.postures import planner_of

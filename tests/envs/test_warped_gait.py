@@ -25,7 +25,7 @@ from stancekit.envs.warped_gait import (
 )
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

@@ -14,7 +14,7 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import hexapod_walker

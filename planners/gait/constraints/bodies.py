@@ -17,7 +17,7 @@ from ...files.arrays import Array
 from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows, VariableGroup
 from ..transcription.taylor import ExpansionPoint
-from ..variables.structure import Structure
+from ..variables import Structure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,8 +19,7 @@ from ...files.arrays import Array
 from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel
 from ..transcription.taylor import ExpansionPoint
-from ..variables.layout import NOTHING
-from ..variables.structure import Structure
+from ..variables import NOTHING, Structure
 
 TIP = 1e-3
 """ε, in units of m·g: a standing foot presses with ε/ν at least, but for the ends of its stance."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..transcription.blocks import Block, Constraint
 from ..transcription.taylor import ExpansionPoint
-from ..variables.structure import Structure
+from ..variables import Structure
 
 
 def contact(structure: Structure) -> Constraint | None:

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array, vstack
 
 from ..transcription.blocks import Block
 from ..transcription.taylor import ExpansionPoint
-from ..variables.structure import Structure
+from ..variables import Structure
 from .dynamics import UP, inertia_block
 
 

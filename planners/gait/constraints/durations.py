@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ..transcription.blocks import Constraint
-from ..variables.structure import Structure
+from ..variables import Structure
 
 SHORTEST_S = 0.1
 """No phase gets shorter than this [s]."""

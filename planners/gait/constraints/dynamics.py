@@ -19,7 +19,7 @@ from ...robot.model import Robot
 from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows, Selection, VariableGroup
 from ..transcription.taylor import ExpansionPoint
-from ..variables.structure import Structure
+from ..variables import Structure
 
 UP = (0.0, 0.0, 1.0)
 

@@ -13,8 +13,7 @@ from ...files.arrays import Array
 from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel
 from ..transcription.taylor import ExpansionPoint
-from ..variables.layout import NOTHING, Index
-from ..variables.structure import Structure
+from ..variables import NOTHING, Index, Structure
 
 
 def still_start(structure: Structure) -> Constraint:

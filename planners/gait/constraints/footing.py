@@ -20,7 +20,7 @@ from ...problem.walk import Walk
 from ...terrain.heightfield import HeightField
 from ..transcription.blocks import Block, Constraint
 from ..transcription.taylor import ExpansionPoint, TaylorMap
-from ..variables.structure import Structure
+from ..variables import Structure
 
 SHARE = 0.6
 """The usual share of the slope on which friction holds that ground about feet may have."""

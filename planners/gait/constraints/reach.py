@@ -8,7 +8,7 @@ import numpy as np
 from ..charts.warped import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows
 from ..transcription.taylor import ExpansionPoint
-from ..variables.structure import Structure
+from ..variables import Structure
 
 
 def reach(structure: Structure) -> Constraint:

@@ -12,8 +12,7 @@ import numpy as np
 
 from ..transcription.blocks import Block, Constraint, Features, VariableGroup
 from ..transcription.taylor import ExpansionPoint
-from ..variables.splines import hermite
-from ..variables.structure import Structure
+from ..variables import Structure, hermite
 
 
 def swing(structure: Structure) -> tuple[Constraint, ...]:

@@ -16,7 +16,7 @@ from ...files.arrays import Array
 from ..method.guess import GuessedWalk
 from ..transcription.blocks import Block, Constraint, Rows, VariableGroup
 from ..transcription.taylor import ExpansionPoint, TaylorMap
-from ..variables.structure import Structure
+from ..variables import Structure
 
 SPACING_M = 0.09
 """Points of the lower face are at most this far apart along the trunk, and twice as far across."""

@@ -20,9 +20,8 @@ from ...verify.trajectories import check_trajectory
 from ...warp.conformal import flatten
 from ...warp.spline_map import SplineMap
 from ..charts import CHARTS
-from ..formulation import formulate, sure
-from ..gait_program import GaitProgram, GaitSolution
-from ..task import GaitSettings
+from ..gait_program import GaitProgram, GaitSolution, formulate, sure
+from ..walk_table import GaitSettings
 
 Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
 """Called at every iteration with the attempt, the iteration over all its solves, the largest

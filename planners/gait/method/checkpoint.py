@@ -18,7 +18,7 @@ import numpy as np
 from ...files.arrays import Array, read_archive
 from ...files.writing import remove_leftovers, write_bytes
 from ...problem.walk import Walk
-from ..task import GaitSettings
+from ..walk_table import GaitSettings
 from .attempt import Attempt, Attempted
 
 DONE, CUT, ROUND = "done", "cut", "round"

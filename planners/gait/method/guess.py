@@ -8,8 +8,7 @@ import numpy as np
 
 from ...files.arrays import Array
 from ..constraints.footing import sure_xy
-from ..variables.layout import NOTHING, Index
-from ..variables.structure import Structure
+from ..variables import NOTHING, Index, Structure
 
 RAMP = 0.15
 """Share of the time in which a walk gets up to speed, and in which it slows down."""

@@ -41,11 +41,10 @@ from ..constraints.dynamics import dynamics
 from ..constraints.reach import reach
 from ..constraints.torque import LegLoads, torque
 from ..forbidden import forbidden
-from ..formulation import terms
-from ..gait_program import GaitProgram, GaitSolution
-from ..task import GaitSettings
+from ..gait_program import GaitProgram, GaitSolution, terms
 from ..transcription.blocks import Block, Constraint
-from ..variables.structure import Structure
+from ..variables import Structure
+from ..walk_table import GaitSettings
 from .attempt import Attempt, Attempted, Homotopy, Progress, Workbench
 from .budget import SolveBudget, SolveRecord
 from .checkpoint import FAILED, Checkpoint

@@ -27,7 +27,7 @@ from ...problem.candidates import NoPlace
 from ...problem.guide_path import Footprint, GuidePath, guide_over
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
-from ..task import GaitSettings
+from ..walk_table import GaitSettings
 from .attempt import Attempt, Attempted, Progress
 from .budget import SolveRecord, cpu_s
 from .checkpoint import CUT, DONE, ROUND, Checkpoint

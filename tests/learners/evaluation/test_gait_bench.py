@@ -23,7 +23,7 @@ from stancekit.learners.evaluation.gait_bench import (
     table,
 )
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from tests.refusals import refuses
 
 FAST = GaitBenchSettings(

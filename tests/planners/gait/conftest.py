@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.gait_program import GaitProgram, formulate
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

@@ -11,8 +11,8 @@ from stancekit.envs.warped_gait import WarpedGaitEnv
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.trajectory_file import check_file
 from stancekit.planners.gait.charts import CHARTS
-from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.gait_program import formulate
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

@@ -9,7 +9,7 @@ import pytest
 
 from stancekit.planners.gait.forbidden import GradientBoxes, forbidden
 from stancekit.planners.gait.method.portfolio import plan_gait
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField

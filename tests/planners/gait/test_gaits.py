@@ -5,7 +5,7 @@ import pytest
 
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.gait_program import formulate
 from stancekit.planners.gait.method.smoothing import smoothed
 from stancekit.planners.problem.gaits import GAITS
 from stancekit.planners.problem.walk import Walk

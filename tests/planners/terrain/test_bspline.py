@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from stancekit.planners.gait.variables.splines import clamped_knots
+from stancekit.planners.gait.variables import clamped_knots
 from stancekit.planners.terrain.bspline import cubics, rows_of
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.charts.warped import Pushforward
-from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.gait_program import GaitProgram
+from stancekit.planners.gait.gait_program import GaitProgram, formulate
 from stancekit.planners.gait.method.guess import GuessedWalk
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.foot import Foot
 from stancekit.planners.robot.model import Robot

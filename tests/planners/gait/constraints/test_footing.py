@@ -7,9 +7,8 @@ import pytest
 
 from stancekit.planners.answer.trajectory import OFF_M
 from stancekit.planners.gait.constraints.footing import SHARE, slope_about, sure_xy
-from stancekit.planners.gait.formulation import formulate, sure
-from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.gait_program import GaitProgram, formulate, sure
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

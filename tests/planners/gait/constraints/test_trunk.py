@@ -6,9 +6,8 @@ from itertools import product
 import numpy as np
 
 from stancekit.planners.gait.constraints.trunk import lower_face, near
-from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.variables.structure import Structure
+from stancekit.planners.gait.gait_program import GaitProgram, formulate
+from stancekit.planners.gait.variables import Structure
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.reference import reference_terrain

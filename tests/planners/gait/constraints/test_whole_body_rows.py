@@ -12,11 +12,10 @@ import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.gait.constraints.bodies import Overlaps, apart
-from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.gait_program import GaitProgram
+from stancekit.planners.gait.gait_program import GaitProgram, formulate
 from stancekit.planners.gait.method.portfolio import Checks, DenseProgram, densified, leg_loads
-from stancekit.planners.gait.task import GaitSettings
-from stancekit.planners.gait.variables.samples import sampled
+from stancekit.planners.gait.variables import sampled
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory

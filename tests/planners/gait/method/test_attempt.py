@@ -11,7 +11,7 @@ import pytest
 
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
 from stancekit.planners.gait.method.checkpoint import FAILED, Checkpoint
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

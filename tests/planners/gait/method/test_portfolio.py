@@ -15,7 +15,7 @@ from stancekit.planners.gait.method.budget import SolveBudget, cpu_s
 from stancekit.planners.gait.method.checkpoint import Checkpoint
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.formulation import GaitProgram
+from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.method.smoothing import Smoothing, peak_g, smoothed
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.refusals import refuses

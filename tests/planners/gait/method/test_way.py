@@ -11,7 +11,7 @@ from stancekit.planners.gait.method import way
 from stancekit.planners.gait.method.checkpoint import CUT, DONE, ROUND, Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, default_attempts
 from stancekit.planners.gait.method.way import guided, pieces_of, plan_walk
-from stancekit.planners.gait.task import GaitSettings
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.candidates import NoPlace
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField

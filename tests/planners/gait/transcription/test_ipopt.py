@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import PlanningFailed
-from stancekit.planners.gait.formulation import GaitProgram
-from stancekit.planners.gait.gait_program import Costs, GaitSolution
+from stancekit.planners.gait.gait_program import Costs, GaitProgram, GaitSolution
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
 from stancekit.planners.gait.transcription.taylor import TaylorMap
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -29,7 +28,7 @@ Walked = Callable[..., tuple[GaitProgram, GaitSolution]]
 
 ITERATES = """
 import hashlib, numpy as np
-from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.gait_program import formulate
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.gait.formulation import GaitProgram
-from stancekit.planners.gait.variables.samples import sampled
+from stancekit.planners.gait.gait_program import GaitProgram
+from stancekit.planners.gait.variables import sampled
 from stancekit.planners.physics import GRAVITY_M_S2
 
 Build = Callable[..., GaitProgram]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, CubicHermiteSpline
 
-from stancekit.planners.gait.variables.splines import (
+from stancekit.planners.gait.variables import (
     clamped_basis,
     clamped_knots,
     clamped_symbolic,
