@@ -19,16 +19,22 @@ from ..warp.conformal import flatten
 from ..warp.spline_map import SplineMap
 from .charts import CHARTS
 from .charts.warped import Shear
-from .constraints.cone import cone
-from .constraints.contact import contact
-from .constraints.cost import acceleration, force_rate
-from .constraints.durations import durations
-from .constraints.dynamics import dynamics
-from .constraints.ends import goal, heading_end, poised, start, still_end, still_start
-from .constraints.footing import SHARE, footing, slope_about
-from .constraints.reach import reach
-from .constraints.swing import swing
-from .constraints.trunk import trunk
+from .constraints.dynamics import (
+    acceleration,
+    cone,
+    contact,
+    durations,
+    dynamics,
+    force_rate,
+    goal,
+    heading_end,
+    poised,
+    start,
+    still_end,
+    still_start,
+    trunk,
+)
+from .constraints.feet import SHARE, footing, reach, slope_about, swing
 from .method.guess import GuessedWalk, perturbed, terrain_following
 from .transcription.blocks import Constraint
 from .transcription.ipopt import Callback, Ipopt

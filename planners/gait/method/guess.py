@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...files.arrays import Array
-from ..constraints.footing import sure_xy
+from ..constraints.feet import sure_xy
 from ..variables import NOTHING, Index, Structure
 
 RAMP = 0.15

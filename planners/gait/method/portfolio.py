@@ -36,10 +36,8 @@ from ...verify.trajectories import check_trajectory, with_body
 from ...verify.trajectory_measurements import TrajectoryMeasurements
 from ...verify.trajectory_whole_body import WholeBodyMeasurements
 from ..charts import CHARTS
-from ..constraints.bodies import Overlaps, apart
-from ..constraints.dynamics import dynamics
-from ..constraints.reach import reach
-from ..constraints.torque import LegLoads, torque
+from ..constraints.dynamics import LegLoads, dynamics, torque
+from ..constraints.feet import Overlaps, apart, reach
 from ..forbidden import forbidden
 from ..gait_program import GaitProgram, GaitSolution, terms
 from ..transcription.blocks import Block, Constraint

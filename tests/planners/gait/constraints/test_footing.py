@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import OFF_M
-from stancekit.planners.gait.constraints.footing import SHARE, slope_about, sure_xy
+from stancekit.planners.gait.constraints.feet import SHARE, slope_about, sure_xy
 from stancekit.planners.gait.gait_program import GaitProgram, formulate, sure
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk

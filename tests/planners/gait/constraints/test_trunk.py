@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from stancekit.planners.gait.constraints.trunk import lower_face, near
+from stancekit.planners.gait.constraints.dynamics import lower_face, near
 from stancekit.planners.gait.gait_program import GaitProgram, formulate
 from stancekit.planners.gait.variables import Structure
 from stancekit.planners.problem.walk import Walk

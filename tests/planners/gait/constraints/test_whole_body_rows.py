@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.gait.constraints.bodies import Overlaps, apart
+from stancekit.planners.gait.constraints.feet import Overlaps, apart
 from stancekit.planners.gait.gait_program import GaitProgram, formulate
 from stancekit.planners.gait.method.portfolio import Checks, DenseProgram, densified, leg_loads
 from stancekit.planners.gait.variables import sampled

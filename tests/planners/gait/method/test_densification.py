@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.constraints.reach import reach
+from stancekit.planners.gait.constraints.feet import reach
 from stancekit.planners.gait.method.portfolio import (
     Checks,
     DenseProgram,

@@ -36,7 +36,7 @@ def away(program: GaitProgram) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # 
 def test_jacobian_and_hessian_agree_with_finite_differences(
     small: Build, monkeypatch: pytest.MonkeyPatch, chart: str, dynamics: str, timings: str
 ) -> None:
-    monkeypatch.setattr("stancekit.planners.gait.constraints.trunk.NEAR_M", 0.28)
+    monkeypatch.setattr("stancekit.planners.gait.constraints.dynamics.NEAR_M", 0.28)
     built = small(
         chart=chart, dynamics=dynamics, timings=timings, trunk_clearance_m=0.02, footing=0.6
     )
