@@ -36,9 +36,8 @@ from .constraints.dynamics import (
 )
 from .constraints.feet import SHARE, footing, reach, slope_about, swing
 from .method.guess import GuessedWalk, perturbed, terrain_following
-from .transcription.blocks import Constraint
-from .transcription.ipopt import Callback, Ipopt
-from .transcription.program import Program
+from .transcription.program import Callback, Ipopt, Program
+from .transcription.taylor import Constraint
 from .variables import Structure, sampled
 from .walk_table import GaitSettings
 

@@ -25,8 +25,7 @@ from ..problem.gaits import FootPhases
 from ..problem.walk import Walk
 from ..terrain.bspline import cubics, rows_of
 from .charts.warped import Chart, Pushforward
-from .transcription.blocks import Features, Rows, Selection, VariableGroup, identity
-from .transcription.taylor import TaylorMap
+from .transcription.taylor import Features, Rows, Selection, TaylorMap, VariableGroup, identity
 from .walk_table import GaitSettings
 
 DEGREE = 3

@@ -20,8 +20,16 @@ from ...physics import GRAVITY_M_S2
 from ...robot.model import Robot
 from ..charts.warped import Chart
 from ..method.guess import GuessedWalk
-from ..transcription.blocks import Block, Constraint, Kernel, Rows, Selection, VariableGroup
-from ..transcription.taylor import ExpansionPoint, TaylorMap
+from ..transcription.taylor import (
+    Block,
+    Constraint,
+    ExpansionPoint,
+    Kernel,
+    Rows,
+    Selection,
+    TaylorMap,
+    VariableGroup,
+)
 from ..variables import NOTHING, Index, Structure
 
 

@@ -20,8 +20,16 @@ from ...files.arrays import Array
 from ...problem.walk import Walk
 from ...terrain.heightfield import HeightField
 from ..charts.warped import Chart
-from ..transcription.blocks import Block, Constraint, Features, Kernel, Rows, VariableGroup
-from ..transcription.taylor import ExpansionPoint, TaylorMap
+from ..transcription.taylor import (
+    Block,
+    Constraint,
+    ExpansionPoint,
+    Features,
+    Kernel,
+    Rows,
+    TaylorMap,
+    VariableGroup,
+)
 from ..variables import Structure, hermite
 
 

@@ -40,7 +40,7 @@ from ..constraints.dynamics import LegLoads, dynamics, torque
 from ..constraints.feet import Overlaps, apart, reach
 from ..forbidden import forbidden
 from ..gait_program import GaitProgram, GaitSolution, terms
-from ..transcription.blocks import Block, Constraint
+from ..transcription.taylor import Block, Constraint
 from ..variables import Structure
 from ..walk_table import GaitSettings
 from .attempt import Attempt, Attempted, Homotopy, Progress, Workbench

@@ -21,7 +21,7 @@ import numpy as np
 from ...errors import PlanningFailed
 from ...files.arrays import Array, read_only
 from ..gait_program import GaitProgram, GaitSolution
-from ..transcription.ipopt import Callback
+from ..transcription.program import Callback
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection

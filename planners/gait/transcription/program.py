@@ -4,7 +4,10 @@ functions for IPOPT.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -12,7 +15,7 @@ from scipy.sparse import csr_array, vstack
 
 from ...arguments import cached_property
 from ...files.arrays import Array
-from .blocks import Block, Compiled, Constraint, TaylorBank, blocks_of, matrix, scattered
+from .taylor import Block, Compiled, Constraint, TaylorBank, blocks_of, matrix, scattered
 
 
 class Program:
@@ -192,3 +195,207 @@ def _diagonal(kernel: cs.Function, found: cs.MX, count: int) -> cs.MX:
     """The block-diagonal matrix of a map's outputs, which stand side by side."""
     pattern = kernel.sparsity_out(0)
     return cs.MX(cs.diagcat(*[pattern] * count), cs.reshape(found.nz[:], found.nnz(), 1))
+
+
+Callback = Callable[[int, float, float], "bool | None"]
+"""Called at every iterate with its number, the largest violation and the cost; may return True to
+stop."""
+OPTIONS: dict[str, Any] = {
+    "ipopt.linear_solver": "mumps",
+    "ipopt.mumps_pivot_order": 0,  # approximate minimum degree, the quickest on these patterns
+    "ipopt.mumps_permuting_scaling": 0,  # half of a factorisation, for nothing
+    "ipopt.nlp_scaling_method": "none",
+    "ipopt.mu_strategy": "adaptive",  # monotone barriers of the default take tens of iterations more, or fail
+    "ipopt.tol": 1e-6,
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IpoptResult:
+    """Result of a solve.
+
+    Arguments:
+        x: the first feasible iterate, or the last where that was not asked for, shape (size,).
+        success: x violates no constraint by the tolerance or more.
+        iterations: until x.
+        history: (violation, cost) at every iterate from the start on.
+        status: what IPOPT said.
+        seconds: CPU time in all, and in functions and derivatives.
+    """
+
+    x: Array
+    success: bool
+    iterations: int
+    history: tuple[tuple[float, float], ...]
+    status: str
+    seconds: float
+    seconds_evaluating: float
+
+
+class Ipopt:
+    """Solves one program, again and again; what IPOPT compiles is kept.
+
+    Arguments:
+        exact: the exact Hessian, else L-BFGS.
+        tolerance: a point is feasible whose largest violation is below it.
+    """
+
+    def __init__(self, program: Program, *, exact: bool, tolerance: float) -> None:
+        self._program, self._exact, self._tolerance = program, exact, tolerance
+        self._solvers: dict[Any, tuple[Any, IterateRecorder]] = {}
+
+    def solve(
+        self,
+        start: Array,
+        parameters: Array,
+        *,
+        costs: bool,
+        max_iterations: int,
+        callback: Callback | None = None,
+        stop_when_feasible: bool = True,
+        options: Mapping[str, Any] | None = None,
+    ) -> IpoptResult:
+        """Solve from a point, shape (size,).
+
+        An interrupt, or whatever else is raised on the way, ends the solve and is raised.
+
+        Arguments:
+            parameters: of the program's functions, shape (size + 4,).
+            costs: the objective with all its parts, else the distance from the reference alone.
+            options: further ones of IPOPT by their own names.
+        """
+        solver, recorder = self._solver(costs, max_iterations, dict(options or {}))
+        recorder.begin(callback, stop_when_feasible)
+        errors = self._program.errors
+        errors.clear()
+        began = time.process_time()
+        try:
+            solver(x0=start, p=parameters, lbg=self._program.lower, ubg=self._program.upper)
+        finally:
+            if errors:
+                raise errors[0]
+        seconds = time.process_time() - began
+        stats = solver.stats()
+        x, iterations, success = recorder.result()
+        return IpoptResult(
+            x=x,
+            success=success,
+            iterations=iterations,
+            history=tuple(recorder.history),
+            status=str(stats["return_status"]),
+            seconds=seconds,
+            seconds_evaluating=sum(stats[key] for key in stats if key.startswith("t_proc_nlp_")),
+        )
+
+    def build(
+        self, *, costs: bool, max_iterations: int, options: Mapping[str, Any] | None = None
+    ) -> None:
+        """Build what ``solve`` needs with these arguments, before a copy of this process does it
+        again.
+        """
+        self._solver(costs, max_iterations, dict(options or {}))
+
+    def _solver(
+        self, costs: bool, limit: int, options: dict[str, Any]
+    ) -> tuple[Any, IterateRecorder]:
+        """IPOPT on the program, and what looks at its iterates; built once for each kind of
+        objective and options.
+        """
+        key = (costs, limit, tuple(sorted(options.items())))
+        if key not in self._solvers:
+            nlp = self._program
+            recorder = IterateRecorder(nlp, self._tolerance)
+            defaults = {
+                "ipopt.max_iter": limit,
+                "ipopt.print_level": 0,
+                "ipopt.sb": "yes",
+                "print_time": False,
+                "no_nlp_grad": True,
+                "calc_lam_p": False,
+                "ipopt.hessian_approximation": "exact" if self._exact else "limited-memory",
+                **OPTIONS,
+                **{f"ipopt.{name}": value for name, value in options.items()},
+                "iteration_callback": recorder,
+                "jac_g": nlp.jacobian,
+                "grad_f": nlp.gradient(costs),
+            }
+            if self._exact:
+                defaults["hess_lag"] = nlp.hessian(costs)
+            x, p = cs.MX.sym("x", nlp.size), cs.MX.sym("p", nlp.size + 4)
+            oracle = {"x": x, "p": p, "f": nlp.objective(costs)(x, p), "g": nlp.constraint(x, p)}
+            self._solvers[key] = cs.nlpsol("gait", "ipopt", oracle, defaults), recorder
+        return self._solvers[key]
+
+
+class IterateRecorder(cs.Callback):
+    """Looks at every iterate: records its violation and cost, keeps the first feasible one, and
+    stops there.
+    """
+
+    def __init__(self, program: Program, tolerance: float) -> None:
+        super().__init__()
+        size, rows, self._program, self._tolerance = program.size, program.rows, program, tolerance
+        self._sizes = {
+            "x": size,
+            "f": 1,
+            "g": rows,
+            "lam_x": size,
+            "lam_g": rows,
+            "lam_p": size + 4,
+        }
+        self.begin(None, True)
+        self.construct("recorder", {})
+
+    def begin(self, callback: Callback | None, stop: bool) -> None:
+        """Forget the solve before.
+
+        Arguments:
+            stop: at the first feasible iterate.
+        """
+        self.history: list[tuple[float, float]] = []
+        self._x: Array = np.zeros(self._program.size)
+        self._feasible: Array | None = None
+        self._callback, self._stop = callback, stop
+
+    def result(self) -> tuple[Array, int, bool]:
+        """The first feasible iterate, or the last one where ``stop`` was not asked for; its
+        iteration; success.
+        """
+        if self._stop and self._feasible is not None:
+            return self._feasible, len(self.history) - 1, True
+        return (
+            self._x,
+            len(self.history) - 1,
+            bool(self.history) and self.history[-1][0] < self._tolerance,
+        )
+
+    def get_n_in(self) -> int:
+        """Number of values that IPOPT gives."""
+        return int(cs.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """The answer alone."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """CasADi's names."""
+        return str(cs.nlpsol_out(i))
+
+    def get_name_out(self, i: int) -> str:
+        """CasADi's name."""
+        return "ret"
+
+    def get_sparsity_in(self, i: int) -> cs.Sparsity:
+        """All dense."""
+        return cs.Sparsity.dense(self._sizes[cs.nlpsol_out(i)], 1)
+
+    def eval(self, arguments: Sequence[cs.DM]) -> list[Any]:
+        """IPOPT's call at each iterate: 1 stops it."""
+        self._x = np.asarray(arguments[0], dtype=np.float64).ravel()
+        violation = float(self._program.excess(np.asarray(arguments[2]).ravel()).max(initial=0.0))
+        self.history.append((violation, float(arguments[1])))
+        stop = bool(self._callback and self._callback(len(self.history) - 1, *self.history[-1]))
+        if violation < self._tolerance and self._feasible is None:
+            self._feasible = self._x.copy()
+        stop = stop or bool(self._program.errors)
+        return [int(stop or (self._stop and self._feasible is not None))]
