@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput, interruptible
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt, Progress
-from stancekit.planners.gait.method.checkpoint import Checkpoint as Checkpoint
+from stancekit.planners.gait.method.budget import Checkpoint as Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import plan_walk

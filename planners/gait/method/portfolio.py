@@ -44,8 +44,7 @@ from ..transcription.taylor import Block, Constraint
 from ..variables import Structure
 from ..walk_table import GaitSettings
 from .attempt import Attempt, Attempted, Homotopy, Progress, Workbench
-from .budget import SolveBudget, SolveRecord
-from .checkpoint import FAILED, Checkpoint
+from .budget import FAILED, Checkpoint, SolveBudget, SolveRecord
 from .smoothing import Smoothing, Solver, peak_g, smoothed
 
 GENTLE = 1.0

@@ -29,8 +29,7 @@ from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
 from ..walk_table import GaitSettings
 from .attempt import Attempt, Attempted, Progress
-from .budget import SolveRecord, cpu_s
-from .checkpoint import CUT, DONE, ROUND, Checkpoint
+from .budget import CUT, DONE, ROUND, Checkpoint, SolveRecord, cpu_s
 from .portfolio import Attempts, Caps, default_attempts, plan_gait
 
 LOG = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
-from stancekit.planners.gait.method.checkpoint import FAILED, Checkpoint
+from stancekit.planners.gait.method.budget import FAILED, Checkpoint
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal

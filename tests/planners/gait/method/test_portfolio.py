@@ -11,8 +11,7 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.gait.method.attempt import Attempt
-from stancekit.planners.gait.method.budget import SolveBudget, cpu_s
-from stancekit.planners.gait.method.checkpoint import Checkpoint
+from stancekit.planners.gait.method.budget import Checkpoint, SolveBudget, cpu_s
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.walk_table import GaitSettings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.method import way
-from stancekit.planners.gait.method.checkpoint import CUT, DONE, ROUND, Checkpoint
+from stancekit.planners.gait.method.budget import CUT, DONE, ROUND, Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, default_attempts
 from stancekit.planners.gait.method.way import guided, pieces_of, plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
