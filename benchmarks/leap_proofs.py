@@ -23,9 +23,9 @@ from _leap_nlp import LeapNlp
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.leap.cuts import MARGIN, proof_cut, ray
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
+from stancekit.planners.leap.prove import MARGIN, proof_cut, ray
 from stancekit.planners.leap.scp import attempt, plan_of
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap

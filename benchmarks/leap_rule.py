@@ -4,7 +4,7 @@ some settings.
     python benchmarks/leap_rule.py --scenes 150 --seed 41
     python benchmarks/leap_rule.py --distribution leap-hard --scenes 900 --seed 49 --best 4
 
-Prints every setting with its share, the best last; ``planners/leap/rule.py`` has the numbers. With
+Prints every setting with its share, the best last; ``planners/leap/scp.py`` has the numbers. With
 ``--best`` the finder then searches with that many of them, and with the rule as it is, on the first
 ``--searched`` scenes: leaps found within 12 convex problems and within 25. The scenes are those
 that ``stancekit label`` draws with the same seed.
@@ -22,8 +22,7 @@ from _bench import Options, launch, share
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch
 from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.leap.rule import Rule
-from stancekit.planners.leap.scp import attempt, plan_of
+from stancekit.planners.leap.scp import Rule, attempt, plan_of
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap

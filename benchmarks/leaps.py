@@ -38,8 +38,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.leap.rule import Rule
-from stancekit.planners.leap.scp import plan_from
+from stancekit.planners.leap.scp import Rule, plan_from
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.verify.leaps import check_leap
 

@@ -579,7 +579,7 @@ class PlanCourse:
         Raises InvalidInput.
         """
         from stancekit.planners.leap.finder import LeapFinder, Order
-        from stancekit.planners.leap.rule import Rule, Scorer
+        from stancekit.planners.leap.scp import Rule, Scorer
 
         orders = get_args(Order)
         if self.planner not in ("two-stage", *orders):

@@ -20,9 +20,15 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.documents import shown
-from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
 from stancekit.planners.leap.numbers import LeapNumbers, LeapPoint
-from stancekit.planners.leap.scp import attempt, plan_from, plan_of
+from stancekit.planners.leap.scp import (
+    OF_CANDIDATE,
+    OF_LEAP,
+    LeapFeatures,
+    attempt,
+    plan_from,
+    plan_of,
+)
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.leap.finder import LABELS, Try
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import plan_from
-from stancekit.planners.leap.tries import LABELS, Try
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_json import leap_from_keys, leap_to_json
 
@@ -309,7 +309,7 @@ def shared_keys(leap: Leap) -> dict[str, Any]:
 
 def shapes_of(leap: Leap) -> dict[str, list[int]]:
     """Shapes of a row's arrays."""
-    from stancekit.planners.leap.cuts import shapes
+    from stancekit.planners.leap.prove import shapes
 
     footholds, limbs = len(leap.footholds), len(leap.robot.limbs)
     multipliers = sum(

@@ -36,9 +36,8 @@ from stancekit.envs.data.ledger import Counts, Shard, ShardTiming, Tally, TryHea
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.files.arrays import Array, checked, checked_int
 from stancekit.planners.files.writing import check_new_folder, replaced
-from stancekit.planners.leap.finder import Order
+from stancekit.planners.leap.finder import LABELS, Order, tries_of
 from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.leap.tries import LABELS, tries_of
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap

@@ -22,8 +22,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice, checked_int
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch
-from stancekit.planners.leap.rule import Rule
-from stancekit.planners.leap.scp import plan_of
+from stancekit.planners.leap.scp import Rule, plan_of
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap

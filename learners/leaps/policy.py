@@ -21,8 +21,8 @@ from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.documents import check_fields, file_or_named
-from stancekit.planners.leap.features import OF_CANDIDATE, OF_LEAP, LeapFeatures
 from stancekit.planners.leap.numbers import LeapNumbers
+from stancekit.planners.leap.scp import OF_CANDIDATE, OF_LEAP, LeapFeatures
 
 from ..selectors.network import AttentionBlock, load_weights, read_tensors, write_tensors
 from ..zoo import shipped

@@ -32,11 +32,11 @@ from ..terrain.obstacles import Obstacles
 from ..verify.leap_whole_body import LeapBodyLimits, LeapBodyMeasurements
 from ..verify.leaps import check_leap
 from .numbers import JointRows, LeapGiven, LeapNumbers, LeapPoint
-from .program import LeapProgram
 from .scp import (
     FRICTION_SHARE,
     HEIGHT_RESERVE_M,
     HOLDS,
+    LeapProgram,
     attempt,
     cost_of,
     nearby,

@@ -9,14 +9,330 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..answer.certificate import Certificate
+from ..answer.plan import LeapPlan
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import ConicSolution, ConicStatus, Programs
 from ..equilibrium.scaled import Scaled
+from ..errors import InvalidInput
 from ..files.arrays import Array
-from .cuts import MARGIN, Cut, proof_cut, ray, widened
+from ..physics import GRAVITY_M_S2
+from ..problem.foothold import Foothold
+from ..problem.leap import BodyState, Leap
+from ..robot.reach import turned_most
 from .numbers import LeapGiven, LeapNumbers
-from .program import LeapLift
-from .scp import LEAST_FRICTION
+from .scp import (
+    HEIGHT_RESERVE_M,
+    LEAST_FRICTION,
+    REACH_RESERVE_M,
+    TILT_RESERVE_RAD,
+    LeapAttempt,
+    LeapLift,
+)
+
+MARGIN = 1e-6
+"""A sum above this, for multipliers of at most 1, is refused by no rounding."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cut:
+    """C + Σ_j a_j(r_j).
+
+    Arguments:
+        constant: C.
+        table: a, shape (P, options), inf where there is no candidate.
+    """
+
+    constant: float
+    table: Array
+
+    def value(self, choice: Index) -> float:
+        """The sum for one choice, shape (P,)."""
+        return self.constant + float(self.table[np.arange(len(choice)), choice].sum())
+
+    def least(self, opened: Array) -> float:
+        """The least sum of all choices of open candidates, shape (P, options)."""
+        return self.constant + float(np.where(opened > 0.0, self.table, np.inf).min(axis=1).sum())
+
+
+def shapes(numbers: LeapNumbers) -> dict[str, tuple[int, ...]]:
+    """The groups of a leaf's multipliers, in their order (``verify.leap_proof``)."""
+    layout, still = numbers.layout, sum(numbers.leap.still)
+    standing = len(layout.standing[0])
+    return {
+        "reach": (standing, 3),
+        "reach_rows": (len(layout.standing_rows[0]),),
+        "height": (standing,),
+        "goal": (3,),
+        "end": (3,),
+        "rest": (still, 3),
+        "moment": (still, 3),
+    }
+
+
+def split(numbers: LeapNumbers, row: Array) -> dict[str, Array]:
+    """The groups of a row of multipliers by name."""
+    parts, at = {}, 0
+    for name, shape in shapes(numbers).items():
+        size = int(np.prod(shape, dtype=int))
+        parts[name] = row[at : at + size].reshape(shape)
+        at += size
+    return parts
+
+
+def ray(numbers: LeapNumbers, solution: ConicSolution) -> Array:
+    """The multipliers of a solve's hard rows, the largest ±1, in single precision."""
+    flat = np.concatenate([np.ravel(part) for part in _multipliers(numbers, solution).values()])
+    return np.asarray(
+        (flat / max(float(np.abs(flat).max()), 1e-300)).astype(np.float32).astype(np.float64)
+    )
+
+
+def _multipliers(numbers: LeapNumbers, solution: ConicSolution) -> dict[str, Array]:
+    """The multipliers of a solve's hard rows by the groups of ``shapes``."""
+    groups, still = solution.groups, sum(numbers.leap.still)
+    lasts = numbers.lasts[
+        [k for k, rests in zip((0, -1), numbers.leap.still, strict=True) if rests]
+    ]
+    return {
+        "reach": -solution.dual("reach")[:, 1:],
+        "reach_rows": np.maximum(solution.dual("reach_rows"), 0.0)
+        if "reach_rows" in groups
+        else np.zeros(0),
+        "height": np.maximum(solution.dual("height"), 0.0),
+        "goal": -solution.dual("ball")[-1, 1:],
+        "end": solution.dual("end"),
+        "rest": GRAVITY_M_S2 * lasts[:, None] * solution.dual("rest"),
+        "moment": solution.dual("moment_still")
+        if "moment_still" in groups
+        else np.zeros((still, 3)),
+    }
+
+
+def widened(numbers: LeapNumbers) -> tuple[Array, Array]:
+    """Radii of the limbs and bounds of the half-spaces with room for exact rotations, by ½ |Θ|² of
+    what they turn.
+    """
+    scaled, tilt = numbers.scaled, numbers.scaled.tilt
+    bend = 1.5 * tilt**2  # ½ |Θ|² where every component is at the limit
+    far = np.linalg.norm(scaled.shoulders, axis=1)
+    limbs = numbers.layout.row_limbs
+    rows = (
+        scaled.half_spaces.outer_bounds
+        + bend * (far + scaled.reach + turned_most(scaled.shoulders, tilt))[limbs]
+    )
+    return scaled.reach + bend * far, rows
+
+
+def proof_cut(numbers: LeapNumbers, row: Array) -> Cut:
+    """Cut that multipliers prove of any leap, with all of the friction and reach with room for
+    exact rotations.
+    """
+    reach, rows = widened(numbers)
+    scaled = numbers.scaled
+    return _cut(
+        numbers, row, scaled.friction, reach, rows, numbers.leap.limits.height_m, scaled.tilt
+    )
+
+
+def plan_cut(numbers: LeapNumbers, row: Array, share: float) -> Cut:
+    """Cut that multipliers prove of the steps of SCP, which have a share of the friction and keep
+    some of the reach.
+    """
+    scaled = numbers.scaled
+    friction, bounds = (
+        np.maximum(share * scaled.friction, LEAST_FRICTION),
+        scaled.half_spaces.outer_bounds,
+    )
+    height, tilt = numbers.leap.limits.height_m + HEIGHT_RESERVE_M, scaled.tilt - TILT_RESERVE_RAD
+    return _cut(numbers, row, friction, scaled.reach - REACH_RESERVE_M, bounds, height, tilt)
+
+
+def guide(numbers: LeapNumbers, found: LeapAttempt) -> Cut:
+    """The cost of the first step's slack as a sum over toes, by its multipliers: c × F linearised,
+    p × f as it is.
+    """
+    solution, layout, problem, lasts = (
+        found.solution,
+        numbers.layout,
+        found.data,
+        numbers.lasts[:, None],
+    )
+    pulls = _toe_pulls(numbers, _multipliers(numbers, solution))
+    foothold = layout.standing[2]
+    np.add.at(pulls, foothold, solution.dual("short")[:, None] * problem.legs[0])
+    if "within" in solution.groups:
+        which, half = layout.standing_rows
+        normals = numbers.scaled.half_spaces.normals[half]
+        np.add.at(pulls, foothold[which], solution.dual("within")[:, None] * normals)
+    sums = problem.point.velocity[1:] + problem.point.velocity[:-1]
+    turns = np.cross(solution.dual("turn") @ numbers.spin, sums)
+    slopes = -GRAVITY_M_S2 * (lasts * solution.dual("faster") + lasts**3 / 24.0 * turns)
+    twists = -GRAVITY_M_S2 * lasts * solution.dual("moment")
+    means = numbers.means(problem.point.com, problem.point.velocity)
+    friction = np.maximum(found.share * numbers.scaled.friction, LEAST_FRICTION)
+    table = _table(numbers, friction, pulls, slopes, twists, means)
+    value = float(table[np.arange(len(found.choice)), found.choice].sum())
+    return Cut(constant=found.first - value, table=table)
+
+
+def _toe_pulls(numbers: LeapNumbers, parts: dict[str, Array]) -> Array:
+    """Gradient of the reach and height terms with respect to every toe, shape (P, 3)."""
+    layout = numbers.layout
+    foothold, (which, half) = layout.standing[2], layout.standing_rows
+    pulls = np.zeros((layout.footholds, 3))
+    np.add.at(pulls, foothold, parts["reach"])
+    np.add.at(
+        pulls,
+        foothold[which],
+        parts["reach_rows"][:, None] * numbers.scaled.half_spaces.normals[half],
+    )
+    np.add.at(pulls[:, 2], foothold, parts["height"])
+    return pulls
+
+
+def _cut(
+    numbers: LeapNumbers,
+    row: Array,
+    friction: Array,
+    reach: Array,
+    bounds: Array,
+    height: float,
+    tilt: float,
+) -> Cut:
+    """C and a of multipliers, for these cones, radii, bounds of half-spaces, heights and
+    rotations.
+    """
+    parts, layout, scaled, leap = split(numbers, row), numbers.layout, numbers.scaled, numbers.leap
+    (frame, limb, _), (which, half) = layout.standing, layout.standing_rows
+    rows, normals = parts["reach_rows"], scaled.half_spaces.normals[half]
+    along, twist = np.zeros((layout.frames, 3)), np.zeros((layout.frames, 3))  # slopes on c and Θ
+    np.add.at(along, frame, -parts["reach"])
+    np.add.at(along, frame[which], -rows[:, None] * normals)
+    np.add.at(along[:, 2], frame, -parts["height"])
+    np.add.at(twist, frame, -np.cross(scaled.shoulders[limb], parts["reach"]))
+    np.add.at(twist, frame[which], rows[:, None] * scaled.half_spaces.outer_levers[half])
+    along[-1] += parts["goal"]
+    still = [k for k, rests in zip((0, numbers.intervals - 1), leap.still, strict=True) if rests]
+    for k, moment in zip(still, parts["moment"], strict=True):
+        along[0 if k == 0 else -1] -= np.array(
+            [-moment[1], moment[0], 0.0]
+        )  # m·(c × e_z) = (e_z × m)·c
+    weights = GRAVITY_M_S2 * numbers.fallen
+    slopes = weights.T @ along + GRAVITY_M_S2 * numbers.lasts[:, None] * parts["end"]
+    twists = np.zeros_like(slopes)
+    for k, rest, moment in zip(still, parts["rest"], parts["moment"], strict=True):
+        slopes[k] += rest
+        twists[k] += moment
+    fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
+    drift = (
+        numbers.start[0]
+        + numbers.times[:, None] * numbers.velocity[0]
+        + 0.5 * numbers.times[:, None] ** 2 * fall
+    )
+    gained = numbers.velocity[0] + numbers.times[-1] * fall - numbers.velocity[1]
+    constant = float(
+        np.sum(along * drift)
+        + parts["end"] @ gained
+        - parts["goal"] @ leap.goal.com_m
+        - np.linalg.norm(parts["goal"]) * leap.goal_radius_m
+        - parts["rest"][:, 2].sum()
+        - np.sum(parts["reach"] * scaled.shoulders[limb])
+        - np.linalg.norm(parts["reach"], axis=1) @ reach[limb]
+        - rows @ bounds[half]
+        + parts["height"].sum() * height
+        - tilt * np.abs(twist).sum()
+    )
+    pulls = _toe_pulls(numbers, parts)
+    table = _table(numbers, friction, pulls, slopes, twists, np.zeros_like(slopes))
+    return Cut(constant=constant, table=table)
+
+
+def _table(
+    numbers: LeapNumbers,
+    friction: Array,
+    pulls: Array,
+    slopes: Array,
+    twists: Array,
+    centres: Array,
+) -> Array:
+    """The least of P·p + Σ (y + w × (p − ĉ))·f over a candidate's toes and the forces in its cone,
+    (P, options).
+
+    The toe's least is at a vertex, since the forces' least is concave in it.
+
+    Arguments:
+        pulls: P of every foothold.
+        slopes, twists, centres: y, w and ĉ of every interval, shape (M, 3).
+    """
+    scaled: Scaled = numbers.scaled
+    layout = scaled.layout
+    value = np.sum(scaled.vertices * pulls[layout.vertex_footholds], axis=1)
+    contact, vertex = layout.contact_vertices
+    candidate = layout.vertex_candidates[vertex]
+    k = numbers.contact_intervals[contact]
+    arms = scaled.vertices[vertex] - centres[k]
+    w = twists[k]
+    slope = slopes[k] + np.stack(
+        [
+            w[:, 1] * arms[:, 2] - w[:, 2] * arms[:, 1],
+            w[:, 2] * arms[:, 0] - w[:, 0] * arms[:, 2],
+            w[:, 0] * arms[:, 1] - w[:, 1] * arms[:, 0],
+        ],
+        axis=1,
+    )
+    along = np.matmul(slope[:, None], scaled.frames[candidate])[:, 0]
+    least = along[:, 0] - friction[candidate] * np.hypot(along[:, 1], along[:, 2])
+    np.add.at(value, vertex, np.minimum(least, 0.0) * scaled.force_max[contact, 0])
+    return scaled.by_candidate(np.minimum.reduceat(value, layout.candidate_starts), np.inf)
+
+
+def remaining_leap(plan: LeapPlan, time_s: float, state: BodyState) -> Leap:
+    """The rest of a leap: the phases that are left, toes that stand as they are, from where the
+    body is measured.
+
+    Arguments:
+        plan: that is under way.
+        time_s: since its beginning, before its end [s].
+        state: of the body at that time.
+
+    Returns:
+        A ``Leap`` with the timing of the plan, for ``find_leap``. It may begin in the air.
+
+    Raises:
+        InvalidInput: for a time that is not within the plan.
+    """
+    leap, ends = plan.problem, plan.times_s
+    if not 0.0 <= time_s < ends[-1]:
+        raise InvalidInput(
+            f"time_s: expected 0 or more, and less than {ends[-1]:g} s, got {time_s:g}"
+        )
+    k = int(np.searchsorted(ends, time_s, side="right")) - 1
+    first = int(leap.interval_phases[k])
+    borders = np.concatenate([[0], np.cumsum([phase.intervals for phase in leap.phases])])
+    left = int(borders[first + 1]) - k
+    phases = (replace(leap.phases[first], intervals=left), *leap.phases[first + 1 :])
+    timing = leap.timings_s[plan.timing]
+    lasts = (float(ends[borders[first + 1]] - time_s), *timing[first + 1 :])
+    footholds = []
+    for j, foothold in enumerate(leap.footholds):
+        stands = j in leap.holds[first]
+        if stands:
+            patch = leap.patch(j, plan.choice)
+            foothold_left = Foothold(
+                limb=foothold.limb, frame=0, candidates=(patch,), toe_m=plan.toes_m[j]
+            )
+            footholds.append(foothold_left)
+        elif foothold.frame > first:
+            footholds.append(replace(foothold, frame=foothold.frame - first))
+    return replace(
+        leap,
+        phases=phases,
+        timings_s=(lasts,),
+        duration_s=None,
+        footholds=tuple(footholds),
+        start=state,
+    )
+
 
 LEAF, CHOICE, TIMING = 0.0, 1.0, 4.0
 """Kinds of a certificate's nodes that a leap's has."""

@@ -10,10 +10,8 @@ import stancekit
 import stancekit.envs
 from stancekit.envs.leap_choice import LeapChoiceEnv
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.leap.features import OF_CANDIDATE
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch
-from stancekit.planners.leap.rule import Rule
-from stancekit.planners.leap.scp import plan_of
+from stancekit.planners.leap.scp import OF_CANDIDATE, Rule, plan_of
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 from tests.refusals import refuses

@@ -25,8 +25,8 @@ from stancekit.learners.data import leap_tries
 from stancekit.learners.data.executors import Answer, Task, due, executor
 from stancekit.learners.data.leap_tries import label_leaps, recheck_leaps, scene
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.leap.finder import tries_of
 from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.leap.tries import tries_of
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.problem.leap_json import leap_to_json
 from stancekit.planners.verify.leaps import check_leap
@@ -304,7 +304,7 @@ def test_a_solved_try_that_a_cut_of_its_scene_refutes_is_refused(
 
 def test_a_cut_bounds_choices_as_the_search_does(whole: Path) -> None:
     """Two programs: the planner's in arrays, and the verifier's, written from patches and limbs."""
-    from stancekit.planners.leap.cuts import proof_cut
+    from stancekit.planners.leap.prove import proof_cut
     from stancekit.planners.verify.leap_proof import Refuter
 
     tries, rng = LeapTries.open(whole), np.random.default_rng(0)

@@ -23,9 +23,9 @@ from stancekit.learners.leaps.policy import (
     with_caps,
 )
 from stancekit.learners.selectors.network import write_tensors
-from stancekit.planners.leap.features import OF_CANDIDATE, LeapFeatures
 from stancekit.planners.leap.finder import LeapFinder
 from stancekit.planners.leap.numbers import LeapNumbers
+from stancekit.planners.leap.scp import OF_CANDIDATE, LeapFeatures
 from stancekit.planners.problem.leap import BodyState
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.robot.model import Limb

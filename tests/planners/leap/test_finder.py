@@ -11,10 +11,18 @@ from stancekit.planners.answer.certificate import LEAP_BODY, Certificate
 from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.leap.cuts import MARGIN, guide, plan_cut, proof_cut, ray, shapes, split
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, Picker, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.leap.replan import remaining_leap
+from stancekit.planners.leap.prove import (
+    MARGIN,
+    guide,
+    plan_cut,
+    proof_cut,
+    ray,
+    remaining_leap,
+    shapes,
+    split,
+)
 from stancekit.planners.leap.scp import LeapAttempt, attempt
 from stancekit.planners.motion.feet_motion import feet_motion
 from stancekit.planners.problem.leap import BodyState, Leap
@@ -89,7 +97,7 @@ def test_the_picker_gives_the_best_sum_that_no_cut_refutes() -> None:
     ]
     value = {one: scores[np.arange(5), list(one)].sum() for one in every}
     assert tuple(picker.best()) == max(every, key=value.get)
-    from stancekit.planners.leap.cuts import Cut
+    from stancekit.planners.leap.prove import Cut
 
     cut = Cut(constant=0.0, table=np.where(np.isfinite(scores), rng.normal(size=(5, 3)), np.inf))
     picker.refute(cut)

@@ -10,8 +10,7 @@ from stancekit.planners.equilibrium.layout import LIFTED, Layout
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder
 from stancekit.planners.leap.numbers import LeapGiven, LeapNumbers, LeapPoint
-from stancekit.planners.leap.program import LITTLE, LeapProgram
-from stancekit.planners.leap.scp import attempt
+from stancekit.planners.leap.scp import LITTLE, LeapProgram, attempt
 from stancekit.planners.leap.terms import PRICES, SPEED_RESERVE
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
