@@ -337,7 +337,7 @@ def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: b
     centimetre.
     """
     import stancekit
-    from stancekit.planners.motion.touch_down import touch_downs_m
+    from stancekit.planners.motion.path import touch_downs_m
 
     try:
         answer = stancekit.plan(

@@ -30,8 +30,8 @@ from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.formats.leap_file import read_leap, write_leap
 from stancekit.planners.leap.bend import judged_answer
 from stancekit.planners.leap.finder import LeapFinder, find_leap
-from stancekit.planners.motion.crossing_motion import CrossingMotion
-from stancekit.planners.motion.leap_run import REST_S, LeapRun
+from stancekit.planners.motion.gait_motion import CrossingMotion
+from stancekit.planners.motion.leap_motion import REST_S, LeapRun
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import Imperfections, make_world

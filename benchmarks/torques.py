@@ -30,7 +30,7 @@ from robots import robots
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.motion.plan_joints import plan_angles
+from stancekit.planners.motion.joints import plan_angles
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course

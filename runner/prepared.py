@@ -15,13 +15,11 @@ from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.crossing_motion import CrossingMotion, plans_of
-from stancekit.planners.motion.gait_motion import GaitMotion
-from stancekit.planners.motion.leap_run import LeapRun
+from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion, plans_of
+from stancekit.planners.motion.leap_motion import LeapRun
 from stancekit.planners.motion.motion import Motion
-from stancekit.planners.motion.path import LIFT_M
+from stancekit.planners.motion.path import LIFT_M, touch_downs_m
 from stancekit.planners.motion.plan_motion import PlanMotion
-from stancekit.planners.motion.touch_down import touch_downs_m
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .acceptance import Accepted, check_fits, check_joints, check_stands

@@ -21,9 +21,8 @@ from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.crossing_motion import CrossingMotion
-from stancekit.planners.motion.gait_motion import GaitMotion
-from stancekit.planners.motion.leap_run import LeapRun
+from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion
+from stancekit.planners.motion.leap_motion import LeapRun
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators

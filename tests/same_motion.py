@@ -10,7 +10,7 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.gait_motion import SETTLE_S
+from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.motion.motion import Motion, Samples, stacked
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.body_feedback import BodyFeedback
@@ -71,7 +71,7 @@ def compared(
     view = GaitView(subject) if isinstance(subject, Trajectory) else PlanView(subject)
     targets = streamed_targets(subject, rate_hz, blind=blind)
     film = view.film()
-    times: Array = np.arange(len(film.moments)) * np.float64(film.step_s) + SETTLE_S
+    times: Array = np.arange(len(film.moments)) * np.float64(film.step_s) + WALK_SETTLE_S
     if isinstance(view, PlanView):
         times = view.shown_s(len(film.moments))
     kept = [round(time_s * rate_hz) for time_s in times]

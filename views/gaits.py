@@ -19,9 +19,9 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.gait_motion import SETTLE_S
+from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
+from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.motion.motion import Motion, Samples
-from stancekit.planners.motion.walk_joints import walk_joints
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.runner.execution import Execution
@@ -378,7 +378,7 @@ class GaitView(View):
 
     def now(self, time_s: float) -> Samples:
         """The motion so long after the walk began."""
-        return self.motion.at(SETTLE_S + time_s)
+        return self.motion.at(WALK_SETTLE_S + time_s)
 
     def scene(self) -> Scene:
         """The picture: the robot at a few moments, the earlier the paler, and every foothold."""

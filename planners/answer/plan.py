@@ -211,7 +211,7 @@ class LeapPlan:
         >>> import numpy as np, stancekit
         >>> from stancekit.planners.problem.leap_json import leap_from_keys
         >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
-        >>> from stancekit.planners.motion.feet_motion import feet_motion
+        >>> from stancekit.planners.motion.gait_motion import feet_motion
         >>> feet_motion(stancekit.plan(leap).solution).at(np.array([0.0, 0.5])).com_m.shape
         (2, 3)
     """

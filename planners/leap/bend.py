@@ -24,8 +24,8 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..motion.leap_body import GATHER, LeapBody
-from ..motion.walk_joints import MovingBody
+from ..motion.joints import MovingBody
+from ..motion.leap_motion import GATHER, LeapBody
 from ..problem.leap import MOST_INTERVALS, Leap, Phase
 from ..robot.leg_limits import no_motors
 from ..terrain.obstacles import Obstacles

@@ -23,7 +23,7 @@ from ..answer.plan import LeapPlan, Plan
 from ..equilibrium.programs import programs_of_this_thread
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
-from ..motion.leap_body import LeapBody
+from ..motion.leap_motion import LeapBody
 from ..problem.candidates import CandidatePatches
 from ..problem.course_between import LaidBetween
 from ..problem.foothold import Foothold

@@ -14,15 +14,193 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..answer.plan import Plan
+from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..robot.inverse_kinematics import descend
-from ..robot.kinematics import Kinematics
+from ..robot.inverse_kinematics import LegPostures, descend
+from ..robot.kinematics import JointAnswer, Kinematics
+from ..robot.legged import robot_of
 from ..robot.overlaps import WholeBody
+from ..robot.robot_model import RobotModel
 from ..robot.rotation import rotations_of
+from ..robot.toes import ToeKinematics
+from ..terrain.patch import solids_of
 from .path import APART_M, PathMoments, PlanPath
-from .plan_joints import normals_at
+
+WALK_ROUNDS = 6
+"""The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth
+of it."""
+
+
+def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPostures:
+    """Angles at every sample, or some, each found from the standing posture; feet face the ground
+    below them, also in the air.
+
+    Raises InvalidInput for a robot that is but boxes.
+    """
+    model, normals = _model(trajectory), _normals(trajectory)[samples]
+    torso, rotation, feet = (
+        trajectory.torso_m[samples],
+        trajectory.rotation[samples],
+        trajectory.feet_m[samples],
+    )
+    return ToeKinematics(model).solve(torso, rotation, feet, normals)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkPostures:
+    """A walk of K samples as a robot of N legs and J joints has it, whose legs weigh something.
+
+    Arguments:
+        angles: shape (K, J) [rad].
+        origin_m: p_WB of the base's frame, shape (K, 3): it is where the whole robot's centre of
+            mass is at the walk's.
+        normals: of the ground under every foot, shape (K, N, 3).
+        kinematics: of the robot.
+    """
+
+    angles: Array
+    origin_m: Array
+    normals: Array
+    kinematics: Kinematics
+
+
+class MovingBody:
+    """The robot of a model along a motion of its centre of mass and its toes; it is kept for
+    several motions.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model, self.kinematics = model, Kinematics(robot_of(model))
+        self._solver = ToeKinematics(model)
+
+    def postures(
+        self,
+        com_m: Array,
+        rotation: Array,
+        toes_m: Array,
+        normals: Array,
+        *,
+        near: Array | None = None,
+        rounds: int = WALK_ROUNDS,
+        steps: int = 0,
+    ) -> WalkPostures:
+        """Postures of K samples, each found from the standing posture or from one that is near.
+
+        Arguments:
+            com_m: of the whole robot, shape (K, 3) [m].
+            rotation: R_WB, shape (K, 3, 3).
+            toes_m, normals: where feet touch or would, and of the surface there, shape (K, N, 3).
+            near: angles to begin with, shape (K, J) [rad].
+            rounds: as ``ROUNDS``.
+            steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
+        """
+        body_m, angles = self.model.body.com_m, near
+        origin = com_m - rotation @ body_m
+        if near is not None:
+            origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(near))
+        for _ in range(rounds):
+            standing = origin + rotation @ body_m
+            if steps and angles is not None:
+                feet = self._solver.centres(standing, rotation, toes_m, normals)
+                angles = self._descended(feet, angles, steps)
+            else:
+                postures = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
+                angles = np.concatenate(postures.angles, axis=1)
+            origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
+        assert angles is not None
+        return WalkPostures(
+            angles=angles, origin_m=origin, normals=normals, kinematics=self.kinematics
+        )
+
+    def _descended(self, feet: Array, near: Array, steps: int) -> Array:
+        """Angles from those that are near, shape (K, J)."""
+        ends = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
+        parts = np.split(near, ends, axis=1)
+        return np.concatenate(
+            [
+                descend(leg, feet[:, i], part, steps=steps)[0]
+                for i, (leg, part) in enumerate(zip(self.model.legs, parts, strict=True))
+            ],
+            axis=1,
+        )
+
+    def _shifts(self, angles: Array) -> Array:
+        return np.array([self.kinematics.com_offset(posture) for posture in angles])
+
+
+def walk_postures(trajectory: Trajectory) -> WalkPostures:
+    """The posture at every sample, found as ``walk_joints`` finds it.
+
+    Raises InvalidInput as that does.
+    """
+    return MovingBody(_model(trajectory)).postures(
+        trajectory.torso_m, trajectory.rotation, trajectory.feet_m, _normals(trajectory)
+    )
+
+
+def _model(trajectory: Trajectory) -> RobotModel:
+    return trajectory.robot.source.own_model()
+
+
+def _normals(trajectory: Trajectory) -> Array:
+    toes = trajectory.feet_m
+    return np.asarray(trajectory.terrain.normal(toes[..., :2].reshape(-1, 2)).reshape(toes.shape))
+
+
+JUMP_RAD = 0.5
+"""A limb that stands, and one of whose joints would turn so far between two key frames, jumps to
+another posture."""
+
+
+def plan_angles(
+    plan: Plan,
+    kinematics: Kinematics | None = None,
+    start_rad: Array | None = None,
+    *,
+    deadline: float = math.inf,
+) -> list[JointAnswer]:
+    """Angles of every key frame, rotations taken exactly.
+
+    The torques are those of the mean force of the frame's stances.
+
+    Arguments:
+        start_rad: of a robot that stands already, shape (J,): no joint leaves them at the first key
+            frame but to put feet where the plan has them, and no limb jumps to another posture
+            before it lifts; None: comfortable ones. Where a foot is out of reach, those that bring
+            it nearest.
+
+    Raises:
+        InvalidInput: without pinocchio, and TimeEnded after the deadline (``time.perf_counter()``).
+    """
+    course = plan.problem
+    solver = kinematics or Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
+    solids = solids_of(course.terrain)
+    answers = list[JointAnswer]()
+    for k in range(course.frames):
+        check_time(deadline)
+        stands = course.holds[k] == course.holds[0] if start_rad is not None else False
+        answer = solver.solve(
+            plan.com_m[k],
+            plan.rotation_rad[k],
+            plan.toes_at(k),
+            normals=normals_at(plan, k),
+            forces_n=plan.forces_at(k),
+            seed=answers[-1].angles if answers else start_rad,
+            obstacles=solids,
+            most_rad=np.where(stands, JUMP_RAD if answers else 0.0, np.inf),
+        )
+        answers.append(answer)
+    return answers
+
+
+def normals_at(plan: Plan, frame: int) -> Array:
+    """Normals of the patches under all limbs at a key frame, shape (N, 3)."""
+    return np.array(
+        [plan.problem.patch(int(p), plan.choice).normal for p in plan.problem.holds[frame]]
+    )
+
 
 STRAY_M = 1e-4
 """A foot that is farther from where it should be does not follow its path: what the tracker looks
@@ -232,3 +410,39 @@ def _rolled(
             np.cumsum(path, axis=0, out=path)
     rolled *= 1.0 - moments.lifted[..., None]
     return rolled
+
+
+def path_torques(plan: Plan, solver: Kinematics) -> Array:
+    """Torques of all joints at the moments in which the body moves, the first and the last of every
+    step among them, shape (T, J) [Nm]. Forces run along the straight line between those of a step's
+    two stances.
+    """
+    path = PlanPath(plan)
+    moments, postures = JointPath(path, solver).judged()
+    rows = np.flatnonzero((moments.part == 1) | ((moments.part == 0) & (moments.passed == 1.0)))
+    torques = list[Array]()
+    for t in rows.tolist():
+        frames = int(moments.step[t]) - 1, int(moments.step[t])
+        before, after = (
+            support_forces(plan, plan.forces_n, k, path.support(frames[1])) for k in frames
+        )
+        share = moments.passed[t] if moments.part[t] == 1 else 0.0
+        torques.append(
+            solver.torques(
+                postures.angles[t], postures.rotations[t], before + share * (after - before)
+            )
+        )
+    return np.array(torques).reshape(-1, len(solver.joints))
+
+
+def support_forces(plan: Plan, forces_n: Array, frame: int, support: tuple[int, ...]) -> Array:
+    """Forces at a frame while only these limbs stand, shape (N, 3) [N]. Where the plan has no stance
+    of just these limbs, the mean over all stances of the frame.
+
+    Arguments:
+        forces_n: of the plan's stances, shape (S, N, 3).
+    """
+    course = plan.problem
+    at = [i for i, stance in enumerate(course.stances) if stance.frame == frame]
+    rows = [i for i in at if tuple(course.stances[i].limbs) == support] or at
+    return np.asarray(forces_n[rows].mean(axis=0))

@@ -4,16 +4,287 @@ foothold.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.plan import LeapPlan
 from ..arguments import cached_property
-from ..files.arrays import Array
+from ..errors import InvalidInput
+from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
 from ..robot.rotation import rotations_of
 from ..terrain.patch import solids_of
+from ..terrain.prism import Solid
+from .joints import MovingBody, WalkPostures
 from .motion import Samples
+
+STEP_S = 0.005
+"""Spacing of the samples, at most."""
+LEAST = 4
+"""Samples of the shortest leap: torques are measured at those within."""
+TURNS = 6
+"""Rounds in which legs and the body that they turn agree; each leaves a third or less of what is
+off."""
+SINGULAR = 0.03
+"""Directions in which a stretched leg moves its foot by less than this share of others are left
+out."""
+QUICK = 15
+"""Steps of inverse kinematics from the round before; a foot that was out of reach stays there."""
+
+
+GATHER = (0.3, 0.8)
+"""Times of a plan that does not say how legs are drawn up: see ``LeapPlan``."""
+
+
+class LeapBody:
+    """A leap of a robot whose legs are known, at K samples; N limbs.
+
+    times_s: shape (K,) [s]. com_m, velocity_m_s, momentum_m2_s: exact, shape (K, 3). rotation:
+    R_WB, shape (K, 3, 3). centres_m, normals: of the feet, and of the surface below them, shape (K,
+    N, 3). forces_n: shape (K, N, 3) [N]. holds: foothold under every limb, −1 in the air, shape (K,
+    N). postures: of the whole robot. spins: ∂ω/∂L per mass, shape (K, 3, 3).
+
+    Arguments:
+        quick: half as many samples, and no other posture is looked for where a foot is out of reach
+            from the one in which it stands.
+
+    Raises:
+        InvalidInput: for a robot without legs of its own, and without pinocchio.
+    """
+
+    def __init__(
+        self,
+        plan: LeapPlan,
+        body: MovingBody | None = None,
+        *,
+        quick: bool = False,
+    ) -> None:
+        robot = plan.problem.robot
+        if not robot.source.own:
+            raise InvalidInput(f"robot {robot.name}: expected legs of its own, its file has none")
+        self.plan, self._quick = plan, quick
+        edge, fold = GATHER if plan.gather is None else plan.gather
+        self._edge, self._fold = float(edge), float(fold)
+        self._body = body or MovingBody(robot.source.own_model())
+        self._radii = self._body.kinematics.radii_m
+        ends = plan.times_s
+        count = int(np.ceil((ends[-1] - ends[0]) / (2.0 * STEP_S if quick else STEP_S))) + 1
+        self.times_s = np.linspace(ends[0], ends[-1], max(count, LEAST))
+        self._k = np.clip(
+            np.searchsorted(ends, self.times_s + 1e-9, side="right") - 1, 0, len(ends) - 2
+        )
+        self._holds = plan.problem.holds[plan.problem.interval_phases]
+        self.holds: NDArray[np.int_] = self._holds[self._k]
+        self.forces_n = plan.forces_n[self._k]
+        self._follow()
+        self._turn()
+
+    def _follow(self) -> None:
+        """c, v and L at the samples, by the plan's forces."""
+        plan, k = self.plan, self._k
+        t = (self.times_s - plan.times_s[k])[:, None]
+        mass = plan.problem.robot.mass_kg
+        fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
+        push = self.forces_n.sum(axis=1) / mass + fall
+        self.velocity_m_s = plan.velocity_m_s[k] + t * push
+        self.com_m = plan.com_m[k] + t * plan.velocity_m_s[k] + 0.5 * t**2 * push
+        # ∫ Σ (p − c) × f dt = Σ p × f t − (c₀ t + v₀ t²/2 + a t³/6) × F
+        toes = plan.toes_m[np.maximum(self.holds, 0)]
+        total = self.forces_n.sum(axis=1) / mass
+        fixed = cross(toes, self.forces_n).sum(axis=1) / mass
+        moved = plan.com_m[k] * t + 0.5 * plan.velocity_m_s[k] * t**2 + push * t**3 / 6.0
+        self.momentum_m2_s = plan.momentum_m2_s[k] + fixed * t - cross(moved, total)
+
+    def _turn(self) -> None:
+        """Feet, joints and the rotation that follows from both, in turns."""
+        plan = self.plan
+        share = (self.times_s - plan.times_s[self._k]) / np.diff(plan.times_s)[self._k]
+        table = plan.rotation_rad
+        self.rotation = rotations_of(
+            table[self._k] + share[:, None] * (table[self._k + 1] - table[self._k])
+        )
+        self._planned = self.rotation
+        self._feet()
+        stands = np.concatenate([leg.stance_rad for leg in self._body.model.legs])
+        near = np.tile(stands, (len(self.times_s), 1))
+        for turn in range(TURNS):
+            self.postures: WalkPostures = self._body.postures(
+                self.com_m,
+                self.rotation,
+                self.toes_m,
+                self.normals,
+                near=near,
+                rounds=3 if turn == 0 else 1,
+                steps=QUICK if turn or self._quick else 0,
+            )
+            near = self.postures.angles
+            if turn < TURNS - 1:
+                self.rotation = self._turned(self.postures)
+
+    def _feet(self) -> None:
+        """Centres of the feet, and the normals below them: in the air they go from one surface's to
+        the other's.
+        """
+        plan, leap = self.plan, self.plan.problem
+        patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
+        facing = np.array([patch.normal for patch in patches])
+        shape = (len(self.times_s), len(self._radii), 3)
+        self.centres_m, self.normals, self._moves = (np.zeros(shape) for _ in range(3))
+        for i in range(shape[1]):
+            stands = self.holds[:, i] >= 0
+            j = np.maximum(self.holds[:, i], 0)
+            self.normals[:, i] = facing[j]
+            self.centres_m[:, i] = plan.toes_m[j] + self._radii[i] * facing[j]
+            for first, last in gaps(stands):
+                self._fly(i, first, last)
+
+    def _fly(self, limb: int, first: int, last: int) -> None:
+        """One limb's way through the air, between the samples at which it stands last and first
+        again; the ends of a leap have none beyond them.
+        """
+        from scipy.interpolate import CubicSpline  # slow to import
+
+        rows = np.arange(max(first, 0), min(last, len(self.times_s) - 1) + 1)
+        here = slice(rows[0], rows[-1] + 1)
+        leaves, lands = self._flight(limb, rows)
+        begin, end = (float(self.plan.times_s[k]) for k in (leaves, lands))
+        times = np.clip(self.times_s[here], begin, end)
+        at = [
+            rows[0] if first >= 0 else rows[-1],
+            rows[-1] if last < len(self.times_s) else rows[0],
+        ]
+        normals = self.normals[at, limb]
+        share = ((times - begin) / (end - begin))[:, None]
+        facing = normals[0] + share * (normals[1] - normals[0])
+        self.normals[here, limb] = facing / np.linalg.norm(facing, axis=1, keepdims=True)
+        there = [leaves if first >= 0 else lands, lands if last < len(self.times_s) else leaves]
+        ends = self.centres_m[at, limb] - self.plan.com_m[there]  # in axes that do not turn
+        moves = -self.plan.velocity_m_s[there]
+        leg = self.plan.problem.leg(self.plan.problem.robot.limbs[limb])
+        edge = self._edge
+        shares = np.array([[edge], [1.0 - edge]])
+        mids = ends[0] + shares * (ends[1] - ends[0])
+        hips = np.einsum("mij,j->mi", self._planned[at], leg.hip_m)
+        away = mids - (hips[0] + shares * (hips[1] - hips[0]))
+        lengths = np.linalg.norm(ends - hips, axis=1)
+        folded = max(self._fold * float(lengths.min()), 1.1 * leg.fold_m)
+        fold = np.minimum(folded / np.maximum(np.linalg.norm(away, axis=1), 1e-9), 1.0)
+        mids += (fold[:, None] - 1.0) * away
+        knots = begin + np.array([0.0, edge, 1.0 - edge, 1.0]) * (end - begin)
+        path = CubicSpline(
+            knots, np.vstack([ends[:1], mids, ends[1:]]), bc_type=((1, moves[0]), (1, moves[1]))
+        )
+        placed = path(times) + self.com_m[here]
+        moving = path(times, 1) + self.velocity_m_s[here]
+        flies = self.holds[here, limb] < 0
+        self.centres_m[here, limb] = np.where(flies[:, None], placed, self.centres_m[here, limb])
+        self._moves[here, limb] = np.where(flies[:, None], moving, 0.0)
+
+    def _flight(self, limb: int, rows: NDArray[np.int_]) -> tuple[int, int]:
+        """At which ends of intervals a limb leaves and lands."""
+        air = self._holds[:, limb] < 0
+        k = int(self._k[rows[min(1, len(rows) - 1)]])
+        first = last = k
+        while first > 0 and air[first - 1]:
+            first -= 1
+        while last + 1 < len(air) and air[last + 1]:
+            last += 1
+        return first, last + 1
+
+    def _turned(self, postures: WalkPostures) -> Array:
+        """R_WB that leaves the whole robot with the momentum of the plan, shape (K, 3, 3).
+
+        Feet go where they should whatever the body does, ẋ = J_b v_b + J_q q̇, so that (A_b − A_q
+        J_q⁻¹ J_b) v_b = h − A_q J_q⁻¹ ẋ.
+        """
+        from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
+
+        pin, solver = pinocchio(), postures.kinematics
+        known, mass = solver.known, self.plan.problem.robot.mass_kg
+        data, base = known.createData(), known.joints[base_joint(known)]
+        rows, first = slice(base.idx_q, base.idx_q + 7), slice(base.idx_v, base.idx_v + 6)
+        home = pin.XYZQUATToSE3(at_rest(known)[rows])
+        feet = [known.getFrameId(f"{leg.name}: foot") for leg in self._body.model.legs]
+        columns = [solver.columns[solver.legs == i] for i in range(len(feet))]
+        step = float(self.times_s[1] - self.times_s[0])
+        spin, self.spins = np.zeros_like(self.com_m), np.zeros_like(self.rotation)
+        for k, angles in enumerate(postures.angles):
+            state = solver.configuration(angles)
+            placed = pin.SE3(self.rotation[k], postures.origin_m[k]) * home
+            state[rows] = pin.SE3ToXYZQUAT(placed)
+            matrix = np.array(pin.computeCentroidalMap(known, data, state))
+            wanted = mass * np.concatenate([self.velocity_m_s[k], self.momentum_m2_s[k]])
+            body = matrix[:, first].copy()
+            pin.computeJointJacobians(known, data, state)
+            pin.updateFramePlacements(known, data)
+            for mine, frame, moves in zip(columns, feet, self._moves[k], strict=True):
+                full = pin.getFrameJacobian(
+                    known, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+                )[:3]
+                swung = matrix[:, mine] @ np.linalg.pinv(full[:, mine], rcond=SINGULAR)
+                body -= swung @ full[:, first]
+                wanted = wanted - swung @ moves
+            inverse = np.linalg.inv(body)
+            spin[k] = placed.rotation @ (inverse @ wanted)[3:]
+            self.spins[k] = mass * placed.rotation @ inverse[3:, 3:]
+        turns = 0.5 * step * (spin[1:] + spin[:-1])
+        rotation = np.empty_like(self.rotation)
+        rotation[0] = rotations_of(self.plan.problem.start.rotation_rad)
+        for k, small in enumerate(rotations_of(turns)):
+            rotation[k + 1] = small @ rotation[k]
+        return rotation
+
+    @cached_property
+    def mean_forces_n(self) -> Array:
+        """Forces as differences of velocities see them: means with weights that fall off from a
+        sample to its neighbours, shape (K, N, 3) [N].
+
+        Forces jump where a limb leaves or lands, and the acceleration there is that of both sides.
+        """
+        ends, forces = self.plan.times_s, self.plan.forces_n
+        lasts = np.diff(ends)[:, None, None]
+        once = np.concatenate([np.zeros_like(forces[:1]), np.cumsum(forces * lasts, axis=0)])
+        grown = once[:-1] * lasts + 0.5 * forces * lasts**2
+        twice = np.concatenate([np.zeros_like(forces[:1]), np.cumsum(grown, axis=0)])
+
+        def integral(times_s: Array) -> Array:
+            k = np.clip(np.searchsorted(ends, times_s, side="right") - 1, 0, len(forces) - 1)
+            t = (times_s - ends[k])[:, None, None]
+            return np.asarray(twice[k] + once[k] * t + 0.5 * forces[k] * t**2)
+
+        step = float(self.times_s[1] - self.times_s[0])
+        after, now, before = (integral(self.times_s + s * step) for s in (1.0, 0.0, -1.0))
+        return np.asarray((after - 2.0 * now + before) / step**2)
+
+    @property
+    def toes_m(self) -> Array:
+        """Lowest points of the feet along the normals, shape (K, N, 3) [m]."""
+        return np.asarray(self.centres_m - self._radii[:, None] * self.normals)
+
+    @property
+    def contact(self) -> NDArray[np.bool_]:
+        """Limbs that stand, shape (K, N)."""
+        return np.asarray(self.holds >= 0)
+
+    @cached_property
+    def rotation_rad(self) -> Array:
+        """Rotation vectors of the body, shape (K, 3) [rad]."""
+        from scipy.spatial.transform import Rotation  # slow to import
+
+        return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec())
+
+
+def gaps(stands: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Rows before and behind every stretch in which a limb does not stand; −1 and K beyond the
+    ends.
+    """
+    padded = np.concatenate([[True], stands, [True]])
+    begins = np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
+    ends = np.flatnonzero(~padded[:-1] & padded[1:])
+    return list(zip(begins.tolist(), ends.tolist(), strict=True))
 
 
 class LeapMotion:
@@ -133,3 +404,114 @@ class LeapMotion:
         )
         toes = self.plan.toes_m[around] - self.plan.com_m[:, None, None]
         return np.asarray(np.einsum("mji,mnsj->mnsi", rotations_of(self.plan.rotation_rad), toes))
+
+
+SETTLE_S, REST_S = 0.5, 2.0
+"""At rest before, and after: a robot that stands so long has landed."""
+PUSHES = 2
+"""Intervals before a flight in which legs push so that a body goes into the air, held or not."""
+LIGHT = 0.1
+"""Toes that press with less than this share of the weight in all are about to lift."""
+KNOT_S = 0.02
+"""Postures are looked for so often."""
+
+
+class LeapRun:
+    """A leap of a robot whose legs are known, over time; ``Samples.frame`` counts seconds.
+
+    Arguments:
+        plan: the leap.
+        settle_s, rest_s: how long it rests before and after [s].
+
+    Raises:
+        InvalidInput: for a robot without legs of its own.
+    """
+
+    counted = "seconds"
+
+    def __init__(self, plan: LeapPlan, settle_s: float = SETTLE_S, rest_s: float = REST_S) -> None:
+        self.plan, self.body = plan, LeapBody(plan)
+        self.settle_s, self.rest_s = settle_s, rest_s
+        self._feet_alone = LeapMotion(plan)
+        self.solids: tuple[Solid, ...] = ()
+        leap = plan.problem
+        self.stances: Sequence[str] = tuple(
+            f"{foothold.limb}, put down in phase {foothold.frame}," for foothold in leap.footholds
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """Duration [s]."""
+        return float(self.plan.times_s[-1]) + self.settle_s + self.rest_s
+
+    @property
+    def last_frame(self) -> float:
+        """The end [s]."""
+        return self.duration_s
+
+    @property
+    def goal_m(self) -> Array:
+        """Place at which the centre of mass ends, shape (3,) [m]."""
+        return np.asarray(self.plan.com_m[-1])
+
+    def entry(self) -> dict[str, Any]:
+        """Start and goal, for a log."""
+        return {"start_m": self.plan.com_m[0], "goal_m": self.plan.com_m[-1]}
+
+    @property
+    def knots_s(self) -> Array:
+        """Times at which postures are chosen, shape (K,) [s]."""
+        return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / KNOT_S)) + 1)
+
+    @cached_property
+    def committed_s(self) -> tuple[tuple[float, float], ...]:
+        """From when the body goes into the air whatever its legs do, and when it rests again [s]:
+        from the beginning of the last but one interval that pushes before the first flight to the
+        end; none where some limb always stands. Legs that are held while they push throw a robot
+        off its feet from there on.
+        """
+        leap, ends = self.plan.problem, self.plan.times_s
+        air = (leap.holds[leap.interval_phases] < 0).all(axis=1)
+        if not air.any():
+            return ()
+        pushes = np.linalg.norm(self.plan.forces_n.sum(axis=1), axis=1) > LIGHT * leap.weight_n
+        lifts = np.flatnonzero(pushes[: int(np.argmax(air))])
+        first = max(int(lifts[-1]) + 1 - PUSHES, 0) if len(lifts) else 0
+        begin, rests = float(ends[first]) + self.settle_s, float(ends[-1]) + self.settle_s
+        return ((begin, rests + SETTLE_S if self.rest_s > SETTLE_S else self.duration_s),)
+
+    def at(self, times_s: float | Array) -> Samples:
+        """The samples at times; the ends are held."""
+        body = self.body
+        times = np.asarray(times_s, dtype=np.float64)
+        when = np.clip(times - self.settle_s, body.times_s[0], body.times_s[-1])
+        moves = (when == times - self.settle_s)[..., None]
+        base = self._feet_alone.at(when)
+        vectors, rates, centres, normals = self._tables
+        stands = base.stands[..., None]
+        facing = normals(when)
+        facing = facing / np.linalg.norm(facing, axis=-1, keepdims=True)
+        return Samples(
+            com_m=base.com_m,
+            velocity_m_s=np.where(moves, base.velocity_m_s, 0.0),
+            rotation_rad=vectors(when),
+            rotation_rate_rad_s=np.where(moves, rates(when), 0.0),
+            frame=np.clip(times, 0.0, self.duration_s),
+            feet_m=np.where(stands, base.feet_m, centres(when)),
+            radii_m=base.radii_m,
+            forces_n=base.forces_n,
+            foothold=base.foothold,
+            normals=np.where(stands, base.normals, facing),
+            friction=base.friction,
+        )
+
+    @cached_property
+    def _tables(self) -> tuple[Any, Any, Any, Any]:
+        """Rotation vectors and their rates, centres of the feet and normals, over time."""
+        from scipy.interpolate import CubicSpline, make_interp_spline  # slow to import
+
+        body = self.body
+        vectors = CubicSpline(body.times_s, body.rotation_rad, bc_type="clamped")
+        centres = CubicSpline(body.times_s, body.centres_m, bc_type="clamped")
+        normals = make_interp_spline(body.times_s, body.normals, k=1)
+        return vectors, vectors.derivative(), centres, normals

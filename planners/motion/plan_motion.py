@@ -19,9 +19,9 @@ from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..files.arrays import Array, check_numbers
 from ..robot.rotation import rotation_of
+from .joints import support_forces
 from .motion import Samples, smooth, smooth_rate
 from .path import PathMoments, PlanPath, Segment
-from .torques import support_forces
 
 KNOTS = 10
 """Postures are chosen so often in every phase."""

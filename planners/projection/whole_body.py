@@ -32,9 +32,7 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
-from ..motion.joints import STRAY_M
-from ..motion.plan_joints import plan_angles
-from ..motion.torques import path_torques
+from ..motion.joints import STRAY_M, path_torques, plan_angles
 from ..robot.kinematics import Kinematics, rotation_of
 from ..verify import Report, check_plan
 from .clearance import APART_M, CLEAR_PRICE, Nearness, PathClearance

@@ -28,7 +28,7 @@ from .leaps import check_leap
 from .plans import check_plan
 
 if TYPE_CHECKING:
-    from ..motion.leap_body import LeapBody
+    from ..motion.leap_motion import LeapBody
 
 TOES_M = 1e-6
 """Toes are where they were when the next part begins, within this [m]."""
@@ -209,7 +209,7 @@ def _end(part: Plan | LeapPlan, body_of: BodyOf, *, last: bool) -> _End:
 
 def _leap_body(plan: LeapPlan) -> LeapBody:
     """The legs of a leap; raises InvalidInput without legs, or without pinocchio."""
-    from ..motion.leap_body import LeapBody
+    from ..motion.leap_motion import LeapBody
 
     return LeapBody(plan)
 

@@ -242,7 +242,7 @@ def _torque_cap(plan: Plan) -> float:
 
 def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, Array, Array, str]:
     """Angles, errors of the feet, what is beyond limits, and what is wrong with them."""
-    from ..motion.plan_joints import normals_at, plan_angles
+    from ..motion.joints import normals_at, plan_angles
     from ..robot.rotation import rotation_of
 
     course, frames = plan.problem, list(range(plan.problem.frames))

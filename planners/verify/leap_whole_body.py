@@ -19,7 +19,7 @@ from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..motion.leap_body import LeapBody, gaps
+from ..motion.leap_motion import LeapBody, gaps
 from ..terrain.obstacles import Obstacles
 from .moving_body import BodyPath, MovingBodyMeasurements
 

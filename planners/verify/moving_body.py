@@ -20,7 +20,7 @@ from .bodies import BodyReport, bodies_report, spaced
 from .trajectory_series import Series
 
 if TYPE_CHECKING:
-    from ..motion.walk_joints import WalkPostures
+    from ..motion.joints import WalkPostures
     from ..robot.overlaps import WholeBody
     from ..terrain.obstacles import Obstacles
 

@@ -28,7 +28,7 @@ import numpy as np
 from ..answer.plan import Plan
 from ..answer.report import PLAN_GROUPS, WHOLE_BODY, Group, Report
 from ..files.arrays import Array
-from ..motion.touch_down import touch_downs_m
+from ..motion.path import touch_downs_m
 from ..problem.limits import LINEAR
 from ..terrain.certainty import Certainty
 from ..terrain.patch import Patch

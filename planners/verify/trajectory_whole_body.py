@@ -68,7 +68,7 @@ class WholeBodyMeasurements(MovingBodyMeasurements):
     """
 
     def __init__(self, measured: TrajectoryMeasurements) -> None:
-        from ..motion.walk_joints import walk_postures  # slow to import
+        from ..motion.joints import walk_postures  # slow to import
 
         walk = measured.trajectory
         path = BodyPath(

@@ -10,10 +10,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked
 from stancekit.planners.files.writing import check_writable, replaced, write_bytes
 from stancekit.planners.formats.motion_file import csv_of, joint_trajectory_bytes, npz_of
-from stancekit.planners.motion.feet_motion import feet_motion
-from stancekit.planners.motion.motion import Motion
+from stancekit.planners.motion.gait_motion import feet_motion
+from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Motion, table_of
 from stancekit.planners.motion.plan_motion import PlanMotion
-from stancekit.planners.motion.sampled import LARGEST_RATE_HZ, table_of
 from stancekit.planners.robot.urdf import joint_names
 
 from ..motion.stream import joint_motion

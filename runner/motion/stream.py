@@ -14,10 +14,8 @@ from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.motion.crossing_motion import CrossingMotion, plans_of
-from stancekit.planners.motion.feet_motion import feet_motion
-from stancekit.planners.motion.gait_motion import GaitMotion
-from stancekit.planners.motion.leap_run import LeapRun
+from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion, feet_motion, plans_of
+from stancekit.planners.motion.leap_motion import LeapRun
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.physics import GRAVITY_M_S2

@@ -295,7 +295,7 @@ def test_a_leap_on_ice_does_not_stand() -> None:
 def test_the_referee_has_a_leap_as_the_package_has_it() -> None:
     """Body, feet, contacts and forces, each by its own code from one file."""
     from stancekit.planners.formats.leap_file import read_leap
-    from stancekit.planners.motion.leap_run import LeapRun
+    from stancekit.planners.motion.leap_motion import LeapRun
 
     plan = read_leap(LEAP).plan
     assert plan is not None

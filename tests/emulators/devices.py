@@ -98,7 +98,7 @@ def bridge_process(plan: Path) -> DeviceProcess:
 def start_of(path: Path) -> tuple[tuple[str, ...], Array]:
     """Joint names, and angles [rad] of shape (J,) at the first key frame of a plan file."""
     from stancekit.planners.formats.plan_file import read_plan
-    from stancekit.planners.motion.plan_joints import plan_angles
+    from stancekit.planners.motion.joints import plan_angles
     from stancekit.planners.robot.urdf import joint_names
 
     plan, _ = read_plan(path)

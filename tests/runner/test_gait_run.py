@@ -15,7 +15,7 @@ pytest.importorskip("mujoco")
 
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempted
-from stancekit.planners.motion.gait_motion import SETTLE_S, GaitMotion, footholds
+from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion, footholds
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
@@ -127,7 +127,7 @@ def test_the_motion_is_the_trajectory_between_two_rests(gait: Attempted) -> None
     trajectory = gait.trajectory
     motion = GaitMotion(trajectory)
     k = trajectory.samples // 3
-    sample = motion.at(SETTLE_S + float(trajectory.times_s[k] - trajectory.times_s[0]))
+    sample = motion.at(WALK_SETTLE_S + float(trajectory.times_s[k] - trajectory.times_s[0]))
     np.testing.assert_allclose(sample.com_m, trajectory.torso_m[k], atol=1e-9)
     np.testing.assert_allclose(sample.forces_n, trajectory.forces_n[k], atol=1e-6)
     away = np.linalg.norm(sample.feet_m - trajectory.feet_m[k], axis=1)

@@ -15,10 +15,8 @@ pytest.importorskip("pinocchio")
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.joints import JointPath
-from stancekit.planners.motion.plan_joints import plan_angles
+from stancekit.planners.motion.joints import JointPath, path_torques, plan_angles
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
-from stancekit.planners.motion.torques import path_torques
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import distribute_forces
 from stancekit.planners.projection.whole_body import whole_body

@@ -12,8 +12,8 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.joints import path_torques
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
-from stancekit.planners.motion.torques import path_torques
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
 from stancekit.planners.robot.legged import robot_of

@@ -16,8 +16,8 @@ pytest.importorskip("mujoco")
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.path import touch_downs_m
 from stancekit.planners.motion.plan_motion import Timing
-from stancekit.planners.motion.touch_down import touch_downs_m
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.certainty import Certainty

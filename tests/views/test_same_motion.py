@@ -15,7 +15,7 @@ pytest.importorskip("mujoco")
 import stancekit
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.motion.gait_motion import SETTLE_S, GaitMotion
+from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem.leap_json import leap_from_keys
 from stancekit.runner.motion.stream import streamed
@@ -83,7 +83,7 @@ def test_a_walk_of_a_robot_without_joints_is_shown_on_the_same_path_at_the_same_
     assert isinstance(view.motion, GaitMotion)
     film = view.film(step_s=0.1)
     for k, moment in enumerate(film.moments):
-        now = view.motion.at(SETTLE_S + 0.1 * k)
+        now = view.motion.at(WALK_SETTLE_S + 0.1 * k)
         bodies = {body.name: body for body in moment.bodies}
         np.testing.assert_array_equal(bodies["trunk 0"].position_m, now.com_m)
         row = int(np.argmin(np.abs(walk.times_s - 0.1 * k)))

@@ -25,7 +25,7 @@ from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps
 from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
-from stancekit.planners.motion.feet_motion import feet_motion
+from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.problem.walk import Walk
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView

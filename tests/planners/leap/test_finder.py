@@ -24,7 +24,7 @@ from stancekit.planners.leap.prove import (
     split,
 )
 from stancekit.planners.leap.scp import LeapAttempt, attempt
-from stancekit.planners.motion.feet_motion import feet_motion
+from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify import check_certificate, explain

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.motion.walk_joints import walk_joints
+from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.robot.foot import Foot
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import model_of

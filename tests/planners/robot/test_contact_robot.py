@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.motion.plan_joints import plan_angles
+from stancekit.planners.motion.joints import plan_angles
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.robot.contact_robot import contact_robot

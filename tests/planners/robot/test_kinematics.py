@@ -19,7 +19,7 @@ from stancekit.planners.robot.servo import FOOT_RADIUS_M, Servo
 from stancekit.planners.search.two_stage import TwoStagePlanner
 
 pytest.importorskip("pinocchio")
-from stancekit.planners.motion.plan_joints import plan_angles
+from stancekit.planners.motion.joints import plan_angles
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.verify.joints import joint_report
 from tests.refusals import assert_names, refuses

@@ -13,8 +13,8 @@ import stancekit
 from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.formats.crossing_file import read_crossing, write_crossing
-from stancekit.planners.motion.crossing_motion import BLEND_S, CrossingMotion
-from stancekit.planners.motion.leap_body import LeapBody
+from stancekit.planners.motion.gait_motion import BLEND_S, CrossingMotion
+from stancekit.planners.motion.leap_motion import LeapBody
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.verify.crossings import check_crossing
 from tests.refusals import assert_names, refuses

@@ -15,7 +15,7 @@ from stancekit.planners.leap.bend import joint_rows, legged_numbers
 from stancekit.planners.leap.bend import point_of as point_of_plan
 from stancekit.planners.leap.numbers import LeapGiven
 from stancekit.planners.leap.scp import reserved
-from stancekit.planners.motion.leap_body import LeapBody
+from stancekit.planners.motion.leap_motion import LeapBody
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leap_whole_body import LeapBodyMeasurements, with_body
 from stancekit.planners.verify.leaps import check_leap

@@ -21,7 +21,7 @@ from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import csv_of, read_motion
-from stancekit.planners.motion.gait_motion import SETTLE_S
+from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.runner.export.formats import FORMATS, beside, moved_of
 from stancekit.runner.export.moved import Moved
@@ -62,7 +62,7 @@ def test_the_table_is_the_motion_that_runs(plan: Plan) -> None:
 
 def test_the_rate_is_the_one_asked_for_and_samples_of_a_walk_are_its_own(walk: Trajectory) -> None:
     table = moved_of(walk, "csv", 200.0).table
-    rows = np.rint((walk.times_s - walk.times_s[0] + SETTLE_S) * 200.0).astype(int)
+    rows = np.rint((walk.times_s - walk.times_s[0] + WALK_SETTLE_S) * 200.0).astype(int)
     assert table.rate_hz == pytest.approx(200.0)
     assert table.com_m is not None
     np.testing.assert_allclose(table.com_m[rows], walk.torso_m, atol=1e-9)
