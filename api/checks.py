@@ -87,7 +87,7 @@ def check_file(
         proof_file,
         trajectory_file,
     )  # splines are slow to import
-    from stancekit.planners.problem.leap_names import is_leap_file
+    from stancekit.planners.problem.leap import is_leap_file
 
     if is_leap_file(path):
         _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a leap, which has its own")

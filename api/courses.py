@@ -23,11 +23,10 @@ from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.candidates import NoPlace
+from stancekit.planners.problem.contact import wrench_of
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.leap import Leap
-from stancekit.planners.problem.leap_names import is_leap_file
+from stancekit.planners.problem.leap import Leap, is_leap_file
 from stancekit.planners.problem.standing_map import StandingMap
-from stancekit.planners.problem.wrench import wrench_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Planner

@@ -19,7 +19,7 @@ from stancekit.learners.data.labelling import Progress
 from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.documents import shown
-from stancekit.planners.problem.leap_names import is_leap_class as is_leap_class
+from stancekit.planners.problem.leap import is_leap_class as is_leap_class
 from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot.model import Robot
 

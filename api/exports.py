@@ -164,7 +164,7 @@ def read_accepted(path: Path) -> Subject:
     Raises InvalidInput.
     """
     from stancekit.planners.formats import crossing_file, leap_file, plan_file, trajectory_file
-    from stancekit.planners.problem.leap_names import is_leap_file
+    from stancekit.planners.problem.leap import is_leap_file
 
     subject: Subject | None
     if plan_file.is_plan_file(path):

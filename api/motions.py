@@ -17,7 +17,7 @@ from stancekit.planners.formats.crossing_file import is_crossing_file
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
-from stancekit.planners.problem.leap_names import is_leap_file
+from stancekit.planners.problem.leap import is_leap_file
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.verify.tipping import LEAST_PUSH
 from stancekit.runner.acceptance import Accepted

@@ -104,7 +104,7 @@ def map(
     checked_int(seed, "seed", least=0)
     from stancekit.envs.distributions.cut import identity_of
     from stancekit.learners.maps.making import MapSettings, Poses, make_map
-    from stancekit.planners.problem.file_terrain import footholds_for
+    from stancekit.planners.problem.terrain_spec import footholds_for
 
     if fit and surrogate is not None:
         raise InvalidInput("fit: expected none with a surrogate, which is learned already")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from stancekit.planners.arguments import checked, settings_from
-from stancekit.planners.problem.file_terrain import footholds_for
+from stancekit.planners.problem.terrain_spec import footholds_for
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES
 from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits, Footholds

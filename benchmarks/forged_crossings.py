@@ -26,7 +26,7 @@ from stancekit.planners.errors import StancekitError
 from stancekit.planners.formats.crossing_file import read_crossing
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import attempt, plan_of
-from stancekit.planners.problem.foothold import Foothold
+from stancekit.planners.problem.contact import Foothold
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify.crossings import check_crossing

@@ -25,8 +25,8 @@ from _bench import Options, Row, launch, markdown
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.contact import StepLimits
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.limits import StepLimits
 from stancekit.planners.projection.least_steps import lengths_of
 from stancekit.planners.search.two_stage import TwoStagePlanner
 

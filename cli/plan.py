@@ -520,7 +520,7 @@ class PlanCourse:
 
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
-        from stancekit.planners.problem.leap_names import is_leap_file
+        from stancekit.planners.problem.leap import is_leap_file
 
         answer = self._leap() if is_leap_file(self.course) else self._course()
         pictures = {name: getattr(self, name) for name in ("picture", "video", "html")}

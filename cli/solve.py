@@ -34,7 +34,7 @@ from .options import (
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.problem import Problem
-    from stancekit.planners.problem.file_terrain import FileTerrain
+    from stancekit.planners.problem.terrain_spec import FileTerrain
     from stancekit.planners.robot.model import Robot
     from stancekit.planners.search.answer import Planner
     from stancekit.planners.terrain.footholds import Footholds
@@ -195,7 +195,7 @@ class Between:
         """The terrain's file as a description, whose footholds are found when they are asked
         for.
         """
-        from stancekit.planners.problem.file_terrain import FileTerrain
+        from stancekit.planners.problem.terrain_spec import FileTerrain
 
         keys = vars(self.file.asked())
         return FileTerrain(

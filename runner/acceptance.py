@@ -26,7 +26,7 @@ from stancekit.planners.formats.leap_file import read_leap
 from stancekit.planners.formats.plan_file import read_plan
 from stancekit.planners.formats.trajectory_file import is_trajectory, read_trajectory
 from stancekit.planners.physics import GRAVITY_M_S2
-from stancekit.planners.problem.leap_names import is_leap_file
+from stancekit.planners.problem.leap import is_leap_file
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.urdf import joint_names

@@ -19,7 +19,7 @@ from stancekit.planners.leap.finder import LABELS, Try
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import plan_from
 from stancekit.planners.problem.leap import BodyState, Leap
-from stancekit.planners.problem.leap_json import leap_from_keys, leap_to_json
+from stancekit.planners.problem.leap_classes import leap_from_keys, leap_to_json
 
 from .dataset import Dataset, Summary, is_test
 from .ledger import Ledger, TryHeader, folder_of, read_header, shard_name

@@ -41,8 +41,7 @@ from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
-from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.planners.problem.leap_json import leap_to_json
+from stancekit.planners.problem.leap_classes import leap_class, leap_to_json
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.terrain.families import family_terrain, terrain_family
 from stancekit.planners.terrain.family import SCENE

@@ -209,7 +209,7 @@ class LeapPlan:
 
     Example:
         >>> import numpy as np, stancekit
-        >>> from stancekit.planners.problem.leap_json import leap_from_keys
+        >>> from stancekit.planners.problem.leap_classes import leap_from_keys
         >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
         >>> from stancekit.planners.motion.gait_motion import feet_motion
         >>> feet_motion(stancekit.plan(leap).solution).at(np.array([0.0, 0.5])).com_m.shape

@@ -326,7 +326,7 @@ class Report(Generic[S]):
             }
             return _sha256({**content, "motion": self.answer.digest})
         if isinstance(self.answer, LeapPlan):
-            from ..problem.leap_json import leap_to_json  # of leaps alone
+            from ..problem.leap_classes import leap_to_json  # of leaps alone
 
             plan = {name: getattr(self.answer, name).tolist() for name in (*NUMBERS, "choice")}
             plan |= {name: value.tolist() for name, value in self.answer.later.items()}

@@ -15,7 +15,7 @@ from ..answer.plan import LeapPlan, Plan
 from ..errors import InvalidInput
 from ..files.documents import read_json, shown
 from ..files.writing import write_text
-from ..problem.leap_names import is_leap
+from ..problem.leap import is_leap
 from ..verify import check_plan
 from ..verify.crossings import check_crossing
 from .leap_file import leap_content, leap_from

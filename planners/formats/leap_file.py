@@ -19,10 +19,8 @@ from ..errors import InvalidInput
 from ..files.arrays import plain_numbers
 from ..files.documents import YAML, read_json, read_yaml, shown
 from ..files.writing import write_text
-from ..problem.leap import Leap
-from ..problem.leap_classes import leap_class
-from ..problem.leap_json import leap_from_keys, leap_to_json
-from ..problem.leap_names import is_drawn, is_leap
+from ..problem.leap import Leap, is_drawn, is_leap
+from ..problem.leap_classes import leap_class, leap_from_keys, leap_to_json
 from ..verify import check_certificate, explain
 from ..verify.leaps import check_leap
 from .motion_file import FileCheck

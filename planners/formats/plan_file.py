@@ -27,7 +27,7 @@ from ..files.codec import embedded, extracted
 from ..files.documents import parse_json, read_json, shown
 from ..files.writing import check_writable, remove_leftovers, write_text
 from ..problem import Problem
-from ..problem.course_comparison import course_difference
+from ..problem.course_file import course_difference
 from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.modes import Modes
 from ..robot import Robot

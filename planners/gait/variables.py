@@ -21,8 +21,7 @@ from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.gaits import FootPhases
-from ..problem.walk import Walk
+from ..problem.walk import FootPhases, Walk
 from ..terrain.bspline import cubics, rows_of
 from .charts.warped import Chart, Pushforward
 from .transcription.taylor import Features, Rows, Selection, TaylorMap, VariableGroup, identity

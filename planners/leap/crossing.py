@@ -25,8 +25,8 @@ from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
 from ..motion.leap_motion import LeapBody
 from ..problem.candidates import CandidatePatches
+from ..problem.contact import Foothold
 from ..problem.course_between import LaidBetween
-from ..problem.foothold import Foothold
 from ..problem.leap import BodyState, Leap, LeapLimits, Phase
 from ..problem.leap_classes import SPINS
 from ..problem.problem import Problem

@@ -178,7 +178,7 @@ class LeapFinder:
 
     Example:
         >>> import stancekit
-        >>> from stancekit.planners.problem.leap_json import leap_from_keys
+        >>> from stancekit.planners.problem.leap_classes import leap_from_keys
         >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
         >>> stancekit.plan(leap, stancekit.LeapFinder(order="rule")).method
         'rule'

@@ -16,7 +16,7 @@ from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
-from ..problem.foothold import Foothold
+from ..problem.contact import Foothold
 from ..problem.leap import BodyState, Leap
 from ..robot.reach import turned_most
 from .numbers import LeapGiven, LeapNumbers

@@ -16,8 +16,7 @@ from typing import Literal
 import numpy as np
 
 from ..robot.model import Robot
-from .course_keys import CourseSpec, StanceSpec
-from .toe_offset import toe_offset
+from .course_keys import CourseSpec, StanceSpec, toe_offset
 
 
 @dataclass(frozen=True, kw_only=True)

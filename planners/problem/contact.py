@@ -2,18 +2,306 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from types import MappingProxyType
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_members, checked_name, collect_errors, read_only
-from ..files.codec import INLINE, LATER, fields_to_json
+from ..files.arrays import (
+    Array,
+    checked,
+    checked_members,
+    checked_name,
+    collect_errors,
+    cross,
+    read_only,
+)
+from ..files.codec import INLINE, LATER, Within, check_limits, fields_to_json
+from ..files.documents import shown
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from ..terrain.sole import checked_sole, sole_offsets, sole_region
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Foothold:
+    """One toe put down: by ``limb``, at key frame ``frame``, on one of the candidates.
+
+    Arguments:
+        toe_m: position of a toe that stands already, shape (3,) [m]; None if the planner chooses.
+        candidates: patches to choose from, at least one; a toe that already stands has exactly one,
+            the surface under it.
+        yaws_rad: yaw angle of a sole on each candidate [rad]; () for 0. The same patch with several
+            yaws is several candidates. toe_m of a sole is its centre.
+        force_min, force_max: bounds on (f_n, f_y, f_z) there, in units of the problem's force
+            scale, shape (3,); None for those of the problem.
+    """
+
+    limb: str
+    frame: int
+    toe_m: Array | None = None
+    candidates: tuple[Patch, ...]
+    yaws_rad: tuple[float, ...] = field(default=(), metadata=LATER)
+    force_min: Array | None = field(default=None, metadata=LATER)
+    force_max: Array | None = field(default=None, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        where = f"frame {self.frame}, limb {self.limb}"
+        if len(self.yaws_rad):
+            yaws = read_only(self.yaws_rad, (None,), f"{where}: yaws_rad")
+            if len(yaws) != len(self.candidates):
+                raise InvalidInput(
+                    f"{where}: yaws_rad: expected {len(self.candidates)}, one a candidate, got "
+                    f"{len(yaws)}"
+                )
+            object.__setattr__(self, "yaws_rad", tuple(yaws.tolist()))
+        if not self.candidates:
+            raise InvalidInput(
+                f"{where}: expected one or more candidate patches, got none within reach"
+            )
+        object.__setattr__(self, "candidates", tuple(self.candidates))
+        if self.toe_m is not None:
+            object.__setattr__(self, "toe_m", read_only(self.toe_m, (3,), f"{where}: toe_m"))
+            if len(self.candidates) != 1:
+                raise InvalidInput(
+                    f"{where}: expected one patch under a toe that stands, got "
+                    f"{len(self.candidates)}"
+                )
+        if self.force_min is None and self.force_max is None:
+            return
+        if self.force_min is None or self.force_max is None:
+            raise InvalidInput(
+                f"{where}: force_min, force_max: expected both or none, got one of them"
+            )
+        low, high = (
+            read_only(getattr(self, each), (3,), f"{where}: {each}")
+            for each in ("force_min", "force_max")
+        )
+        if np.any(low > high):
+            raise InvalidInput(
+                f"{where}: force_min: expected at most force_max {high.tolist()}, got "
+                f"{low.tolist()}"
+            )
+        object.__setattr__(self, "force_min", low)
+        object.__setattr__(self, "force_max", high)
+
+
+@dataclass(frozen=True)
+class Stance:
+    """Limbs that carry the robot alone at a key frame, by index, in the robot's order."""
+
+    frame: int
+    limbs: tuple[int, ...]
+
+
+ROUNDED = 1e-9
+"""Share of δ by which a half-space is widened: corners of parts are rounded."""
+SMALLEST = 0.02
+"""A side whose corners are nearer to each other is not parted again: h is within a few parts in ten
+thousand of 1."""
+OPEN = (0.0, 0.0, 0.0, -1.0)
+"""The row n·Δ ≥ b of a step whose side is open: it holds always."""
+
+
+def parts(side: Array | None) -> list[Array]:
+    """The sides, shape (3, 3) each, that cover a side: of all directions, where None, the octants.
+
+    Arguments:
+        side: shape (3, 3), its corners.
+    """
+    if side is None:
+        return [np.diag(signs) for signs in itertools.product((1.0, -1.0), repeat=3)]
+    a, b, c = side
+    ab, bc, ca = (_unit(first + second) for first, second in ((a, b), (b, c), (c, a)))
+    return [np.array(corners) for corners in ((ab, bc, ca), (a, ab, ca), (b, bc, ab), (c, ca, bc))]
+
+
+def too_small(side: Array | None) -> bool:
+    """Tell whether a side is not parted again."""
+    return side is not None and bool(np.linalg.norm(side[0] - side[1]) < SMALLEST)
+
+
+def half_space(side: Array, least: float) -> Array:
+    """The row (n, b) with n·Δ ≥ b for all Δ of this side that are as long as ``least``, shape
+    (4,).
+    """
+    a, b, c = side
+    normal = np.cross(b - a, c - a)
+    normal = _unit(normal if normal @ a > 0.0 else -normal)
+    return np.append(normal, (float((side @ normal).min()) - ROUNDED) * least)
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+MOST_WEIGHTS = 100.0
+"""No posture bears a force of so many times the weight, nor such a moment at an arm of the length
+scale."""
+
+
+def checked_wrench(
+    value: ArrayLike, shape: tuple[int, ...], *, weight_n: float, length_m: float
+) -> Array:
+    """A read-only copy of wrenches, the last axis of ``shape`` being 6: force [N] and moment [Nm].
+
+    Arguments:
+        value: the wrenches.
+        shape: expected shape.
+        weight_n: weight of the robot [N].
+        length_m: length scale.
+
+    Raises:
+        InvalidInput: for what is no such array, and for magnitudes beyond any posture.
+    """
+    wrench = read_only(value, shape, "wrench")
+    for part, what, unit, most in (
+        (wrench[..., :3], "force", "N", MOST_WEIGHTS * weight_n),
+        (wrench[..., 3:], "moment", "Nm", MOST_WEIGHTS * weight_n * length_m),
+    ):
+        largest = float(np.linalg.norm(part, axis=-1).max())
+        if largest > most:
+            raise InvalidInput(
+                f"wrench: expected a {what} of at most {most:.4g} {unit}, {MOST_WEIGHTS:g} times "
+                "the weight and beyond "
+                f"any posture, got {largest:.4g} {unit}"
+            )
+    return wrench
+
+
+def wrench_of(value: ArrayLike) -> Array:
+    """One wrench of three numbers, a force, or of six, a force and a moment; shape (6,).
+
+    Raises InvalidInput.
+    """
+    size = (
+        np.shape(value)
+        if isinstance(value, np.ndarray)
+        else (len(value),)
+        if isinstance(value, Sequence)
+        else ()
+    )
+    if size not in ((3,), (6,)) or isinstance(value, str):
+        raise InvalidInput(
+            "wrench: expected 3 numbers, a force [N], or 6, a force and a moment about the centre "
+            "of mass [Nm], "
+            f"got {shown(value)}"
+        )
+    part = read_only(value, size, "wrench")
+    return np.concatenate([part, np.zeros(6 - len(part))])
+
+
+def at_point(force_n: ArrayLike, moment_nm: ArrayLike, at_m: ArrayLike) -> Array:
+    """The wrench about the centre of mass of a force at a point of the body and a moment, shape
+    (6,).
+
+    Arguments:
+        force_n: the force, shape (3,) [N].
+        moment_nm: the moment, shape (3,) [Nm].
+        at_m: vector from the centre of mass to the point where the force acts, shape (3,) [m].
+    """
+    force = np.asarray(force_n, dtype=np.float64)
+    moment = np.asarray(moment_nm, dtype=np.float64) + cross(
+        np.asarray(at_m, dtype=np.float64), force
+    )
+    return np.concatenate([force, moment])
+
+
+LINEAR: Mapping[str, tuple[str, str, tuple[tuple[float, ...], ...]]] = MappingProxyType(
+    {
+        "yaw_rad": (
+            "yaw_step",
+            "rad",
+            ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)),
+        )
+    }
+)
+"""Further limits of a step of the body, by the field of ``StepLimits`` that has the limit, None
+where there is none: a name for reports, the unit, and slopes a of (c′ − c, Θ′ − Θ), each of six
+numbers, with a·step ≤ limit. Planners, their reference, the verifier, proofs and explanations read
+them here."""
+
+
+NotNegative = Annotated[float, Within(least=0.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepLimits:
+    """Largest and least steps between neighbouring key frames (E11), and the least progress.
+
+    Arguments:
+        com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max.
+        progress_m: the paper's least step is not convex; in its place the COM moves at least this
+            far along the straight line of its nominal path, where that moves.
+        yaw_rad: largest turn about the vertical, |Θ_z' − Θ_z|; None for no such limit.
+        least_toe_m: Δp_min of a toe that is put down anew; 0 for none. A toe that stays takes no
+            step. Not convex: planners branch over directions (``problem.sides``).
+        least_rotation_rad: ΔΘ_min, likewise.
+    """
+
+    com_m: Annotated[float, Within(above=0.0)] = 0.15
+    toe_m: Annotated[float, Within(above=0.0)] = 0.30
+    rotation_rad: NotNegative = 0.15
+    progress_m: NotNegative = 0.0
+    yaw_rad: NotNegative | None = field(default=None, metadata=LATER)
+    least_toe_m: NotNegative = field(default=0.0, metadata=LATER)
+    least_rotation_rad: NotNegative = field(default=0.0, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        for least, most in (
+            ("progress_m", "com_m"),
+            ("least_toe_m", "toe_m"),
+            ("least_rotation_rad", "rotation_rad"),
+        ):
+            came, limit = getattr(self, least), getattr(self, most)
+            if came > limit:
+                raise InvalidInput(
+                    f"{least}: expected at most steps.{most} = {limit:g}, the largest step, got "
+                    f"{came:g}"
+                )
+
+    @property
+    def linear(self) -> dict[str, float]:
+        """The limits of ``LINEAR`` that there are, by field."""
+        return {name: getattr(self, name) for name in LINEAR if getattr(self, name) is not None}
+
+    def linear_rows(self, length_m: float) -> Array:
+        """The rows (a, limit) of these limits, lengths in units of ``length_m``, shape (R, 7)."""
+        rows = list[Array]()
+        for name, limit in self.linear.items():
+            _, unit, slopes = LINEAR[name]
+            one = length_m if unit == "m" else 1.0
+            scales = np.array([length_m] * 3 + [1.0] * 3) / one
+            rows += [np.append(np.array(slope) * scales, limit / one) for slope in slopes]
+        return np.array(rows).reshape(-1, 7)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """Weights of the objective: squared distance of the last COM from the goal, of every COM from
+    the nominal path, squared steps, squared tilt, squared distance of every toe from where it is as
+    the robot stands; lengths in m.
+
+    The paper: "minimizes the distance of the planned final configuration to the goal and penalizes
+    the step size".
+    """
+
+    goal: NotNegative = 1.0
+    com_path: NotNegative = field(default=0.0, metadata=LATER)
+    com_step: NotNegative = 0.2
+    toe_step: NotNegative = 0.05
+    tilt: NotNegative = 0.05
+    stance: NotNegative = field(default=0.0, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        check_limits(self)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -23,14 +23,13 @@ from ..terrain.footholds import Footholds
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
-from .course_keys import BodySpec, CourseSpec
+from .contact import Weights
+from .course_keys import BodySpec, CourseSpec, toe_offset
 from .course_layout import build_course
-from .file_terrain import FileTerrain, footholds_for
 from .guide_path import Footprint, guide_path
-from .limits import Weights
 from .passage import Passage, near_of
 from .problem import MOST_FRAMES, Problem
-from .toe_offset import toe_offset
+from .terrain_spec import FileTerrain, footholds_for
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets

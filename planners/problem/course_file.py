@@ -13,18 +13,44 @@ from pydantic import ValidationError
 
 from ..errors import InvalidInput
 from ..files.documents import parse_yaml, read_json, read_yaml, validation_errors
+from ..files.writing import first_difference
 from ..plugins import split_name
 from ..robot.model import Robot
+from ..robot.model_json import robot_numbers
 from ..terrain.families import TERRAIN_FAMILIES, drawn_name
 from .alternatives import AS_ASKED, Alternative
 from .course_keys import MADE_UP, PLAIN, CourseSpec
 from .course_layout import build_course
-from .family_scene import family_keys
 from .posture import FORMAT as POSTURE
 from .problem import Problem
+from .terrain_spec import family_keys
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
+
+
+def course_difference(course: Problem, expected: Problem) -> str:
+    """Difference between what a course and another one ask for, in one line; empty where it does
+    not.
+
+    Names, weights and modes may be others, and so may the candidates of footholds, which have to be
+    pieces of the terrain in any case.
+    """
+    ours, theirs = (
+        {
+            name: value
+            for name, value in each.to_json().items()
+            if name not in ("name", "weights", "modes")
+        }
+        for each in (course, expected)
+    )
+    for each in (ours, theirs):
+        each["placements"] = [
+            {k: v for k, v in placement.items() if k != "candidates"}
+            for placement in each["placements"]
+        ]
+        each["robot"] = robot_numbers(each["robot"])
+    return first_difference(ours, theirs)
 
 
 def read_course(

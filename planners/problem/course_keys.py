@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 from ..errors import InvalidInput
-from ..files.arrays import LARGEST
+from ..files.arrays import LARGEST, Array
 from ..files.codec import KEYS
 from ..robot.model import Limb, Robot, hexapod
 from ..robot.reach import ReachRows
@@ -33,6 +33,7 @@ from .terrain_spec import ROOM_M, SolePoints
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
     from ..robot.robot_model import RobotModel
+
 
 AS_IT_STANDS = 0.3
 """Weight of toes near where they are as a robot of a file stands, so that it does not walk them in
@@ -383,3 +384,12 @@ class CourseSpec(_Keys):
         ):
             raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames!r}")
         return self.model_copy(update={"frames": frames})
+
+
+def toe_offset(limb: Limb, stance: StanceSpec) -> Array:
+    """From the shoulder to where the limb likes its toe, body frame, shape (3,) [m]."""
+    if limb.name in stance.limbs:
+        return np.array(stance.limbs[limb.name])
+    out = limb.shoulder_m * [1.0, 1.0, 0.0]
+    length = float(np.linalg.norm(out))
+    return stance.outward_m * out / max(length, 1e-12) - [0.0, 0.0, stance.down_m]

@@ -19,10 +19,9 @@ from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
 from .alternatives import AS_ASKED, Alternative
 from .candidates import CandidatePatches, NoFooting, NoPlace
-from .course_keys import CourseSpec, StanceSpec
+from .contact import at_point
+from .course_keys import CourseSpec, StanceSpec, toe_offset
 from .problem import Foothold, Problem, Weights
-from .toe_offset import toe_offset
-from .wrench import at_point
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets

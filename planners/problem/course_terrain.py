@@ -20,9 +20,9 @@ from ..terrain.patch import Patch
 from ..terrain.polygon import surface_patch, surface_patches
 from ..terrain.rung import Rung
 from ..terrain.terrain import Terrain
-from .family_scene import FamilyScene as FamilyScene
-from .file_terrain import FileTerrain as FileTerrain
 from .terrain_spec import MOST_PATCHES
+from .terrain_spec import FamilyScene as FamilyScene
+from .terrain_spec import FileTerrain as FileTerrain
 from .terrain_spec import Friction as Friction
 from .terrain_spec import Length as Length
 from .terrain_spec import Point as Point

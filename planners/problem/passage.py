@@ -6,16 +6,176 @@ person asks who gives a terrain, a start and a goal.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..files.arrays import Array, checked, checked_members, read_only
 from ..files.codec import fields_to_json, from_json
 from ..robot.model import Robot
 from ..terrain.patch import Patch
+
+FACING_UP = 0.3
+"""Surfaces whose normals are steeper than this are no ground."""
+CRACK_M = 2e-3
+"""Cracks as wide as this let nothing through [m]."""
+SAMPLE_M = 5e-3
+"""Distance of the points of a border that are looked at [m]."""
+SMALL_M2 = 1e-6
+"""Surfaces that overlap less are beside each other [m²]."""
+MOST_TOPS = 300
+"""Of more surfaces above others none is known to be a top."""
+
+
+def tops_of_solids(terrain: Sequence[Patch], footholds: Sequence[Patch]) -> frozenset[int]:
+    """The tops of solids, by number in the terrain."""
+    import shapely  # slow to import
+
+    ground = {k: patch for k, patch in enumerate(terrain) if patch.normal[2] >= FACING_UP}
+    upper = _above(ground, ground) - _above(ground, dict(enumerate(footholds)))
+    if not 0 < len(upper) <= MOST_TOPS:
+        return frozenset()
+    corners = np.concatenate([each.vertices_m[:, :2] for each in (*terrain, *footholds)])
+    map_ = shapely.box(*corners.min(axis=0), *corners.max(axis=0))
+    walls = [patch for patch in terrain if _upright(patch)]
+    borders = {k: _Border(ground[k], ground, walls, map_) for k in upper}
+    tops = set(upper)
+    while leaky := {k for k in tops if not borders[k].closed(ground, tops)}:
+        tops -= leaky
+    return frozenset(tops)
+
+
+def height_of(patch: Patch, places: Array) -> Array:
+    """Heights of a patch's plane at places, shape (…, 2) [m]."""
+    away = places - patch.vertices_m[0, :2]
+    return np.asarray(patch.vertices_m[0, 2] - away @ (patch.normal[:2] / patch.normal[2]))
+
+
+def _above(surfaces: dict[int, Patch], others: dict[int, Patch]) -> set[int]:
+    """Surfaces that have one of some others below them."""
+    import shapely  # slow to import
+
+    if not others:
+        return set()
+    numbers, below = list(surfaces), list(others.values())
+    plans, plans_below, found = _plans(surfaces.values()), _plans(below), set()
+    for i, j in shapely.STRtree(plans_below).query(plans).T:
+        common = shapely.intersection(plans[i], plans_below[j])
+        if common.area > SMALL_M2:
+            place = np.array(common.centroid.coords[0])
+            upper = surfaces[numbers[i]]
+            if height_of(upper, place) > height_of(below[j], place) + CRACK_M:
+                found.add(numbers[i])
+    return found
+
+
+def _plans(patches: Iterable[Patch]) -> NDArray[Any]:
+    """What is covered by patches, seen from above."""
+    import shapely  # slow to import
+
+    return np.array([shapely.Polygon(each.vertices_m[:, :2]) for each in patches])
+
+
+def _upright(patch: Patch) -> bool:
+    """Tell whether a patch is seen as a line from above."""
+    flat = patch.vertices_m[:, :2] - patch.vertices_m[:, :2].mean(axis=0)
+    return bool(np.linalg.svd(flat)[1][1] <= 0.5 * CRACK_M)
+
+
+def _close(patch: Patch, flat: Array) -> bool:
+    """Tell whether a patch may be near a polygon from above."""
+    corners = patch.vertices_m[:, :2]
+    apart = np.maximum(
+        corners.min(axis=0) - flat.max(axis=0), flat.min(axis=0) - corners.max(axis=0)
+    )
+    return bool(np.all(apart <= 2.0 * CRACK_M))
+
+
+class _Border:
+    """Points on the border of a surface, and how far up walls go there.
+
+    Arguments:
+        patch: the surface.
+        ground: all that face up.
+        walls: upright ones.
+        map_: all of the terrain from above.
+    """
+
+    def __init__(
+        self, patch: Patch, ground: dict[int, Patch], walls: Sequence[Patch], map_: Any
+    ) -> None:
+        import shapely  # slow to import
+
+        flat = patch.vertices_m[:, :2]
+        edges = np.roll(flat, -1, axis=0) - flat
+        lengths = np.linalg.norm(edges, axis=1)
+        counts = np.ceil(lengths / SAMPLE_M).astype(int)
+        shares = np.concatenate([(np.arange(n) + 0.5) / n for n in counts])
+        points = np.repeat(flat, counts, axis=0) + shares[:, None] * np.repeat(
+            edges, counts, axis=0
+        )
+        turn = 1.0 if shapely.Polygon(flat).exterior.is_ccw else -1.0
+        outward = turn * np.column_stack([edges[:, 1], -edges[:, 0]])[lengths > 0.0]
+        outward = np.repeat(outward / lengths[lengths > 0.0, None], counts[lengths > 0.0], axis=0)
+        beside = points + 1.5 * CRACK_M * outward
+        on_map = shapely.contains_xy(map_, beside)
+        self.points, self.beside, inside = (
+            each[on_map] for each in (points, beside, points - 1.5 * CRACK_M * outward)
+        )
+        self.top = height_of(patch, self.points)
+        near = [each for each in ground.values() if _close(each, flat)]
+        self.lowest = np.maximum(_lowest(near, self.beside), _lowest(near, inside))
+        self.walls = [_spans(wall, self.points) for wall in walls if _close(wall, flat)]
+
+    def closed(self, ground: dict[int, Patch], tops: set[int]) -> bool:
+        """Tell whether nothing gets below the surface, where it does not get below these tops."""
+        import shapely  # slow to import
+
+        up, before = self.lowest.copy(), np.full(len(self.top), np.nan)
+        for k in tops:
+            inside = shapely.contains_xy(_plans([ground[k]])[0], self.beside)
+            up[inside] = np.maximum(up[inside], height_of(ground[k], self.beside[inside]))
+        while not np.array_equal(up, before):
+            before = up
+            for low, high in self.walls:
+                up = np.where(low <= up + CRACK_M, np.maximum(up, high), up)
+        return bool(np.all(up >= self.top - CRACK_M))
+
+
+def _lowest(ground: Iterable[Patch], places: Array) -> Array:
+    """Height of the lowest ground at places, −inf where there is none, shape (K,) [m]."""
+    import shapely  # slow to import
+
+    result = np.full(len(places), np.inf)
+    for patch in ground:
+        near = shapely.distance(_plans([patch])[0], shapely.points(places)) <= 0.5 * CRACK_M
+        result[near] = np.minimum(result[near], height_of(patch, places[near]))
+    return np.where(np.isinf(result), -np.inf, result)
+
+
+def _spans(wall: Patch, points: Array) -> tuple[Array, Array]:
+    """Heights from which and up to which a wall goes at points, inf and −inf where it is not, shape
+    (K,) each [m].
+    """
+    flat, up = wall.vertices_m[:, :2], wall.vertices_m[:, 2]
+    start = flat[np.argmax(np.linalg.norm(flat - flat[0], axis=1))]
+    end = flat[np.argmax(np.linalg.norm(flat - start, axis=1))]
+    along = (end - start) / np.linalg.norm(end - start)
+    corners, where = (flat - start) @ along, (points - start) @ along
+    at = np.clip(where, corners.min(), corners.max())
+    near = np.linalg.norm(points - start - at[:, None] * along, axis=1) <= CRACK_M
+    low, high = np.full(len(points), np.inf), np.full(len(points), -np.inf)
+    for t0, t1, z0, z1 in zip(corners, np.roll(corners, -1), up, np.roll(up, -1), strict=True):
+        if t0 == t1:  # its ends are those of the edges beside it
+            continue
+        on = near & (min(t0, t1) <= at) & (at <= max(t0, t1))
+        height = z0 + (at - t0) / (t1 - t0) * (z1 - z0)
+        low[on], high[on] = np.minimum(low, height)[on], np.maximum(high, height)[on]
+    return low, high
+
 
 NEAR = 0.2
 NEAREST_M = 0.06

@@ -11,8 +11,7 @@ import numpy as np
 
 from ..files.arrays import Array, checked, collect_errors, read_only
 from ..files.codec import LATER, Within
-from .contact import Contact
-from .wrench import checked_wrench
+from .contact import Contact, checked_wrench
 
 FORMAT = "stancekit/posture/1"
 TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (Lin et al. §II)

@@ -39,14 +39,12 @@ from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
 from ..terrain.patch import Patch
 from ..terrain.sole import sole_offsets, sole_region
-from .contact import Contact
-from .foothold import Foothold as Foothold
-from .foothold import Stance as Stance
-from .limits import StepLimits as StepLimits
-from .limits import Weights as Weights
+from .contact import OPEN, Contact, checked_wrench
+from .contact import Foothold as Foothold
+from .contact import Stance as Stance
+from .contact import StepLimits as StepLimits
+from .contact import Weights as Weights
 from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
-from .sides import OPEN
-from .wrench import checked_wrench
 
 Value = TypeVar("Value")
 MOST_FRAMES = 1000

@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.passage import Passage
-from ..problem.solid_tops import FACING_UP, tops_of_solids
+from ..problem.passage import FACING_UP, Passage, tops_of_solids
 from ..robot.outer_sets import Extent
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes

@@ -23,7 +23,7 @@ from ..answer.certificate import Certificate
 from ..answer.plan import Plan
 from ..files.arrays import Array
 from ..problem import Problem
-from ..problem.sides import OPEN, half_space, parts, too_small
+from ..problem.contact import OPEN, half_space, parts, too_small
 from ..projection.least_steps import along, lengths_of
 from .answer import Acceptance, Claim, TimeLimited, kind_of
 from .clock import Clock

@@ -10,8 +10,8 @@ from ..arguments import check_argument
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.arrays import checked as checked_number
+from ..problem.contact import wrench_of
 from ..problem.standing_map import StandingMap
-from ..problem.wrench import wrench_of
 from ..projection.whole_body_limits import WholeBodyLimits
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..answer.certificate import Certificate
 from ..files.arrays import Array
 from ..problem import Problem
+from ..problem.contact import LINEAR
 from ..problem.leap import Leap
-from ..problem.limits import LINEAR
 from ..problem.passage import Passage
 from .certificate import GAP, check_certificate, forest_of
 from .explanation import Explanation as Explanation

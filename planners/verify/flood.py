@@ -35,8 +35,7 @@ from ..answer.report import Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.passage import Passage
-from ..problem.solid_tops import FACING_UP, tops_of_solids
+from ..problem.passage import FACING_UP, Passage, tops_of_solids
 from ..robot.outer_sets import Extent
 from ..terrain.patch import Patch
 from .explanation import Explanation

@@ -29,7 +29,7 @@ from ..answer.plan import Plan
 from ..answer.report import PLAN_GROUPS, WHOLE_BODY, Group, Report
 from ..files.arrays import Array
 from ..motion.path import touch_downs_m
-from ..problem.limits import LINEAR
+from ..problem.contact import LINEAR
 from ..terrain.certainty import Certainty
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes

@@ -12,7 +12,7 @@ from ..answer.certificate import Certificate
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import Problem
-from ..problem.sides import half_space, parts, too_small
+from ..problem.contact import half_space, parts, too_small
 from .geometry import contact_frames, cut, sag
 from .half_spaces import relative_rows, row_counts, scaled_half_spaces
 from .lagrangian import Leaves, Numbers

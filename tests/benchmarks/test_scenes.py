@@ -14,8 +14,7 @@ import yaml
 from benchmarks.published.scene import FOLDER
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import read_plan
-from stancekit.planners.problem.course_comparison import course_difference
-from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_file import course_difference, read_course
 from stancekit.planners.verify import check_plan
 
 

@@ -11,7 +11,7 @@ import stancekit as library
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.formats.plan_file import read_envelopes
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.family_scene import family_keys
+from stancekit.planners.problem.terrain_spec import family_keys
 from stancekit.planners.terrain.reference import named_terrain
 from tests.refusals import assert_names
 

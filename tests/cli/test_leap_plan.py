@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from stancekit.planners.problem.leap_json import leap_from_keys, leap_to_json
+from stancekit.planners.problem.leap_classes import leap_from_keys, leap_to_json
 
 ORDERS = "random, rule, noise, farkas, finder"
 

@@ -17,8 +17,8 @@ pytest.importorskip("mujoco")
 import stancekit
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.motion.plan_motion import Timing
+from stancekit.planners.problem.contact import at_point
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.wrench import at_point
 from stancekit.planners.robot import hexapod
 from stancekit.planners.terrain import Patch
 from stancekit.runner.settings import RunSettings

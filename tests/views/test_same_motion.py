@@ -17,7 +17,7 @@ from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion
 from stancekit.planners.motion.plan_motion import PlanMotion
-from stancekit.planners.problem.leap_json import leap_from_keys
+from stancekit.planners.problem.leap_classes import leap_from_keys
 from stancekit.runner.motion.stream import streamed
 from stancekit.runner.motion.time_parametrization import TimedMotion
 from stancekit.views.gaits import GaitView

@@ -19,7 +19,7 @@ from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alte
 from stancekit.planners.problem.course_between import course_between
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.problem.file_terrain import FileTerrain
+from stancekit.planners.problem.terrain_spec import FileTerrain
 from stancekit.planners.robot.reach_sets import Sets
 
 from .scenario import Grip, Slider

@@ -19,7 +19,7 @@ from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alte
 from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.problem.family_scene import polygon_keys
+from stancekit.planners.problem.terrain_spec import polygon_keys
 from stancekit.planners.robot.model import hexapod
 from stancekit.planners.robot.reach_sets import Sets, standing_toes
 from stancekit.planners.robot.robot_file import named_robot

@@ -27,8 +27,7 @@ from stancekit.learners.data.leap_tries import label_leaps, recheck_leaps, scene
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.leap.finder import tries_of
 from stancekit.planners.leap.numbers import LeapNumbers
-from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.planners.problem.leap_json import leap_to_json
+from stancekit.planners.problem.leap_classes import leap_class, leap_to_json
 from stancekit.planners.verify.leaps import check_leap
 from tests.refusals import assert_names, refuses
 

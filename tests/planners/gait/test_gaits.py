@@ -7,8 +7,7 @@ from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.gait.gait_program import formulate
 from stancekit.planners.gait.method.smoothing import smoothed
-from stancekit.planners.problem.gaits import GAITS
-from stancekit.planners.problem.walk import Walk
+from stancekit.planners.problem.walk import GAITS, Walk
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory

@@ -11,11 +11,22 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.leap_file import read_leap, write_leap
 from stancekit.planners.leap.finder import LeapFinder, find_leap
-from stancekit.planners.problem.foothold import Foothold
-from stancekit.planners.problem.leap import BodyState, Leap, LeapLimits, Phase
-from stancekit.planners.problem.leap_classes import leap_class, leap_classes, nameless
-from stancekit.planners.problem.leap_json import leap_from_keys, leap_to_json
-from stancekit.planners.problem.leap_names import is_drawn, is_leap_file
+from stancekit.planners.problem.contact import Foothold
+from stancekit.planners.problem.leap import (
+    BodyState,
+    Leap,
+    LeapLimits,
+    Phase,
+    is_drawn,
+    is_leap_file,
+)
+from stancekit.planners.problem.leap_classes import (
+    leap_class,
+    leap_classes,
+    leap_from_keys,
+    leap_to_json,
+    nameless,
+)
 from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.leg_limits import leaping_robot
 from stancekit.planners.robot.model import Limb, hexapod

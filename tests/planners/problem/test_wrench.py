@@ -14,9 +14,9 @@ import yaml
 import stancekit
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.contact import at_point, wrench_of
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.planners.problem.wrench import at_point, wrench_of
 from stancekit.planners.search.plan_window import course_window, one_at_a_time, with_pause
 from tests.refusals import refuses
 

@@ -15,8 +15,7 @@ import stancekit
 from stancekit import PlanSettings, Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem.course_between import laid_between
-from stancekit.planners.problem.passage import Passage
-from stancekit.planners.problem.solid_tops import tops_of_solids
+from stancekit.planners.problem.passage import Passage, tops_of_solids
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.outer_sets import Extent

@@ -11,8 +11,8 @@ import pytest
 
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.contact import StepLimits
 from stancekit.planners.problem.course_file import described, spec_from
-from stancekit.planners.problem.limits import StepLimits
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner

@@ -15,8 +15,8 @@ import stancekit
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Contact, Problem
+from stancekit.planners.problem.contact import at_point
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.wrench import at_point
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.margins import stance_margins

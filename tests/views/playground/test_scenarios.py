@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.problem.course_comparison import course_difference
-from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
 from stancekit.planners.verify import check_plan
 from stancekit.views.playground.answer import quick_answer
 from stancekit.views.playground.fixed_scenario import FixedScenario

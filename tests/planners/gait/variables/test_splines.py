@@ -14,7 +14,7 @@ from stancekit.planners.gait.variables import (
     hermite,
     uniform_basis,
 )
-from stancekit.planners.problem.gaits import GAITS, FootPhases, schedule
+from stancekit.planners.problem.walk import GAITS, FootPhases, schedule
 from tests.refusals import refuses
 
 
