@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from .planners.problem.problem import Problem as Problem
     from .planners.problem.standing_map import StandingMap as StandingMap
     from .planners.problem.walk import Walk as Walk
-    from .planners.projection.whole_body_limits import WholeBodyLimits as WholeBodyLimits
+    from .planners.projection.whole_body import WholeBodyLimits as WholeBodyLimits
     from .planners.relaxation.envelope import Envelope as Envelope
     from .planners.relaxation.envelope import EnvelopeSet as EnvelopeSet
     from .planners.relaxation.modes import Modes as Modes

@@ -44,7 +44,7 @@ from stancekit.envs.traverse import TraverseEnv
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_terrain import FileTerrain
-from stancekit.planners.projection.support_margin import PRESSES
+from stancekit.planners.projection.held import PRESSES
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.replan import replan

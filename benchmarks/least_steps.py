@@ -27,7 +27,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import StepLimits
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.least_steps import lengths_of
+from stancekit.planners.projection.force_distribution import lengths_of
 from stancekit.planners.search.two_stage import TwoStagePlanner
 
 LEAST = {"least_toe_m": 0.05, "least_rotation_rad": 0.05}

@@ -29,7 +29,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.actuators import read_actuators
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.search.friction_margin import plan_with_reserve

@@ -34,8 +34,7 @@ from stancekit.planners.motion.joints import plan_angles
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.projection.whole_body import whole_body
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits, whole_body
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.search.friction_margin import plan_with_reserve

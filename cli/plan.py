@@ -617,7 +617,7 @@ class PlanCourse:
 
         Raises InvalidInput.
         """
-        from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+        from stancekit.planners.projection.whole_body import WholeBodyLimits
         from stancekit.planners.search.plan_settings import PlanSettings
 
         with as_options("torque_nm", "torque_share", "clearance_m", "push_n", "wrench"):

@@ -30,8 +30,8 @@ from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.proof_file import read_proof
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.posture_batch import PostureBatch
-from stancekit.planners.projection.support_margin import PRESSES
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.held import PRESSES
+from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.batch import solve_all
 from stancekit.planners.search.exact import ExactPlanner

@@ -30,7 +30,7 @@ from ..problem.course_between import LaidBetween
 from ..problem.leap import BodyState, Leap, LeapLimits, Phase
 from ..problem.leap_classes import SPINS
 from ..problem.problem import Problem
-from ..projection.whole_body_limits import WholeBodyLimits
+from ..projection.whole_body import WholeBodyLimits
 from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import Robot
 from ..search.answer import Planner

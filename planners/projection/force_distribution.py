@@ -17,14 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.plan import Plan
+from ..arguments import cached_property
 from ..equilibrium.rows import Rows
+from ..equilibrium.scaled import Point, Scaled, skew
 from ..files.arrays import Array
 from ..problem import Problem
+from ..robot.inverse_kinematics import descend
+from ..robot.kinematics import Kinematics
 from ..robot.rotation import rotation_of
 from ..terrain.patch import Patch
 
 if TYPE_CHECKING:
     from ..robot.kinematics import Kinematics
+
 
 RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
 """Shares of μ that are tried, the safest first."""
@@ -274,3 +279,243 @@ def _skew(v: Array) -> Array:
     zero = np.zeros(len(v))
     rows = [[zero, -v[:, 2], v[:, 1]], [v[:, 2], zero, -v[:, 0]], [-v[:, 1], v[:, 0], zero]]
     return np.array(rows).transpose(2, 0, 1)
+
+
+EXACT_M = 1e-10
+"""A foot this close to its toe is there."""
+REACHED_M = 1e-9
+"""And none may be farther."""
+BALANCED, INSIDE = 1e-9, 1e-7
+"""Largest residual of a balance, and violation of a cone or a bound, non-dimensional: a quadruped
+that lifts one foot after the other stands on a line, where the forces of a foot are zero to a
+solver's tolerance."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Restored:
+    """An exact plan.
+
+    Arguments:
+        angles: shape (M, J) [rad].
+        shares: largest torque of every stance as a share of its joint's limit, (S,).
+    """
+
+    point: Point
+    angles: Array
+    shares: Array
+
+    @property
+    def share(self) -> float:
+        """The largest."""
+        return float(self.shares.max())
+
+
+class Restoration:
+    """Makes points of one plan's problem exact.
+
+    Arguments:
+        plan: for its course and choice.
+        scaled: the same, one candidate a foothold, with the friction that may be used.
+        friction_share: how much of the course's that is.
+        limit_nm: of every joint's torque, (J,).
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        scaled: Scaled,
+        solver: Kinematics,
+        limit_nm: Array,
+        *,
+        friction_share: float = 1.0,
+    ) -> None:
+        self._plan, self._scaled, self._solver, self._limit_nm = plan, scaled, solver, limit_nm
+        self.friction_share, self._holds = friction_share, np.array(scaled.layout.holds)
+        self._legs_of = [solver.joints_of(i) for i in range(scaled.layout.limbs)]
+        self._first = np.flatnonzero(
+            np.diff(scaled.layout.contacts[0], prepend=-1)
+        )  # contacts come by stance
+        self._distribution = ForceDistribution(scaled.layout.limbs, solver.legs.tolist())
+
+    @cached_property
+    def _patches(self) -> list[list[Patch]]:
+        """Under all limbs, frame by frame."""
+        return [
+            [self._plan.problem.patch(int(p), self._plan.choice) for p in row]
+            for row in self._holds
+        ]
+
+    def point(self) -> Point:
+        """The plan's own numbers, non-dimensional."""
+        stance, limb, _ = self._scaled.layout.contacts
+        world = (
+            self._plan.forces_n[stance % self._scaled.layout.unpushed, limb] / self._scaled.force_n
+        )
+        return Point(
+            com=self._plan.com_m / self._scaled.length_m,
+            rotation=self._plan.rotation_rad,
+            residual=0.0,
+            toes=self._plan.toes_m / self._scaled.length_m,
+            forces=np.matmul(self._scaled.contact_frames.transpose(0, 2, 1), world[..., None])[
+                ..., 0
+            ],
+        )
+
+    def restore(self, point: Point, angles: Array, *, wanted: float = 1.0) -> Restored | None:
+        """An exact plan with this body and these toes; None where the joints do not reach, or no
+        forces balance.
+
+        Arguments:
+            angles: to begin at, shape (M, J).
+            wanted: forces whose torques' share is below this are left as they are, as are those
+                that would not lower the largest one.
+        """
+        turns = np.array([rotation_of(vector) for vector in point.rotation])
+        result = self._angles(point, turns, angles)
+        if result is None:
+            return None
+        loads = [self._solver.loads(*each) for each in zip(result, turns, strict=True)]
+        forces, sound = self._balanced(point)
+        shares = self._shares(loads, forces)
+        first = np.lexsort((-shares, sound))  # what must be found anew, then the largest shares
+        for s in first[: np.count_nonzero(~sound | (shares > wanted))]:
+            if sound[s] and shares[s] < shares.max():
+                break  # the largest cannot be less
+            other = self._spared(int(s), point, loads)
+            if other is None and not sound[s]:
+                return None
+            if other is not None:
+                tried = forces.copy()
+                tried[self._scaled.layout.contacts[0] == s] = other
+                share = self._shares(loads, tried)[s]
+                if share < shares[s] or not sound[s]:
+                    forces, shares[s] = tried, share
+        return Restored(
+            point=replace(point, forces=forces, residual=0.0), angles=result, shares=shares
+        )
+
+    def _angles(self, point: Point, turns: Array, start: Array) -> Array | None:
+        """Joint angles that put every foot at its toe, from near; None where some do not reach."""
+        scaled, solver = self._scaled, self._solver
+        normals = scaled.frames[:, :, 0][self._holds]
+        feet = np.array(
+            [
+                solver.targets(com * scaled.length_m, turn, toes * scaled.length_m, out)
+                for com, turn, toes, out in zip(
+                    point.com, turns, point.toes[self._holds], normals, strict=True
+                )
+            ]
+        )
+        result = np.empty_like(start)
+        for i, (leg, joints) in enumerate(zip(solver.model.legs, self._legs_of, strict=True)):
+            result[:, joints], error = descend(leg, feet[:, i], start[:, joints], exact_m=EXACT_M)
+            if not error.max() <= REACHED_M:
+                return None
+        return result
+
+    def _balanced(self, point: Point) -> tuple[Array, np.ndarray]:
+        """Forces corrected onto the balances by the least change, and in which stances they are
+        within everything.
+        """
+        scaled, first = self._scaled, self._first
+        stance, _, foothold = scaled.layout.contacts
+        arms = point.toes[foothold] - point.com[scaled.layout.stance_frames[stance]]
+        maps = np.concatenate([scaled.contact_frames, skew(arms) @ scaled.contact_frames], axis=1)
+        net = np.add.reduceat(np.einsum("bij,bj->bi", maps, point.forces), first)
+        missing = np.concatenate([scaled.borne, -scaled.twisted], axis=1) - net
+        square = np.add.reduceat(maps @ maps.transpose(0, 2, 1), first)
+        pull = np.einsum("sij,sj->si", np.linalg.pinv(square, hermitian=True), missing)
+        forces = point.forces + np.einsum("bij,bi->bj", maps, pull[stance])
+        left = np.abs(missing - np.einsum("sij,sj->si", square, pull)).max(axis=1)
+        cone = np.hypot(forces[:, 1], forces[:, 2]) - scaled.friction[foothold] * forces[:, 0]
+        over = np.maximum(forces - scaled.force_max, scaled.force_min - forces).max(axis=1)
+        return forces, (left <= BALANCED) & (
+            np.maximum.reduceat(np.maximum(cone, over), first) <= INSIDE
+        )
+
+    def _shares(self, loads: list[tuple[Array, Array]], forces: Array) -> Array:
+        """The largest torque of every stance as a share of its limit, (S,); 0 under a push."""
+        layout, legs = self._scaled.layout, self._solver.legs
+        stance, limb, _ = layout.contacts
+        world = np.zeros((len(layout.stances), layout.limbs, 3))
+        world[stance, limb] = self._scaled.in_world(forces) * self._scaled.force_n
+        weights, levers = (
+            np.array(part)[layout.stance_frames] for part in zip(*loads, strict=True)
+        )
+        torque = weights - (levers * world[:, legs]).sum(axis=2)
+        shares = (np.abs(torque) / self._limit_nm).max(axis=1)
+        shares[layout.unpushed :] = 0.0
+        return np.asarray(shares)
+
+    def _spared(self, stance: int, point: Point, loads: list[tuple[Array, Array]]) -> Array | None:
+        """The forces of a stance with the least largest torque, contact frames; None where none
+        balance.
+        """
+        scaled, (frame, limbs) = self._scaled, self._scaled.layout.stances[stance]
+        weight, levers = loads[frame]
+        least = scaled.force_min[scaled.layout.contacts[0] == stance, 0].max(initial=0.0)
+        arms = (point.toes[self._holds[frame]] - point.com[frame]) * scaled.length_m
+        world = self._distribution.forces(
+            self._plan.problem,
+            arms,
+            self._patches[frame],
+            np.isin(np.arange(scaled.layout.limbs), limbs),
+            loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
+            reserves=(self.friction_share,),
+            least=float(least),
+            wrench=scaled.wrench[stance] / scaled.weight if scaled.layout.loaded else None,
+        )
+        if world is None:
+            return None
+        frames = scaled.frames[self._holds[frame, list(limbs)]]
+        return np.asarray(np.einsum("bij,bi->bj", frames, world[list(limbs)]) / scaled.force_n)
+
+
+STILL = 0.1
+"""A step shorter than this share of its least length has no direction of its own."""
+
+
+def lengths_of(plan: Plan, course: Problem) -> tuple[Array, Array]:
+    """The steps Δ of a plan that have a least length, toes' [m], then the rotation's [rad], shape
+    (E, 3), and their lengths, (E,).
+    """
+    before, after = course.moves.T
+    toes = plan.toes_m[after] - plan.toes_m[before]
+    turns = np.diff(plan.rotation_rad, axis=0)
+    parts = [
+        part
+        for part, least in (
+            (toes, course.steps.least_toe_m),
+            (turns, course.steps.least_rotation_rad),
+        )
+        if least > 0.0
+    ]
+    steps = np.concatenate([np.zeros((0, 3)), *parts])
+    return steps, np.linalg.norm(steps, axis=1)
+
+
+def along(course: Problem, plan: Plan) -> Problem:
+    """The course whose least steps go the way that they go in a plan: n·Δ ≥ δ, n their direction,
+    so that a plan of it has them.
+
+    A step that hardly moves goes where the nominal path does, and turns that hardly turn go
+    round the vertical, to and fro.
+    """
+    if not len(course.least_steps):
+        return course
+    steps, lengths = lengths_of(plan, course)
+    still = lengths <= STILL * course.least_steps
+    normals = np.where(still[:, None], nominal(course), steps)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+    return replace(course, sides=np.column_stack([normals, course.least_steps]))
+
+
+def nominal(course: Problem) -> Array:
+    """Directions of the least steps as the course would have them, shape (E, 3)."""
+    frames = [course.footholds[after].frame for _, after in course.moves.tolist()]
+    ahead = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
+    toes = ahead[np.array(frames, dtype=int) - 1]
+    toes = np.where(toes.any(axis=1)[:, None], toes, [1.0, 0.0, 0.0])
+    turns = np.array([[0.0, 0.0, 1.0 if k % 2 == 0 else -1.0] for k in range(course.frames - 1)])
+    count = len(toes) if course.steps.least_toe_m > 0.0 else 0
+    return np.concatenate([toes[:count], turns.reshape(-1, 3)])[: len(course.least_steps)]

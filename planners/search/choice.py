@@ -21,8 +21,7 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import ConicStatus, Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
-from ..projection.descent import cost
-from ..projection.project import SURFACE
+from ..projection.project import SURFACE, cost
 from ..relaxation.lift import LiftAnswer, solve_lift
 from .clock import Clock
 from .cuts import LEAF, alone

@@ -28,8 +28,7 @@ from ..equilibrium.scaled import Point, Scaled, cones_met, skew
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_int
 from ..problem import Problem
-from ..projection.descent import cost, improved
-from ..projection.project import SURFACE, project
+from ..projection.project import SURFACE, cost, improved, project
 from ..relaxation.lift import LiftAnswer, solve_lift
 from .answer import (
     Acceptance,

@@ -18,7 +18,7 @@ from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..problem import Problem
-from ..projection.support_margin import PRESSES, PUSHES, pressing, push_share, pushed, steady
+from ..projection.held import PRESSES, PUSHES, pressing, push_share, pushed, steady
 from ..terrain.patch import Patch
 from .answer import COURSE_LIMIT_S, Planner
 from .two_stage import TwoStagePlanner

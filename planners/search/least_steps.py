@@ -24,7 +24,7 @@ from ..answer.plan import Plan
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.contact import OPEN, half_space, parts, too_small
-from ..projection.least_steps import along, lengths_of
+from ..projection.force_distribution import along, lengths_of
 from .answer import Acceptance, Claim, TimeLimited, kind_of
 from .clock import Clock
 

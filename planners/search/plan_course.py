@@ -25,8 +25,8 @@ from ..problem.alternatives import AS_ASKED, HIGHER, LEANING, Alternative, order
 from ..problem.candidates import NoPlace
 from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
-from ..projection.support_margin import PRESSES
-from ..projection.whole_body_limits import WholeBodyLimits
+from ..projection.held import PRESSES
+from ..projection.whole_body import WholeBodyLimits
 from .answer import Planner
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
 from .pieces import AT_ONCE, Detour, Kept, Pieces, Progress, in_pieces, plan_pieces

@@ -12,7 +12,7 @@ from ..files.arrays import Array
 from ..files.arrays import checked as checked_number
 from ..problem.contact import wrench_of
 from ..problem.standing_map import StandingMap
-from ..projection.whole_body_limits import WholeBodyLimits
+from ..projection.whole_body import WholeBodyLimits
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

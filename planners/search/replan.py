@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from ..answer.answer import Answer
 from ..answer.plan import Plan
 from ..problem import Problem
-from ..projection.whole_body_limits import WholeBodyLimits
+from ..projection.whole_body import WholeBodyLimits
 from .answer import Planner
 from .plan_course import ALL_FRICTION, plan_course
 from .plan_window import Standing, course_window

@@ -27,8 +27,7 @@ from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
 from ..files.arrays import checked
 from ..problem import Problem
-from ..projection.descent import improved
-from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
+from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, improved, project
 from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
 from .answer import Acceptance, Claim, Kind, TimeLimited, check_unused, kind_of, plan_of
 from .choice import ChoiceSearch, SearchLimits

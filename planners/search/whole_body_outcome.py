@@ -13,8 +13,7 @@ from ..answer.plan import Plan
 from ..answer.report import LATE, MARGIN
 from ..errors import InvalidInput, TimeEnded, check_time
 from ..files.arrays import Array
-from ..projection.whole_body import whole_body
-from ..projection.whole_body_limits import WholeBodyLimits
+from ..projection.whole_body import WholeBodyLimits, whole_body
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
 from ..verify.margins import margin_group

@@ -27,7 +27,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples, smooth, smooth_rate
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem import Problem
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.two_stage import TwoStagePlanner

@@ -20,7 +20,7 @@ from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem import Problem
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.plan_window import Standing, one_at_a_time, with_pause

@@ -19,8 +19,7 @@ from stancekit.planners.motion.joints import JointPath, path_torques, plan_angle
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import distribute_forces
-from stancekit.planners.projection.whole_body import whole_body
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits, whole_body
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.motion.redundancy import (

@@ -14,7 +14,7 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
@@ -22,8 +22,8 @@ from stancekit.planners.verify import check_plan
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 from stancekit.planners.motion import joints
-from stancekit.planners.projection import clearance
-from stancekit.planners.projection.clearance import Nearness, PathClearance
+from stancekit.planners.projection import centre
+from stancekit.planners.projection.centre import Nearness, PathClearance
 from stancekit.planners.projection.whole_body import whole_body, with_joints
 from stancekit.planners.robot import bodies
 from stancekit.planners.robot.inverse_kinematics import descend
@@ -83,10 +83,8 @@ def test_slopes_are_those_of_finite_differences(
     the legs, and what feet roll, is left out of the slopes, and out of this.
     """
     plan = with_joints(walk(3))
-    monkeypatch.setattr(
-        clearance, "_with_keys", lambda path, moments, postures: (moments, postures)
-    )
-    monkeypatch.setattr(clearance, "_nearest", lambda near, clearance_m: near)
+    monkeypatch.setattr(centre, "_with_keys", lambda path, moments, postures: (moments, postures))
+    monkeypatch.setattr(centre, "_nearest", lambda near, clearance_m: near)
     monkeypatch.setattr(
         joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals
     )

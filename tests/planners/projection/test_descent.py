@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.projection.descent import cost, improved
 from stancekit.planners.projection.held import FixToes
-from stancekit.planners.projection.project import SURFACE, project
+from stancekit.planners.projection.project import SURFACE, cost, improved, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import objective_of, plan_of
 from stancekit.planners.search.clock import Clock

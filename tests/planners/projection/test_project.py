@@ -10,9 +10,8 @@ import pytest
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.projection.descent import cost
 from stancekit.planners.projection.held import FixToes, Linearised
-from stancekit.planners.projection.project import PROJECTIONS, STEPS, SURFACE, project, scp
+from stancekit.planners.projection.project import PROJECTIONS, STEPS, SURFACE, cost, project, scp
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.verify import check_plan

@@ -17,9 +17,9 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.projection import whole_body
-from stancekit.planners.projection.restoration import Restoration
+from stancekit.planners.projection.force_distribution import Restoration
 from stancekit.planners.projection.spared_contacts import SparedGiven, spared_contacts
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.projection.whole_body_step import TorqueRows
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 

@@ -12,9 +12,8 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.support_margin import pressing, steady
-from stancekit.planners.projection.whole_body import whole_body
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.held import pressing, steady
+from stancekit.planners.projection.whole_body import WholeBodyLimits, whole_body
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify.margins import stance_margins

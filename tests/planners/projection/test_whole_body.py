@@ -16,8 +16,13 @@ from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import ForceDistribution, Loads
-from stancekit.planners.projection.whole_body import EASY, largest, whole_body, with_joints
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import (
+    EASY,
+    WholeBodyLimits,
+    largest,
+    whole_body,
+    with_joints,
+)
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner

@@ -15,14 +15,20 @@ from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import BodyVariables, Forces, Given
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.force_distribution import REACHED_M, Restoration
 from stancekit.planners.projection.held import held_moments
-from stancekit.planners.projection.restoration import REACHED_M, Restoration
 from stancekit.planners.search.two_stage import TwoStagePlanner
 
 pytest.importorskip("pinocchio")
-from stancekit.planners.projection.joint_ranges import UPRIGHT_RAD, joint_ranges, keeps_to
 from stancekit.planners.projection.whole_body import with_joints
-from stancekit.planners.projection.whole_body_step import TorqueRows, WholeBodyGiven, WholeBodyStep
+from stancekit.planners.projection.whole_body_step import (
+    UPRIGHT_RAD,
+    TorqueRows,
+    WholeBodyGiven,
+    WholeBodyStep,
+    joint_ranges,
+    keeps_to,
+)
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 SMALL = 1e-6
@@ -177,7 +183,7 @@ def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan
 def test_joints_of_legs_that_stand_turn_no_farther_from_frame_to_frame_than_they_may(
     walls: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stancekit.planners.projection.joint_ranges.TURN_RAD", 0.0)
+    monkeypatch.setattr("stancekit.planners.projection.whole_body_step.TURN_RAD", 0.0)
     plan = with_joints(walls)
     restoration, solver = restoration_of(plan)
     start = restoration.restore(restoration.point(), np.asarray(plan.joints_rad))

@@ -12,7 +12,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import StepLimits, half_space, parts, too_small
-from stancekit.planners.projection.least_steps import along, lengths_of
+from stancekit.planners.projection.force_distribution import along, lengths_of
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import NlpPlanner

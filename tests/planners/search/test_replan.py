@@ -8,7 +8,7 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.plan_window import Standing, course_window, joined
 from stancekit.planners.search.replan import replan

@@ -13,8 +13,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.descent import cost
-from stancekit.planners.projection.project import PROJECTIONS
+from stancekit.planners.projection.project import PROJECTIONS, cost
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search import nogoods

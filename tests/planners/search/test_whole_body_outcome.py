@@ -11,7 +11,7 @@ import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
