@@ -59,9 +59,9 @@ if TYPE_CHECKING:
     from .planners.problem.standing_map import StandingMap as StandingMap
     from .planners.problem.walk import Walk as Walk
     from .planners.projection.whole_body import WholeBodyLimits as WholeBodyLimits
+    from .planners.relaxation.boxes import Modes as Modes
     from .planners.relaxation.envelope import Envelope as Envelope
     from .planners.relaxation.envelope import EnvelopeSet as EnvelopeSet
-    from .planners.relaxation.modes import Modes as Modes
     from .planners.robot.model import Limb as Limb
     from .planners.robot.model import Robot as Robot
     from .planners.robot.model import hexapod as hexapod

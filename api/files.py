@@ -26,8 +26,8 @@ from stancekit.planners.formats.plan_file import (
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.problem.leap import Leap, is_leap
+from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.families import drawn_name
 from stancekit.planners.verify import check_plan

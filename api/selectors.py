@@ -26,8 +26,8 @@ from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import read_yaml, typed
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.projection.project import PROJECTIONS, Projection
+from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import named_terrain
 from stancekit.planners.warp.conformal import CELLS, HEIGHT_M, MapFit, Method, fit_map

@@ -19,7 +19,7 @@ from _bench import Options, launch
 
 import stancekit
 from stancekit.envs.distributions.courses import perturbed
-from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.search.methods import make_planner
 
 

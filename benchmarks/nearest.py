@@ -49,9 +49,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.nlp import CONVERGED
 from stancekit.planners.projection.project import project
-from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.mccormick import McCormick, domain_of
 from stancekit.planners.relaxation.micp import MicpGrid
 from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock

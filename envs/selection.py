@@ -25,8 +25,7 @@ from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.documents import shown
 from stancekit.planners.formats.plan_file import read_envelopes
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
-from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.expert import expert_envelopes
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet, expert_envelopes
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.search.answer import plan_of

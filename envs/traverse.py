@@ -30,9 +30,8 @@ from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_spec, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_terrain import FileTerrain
-from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.expert import expert_envelopes
-from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.relaxation.boxes import Modes
+from stancekit.planners.relaxation.envelope import EnvelopeSet, expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.course_features import CourseFeatures, Features

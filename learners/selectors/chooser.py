@@ -26,9 +26,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.documents import check_fields, validated
 from stancekit.planners.projection.project import project
-from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.mccormick import McCormick, domain_of
 
 from .network import (
     Architecture,

@@ -15,8 +15,8 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
+from stancekit.planners.relaxation.boxes import Modes, world_points
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.modes import Modes, world_points
 from stancekit.planners.search.exact import ExactPlanner
 
 from .selector import quantile_box

@@ -30,8 +30,7 @@ from stancekit.planners.files.documents import (
 from stancekit.planners.formats.plan_file import read_envelopes, write_boxes
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
 from stancekit.planners.problem import Problem
-from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.expert import rule_of_thumb
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet, rule_of_thumb
 
 from ..data.labelling import Quota
 from ..zoo import card_of, shipped

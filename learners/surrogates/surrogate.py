@@ -24,7 +24,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.documents import file_or_named, validated
 from stancekit.planners.problem import PostureBatch, Problem
-from stancekit.planners.relaxation.learned import check_learned
+from stancekit.planners.relaxation.envelope import check_learned
 
 from ..selectors.network import Architecture, load_weights, read_tensors, write_tensors
 from ..zoo import shipped

@@ -23,8 +23,8 @@ from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.documents import check_fields, shown, typed
 from stancekit.planners.plugins import Registry, takes
+from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.modes import Modes
 from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.executors import Executor

@@ -28,8 +28,8 @@ from ..files.documents import parse_json, read_json, shown
 from ..files.writing import check_writable, remove_leftovers, write_text
 from ..problem import Problem
 from ..problem.course_file import course_difference
+from ..relaxation.boxes import Modes
 from ..relaxation.envelope import EnvelopeSet
-from ..relaxation.modes import Modes
 from ..robot import Robot
 from ..robot.urdf import joint_names
 from ..search.plan_window import beginning, course_window

@@ -29,7 +29,7 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
 from ..plugins import Registry, foreign, takes
-from ..relaxation.least_gap import LeastGap
+from ..relaxation.lift import LeastGap
 from .held import FixForces, FixToes, Linearised
 
 Projection = str

@@ -21,10 +21,8 @@ from ..equilibrium.layout import Layout
 from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import Given
 from ..files.arrays import Array
-from .boxed import Boxed
-from .envelope import Envelope
-from .margin_gradient import margin_gradient
-from .mccormick import Axes, McCormick
+from .envelope import Boxed, Envelope
+from .mccormick import Axes, McCormick, margin_gradient
 from .relaxed import RelaxationAnswer
 
 BELOW, ABOVE = 0, 1

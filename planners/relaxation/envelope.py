@@ -7,16 +7,69 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import cached_property
+from ..equilibrium.layout import Index, Of
+from ..equilibrium.rows import Rows
+from ..equilibrium.terms import Given
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array, checked, read_only
 from ..files.codec import LATER, fields_to_json, from_json
+from ..physics import GRAVITY_M_S2
 from ..problem import Problem
-from .learned import check_learned, check_robot
+from ..problem.posture import MAX_TILT_RAD, THREE_LEGS
+from ..robot import Robot, hexapod
+
+
+class LearnedFor(Protocol):
+    """Class of problems that something was learned for: legs of one robot, in one pair of units."""
+
+    @property
+    def robot(self) -> str:
+        """Identity of the robot, see ``Robot``; empty for the default hexapod."""
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """Legs of the contacts, in order."""
+
+    @property
+    def force_scale_n(self) -> float:
+        """Unit of forces [N]."""
+
+    @property
+    def length_scale_m(self) -> float:
+        """Unit of lengths [m]."""
+
+
+def check_robot(it: LearnedFor, robot: str, learned: str) -> None:
+    """Raise InvalidInput unless it was learned for the robot of this identity.
+
+    Arguments:
+        learned: what it is, in words.
+    """
+    if robot != it.robot:
+        mine, other = (name or "the default hexapod" for name in (it.robot, robot))
+        raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
+
+
+def check_learned(it: LearnedFor, problem: Problem, learned: str) -> None:
+    """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned
+    for.
+    """
+    check_robot(it, problem.robot.identity, learned)
+    if problem.legs != it.legs:
+        raise InvalidInput(
+            f"contacts: expected legs {list(it.legs)} for {learned}, got {list(problem.legs)}"
+        )
+    for name in ("force_scale_n", "length_scale_m"):
+        mine, theirs = getattr(it, name), float(getattr(problem, name))
+        if abs(mine - theirs) > 1e-6 * mine:
+            raise InvalidInput(f"{name}: expected {mine:g} for {learned}, got {theirs:g}")
+
 
 TILT_ROOM_RAD = np.deg2rad(10.0)
 """Angle beyond that of training by which a patch may lean before an envelope is refused as learned
@@ -287,3 +340,123 @@ class EnvelopeSet:
         Raises InvalidInput that lists every key that is wrong.
         """
         return from_json(cls, data)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Boxed(Given):
+    """Data that P1 is loaded with: boxes over the stance contacts.
+
+    Arguments:
+        allowed: which of them a stance may use, (S, E).
+    """
+
+    boxes: Sequence[Envelope]
+    allowed: Array | None = None
+
+    @cached_property
+    def corners(self) -> Corners:
+        """Corners of the box, or of all boxes."""
+        if len(self.boxes) == 1:
+            return self.boxes[0].corners
+        parts = zip(*(box.corners for box in self.boxes), strict=True)
+        return Corners(*(np.stack(part) for part in parts))
+
+
+def envelope_rows(
+    rows: Rows[Any],
+    whole: Index,
+    moments: Index,
+    *,
+    margin: Index | None = None,
+    share: Index | None = None,
+    e: int | None = None,
+) -> None:
+    """(p, f, m) ∈ M_c(B): the four envelope rows of every m_jk = p_j f_k, and [p, f] ∈ B, the e-th
+    box.
+
+    Arguments:
+        whole: [p, f], (B, 6).
+        moments: (B, 9).
+        margin: relaxes every row.
+        share: z of every contact, (B,), in whose measure the rows are: (p, f, m) ∈ z M_c(B).
+    """
+    count = len(whole)
+    envelope, sides = (
+        rows.at_most(_of("envelope", e), 4, count, 3, 3),
+        rows.at_most(_of("sides", e), 2, count, 6),
+    )
+    rows.put(envelope[:2], moments.reshape(-1, 3, 3), -1.0)
+    rows.put(envelope[2:], moments.reshape(-1, 3, 3), 1.0)
+    p_ends, f_ends, products, outward = (Of(f"corners.{name}", e) for name in Corners._fields)
+    rows.put(envelope, whole[:, None, 3:], p_ends)
+    rows.put(envelope, whole[:, :3, None], f_ends)
+    rows.put(sides[0], whole, -1.0)
+    rows.put(sides[1], whole, 1.0)
+    for group, bounds, at in (
+        (envelope, products, (slice(None), None, None)),
+        (sides, outward, (slice(None), None)),
+    ):
+        if share is not None:
+            rows.put(group, share[at], -bounds)
+            continue
+        rows.right(group, bounds)
+        if margin is not None:
+            rows.put(group, margin, -1.0)
+
+
+def _of(name: str, e: int | None) -> str:
+    return name if e is None else f"{name}_{e}"
+
+
+CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))
+"""Bounds on f_n, f_y and the vertical shear f_z on a wall, in units of the robot's weight (Lin et
+al. §IV-A)."""
+WALKING = ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))
+"""The same on the ground."""
+LENGTH_SCALE_M = 0.6
+
+
+def rule_of_thumb(
+    shoulders_m: Array, reach_m: Array, climbs: NDArray[np.bool_], length_scale_m: float
+) -> Envelope:
+    """p within the limbs' workspace, f within CLIMBING for limbs on a wall, WALKING for those on
+    the ground.
+
+    Arguments:
+        shoulders_m: shape (N, 3) [m].
+        reach_m, climbs: shape (N,).
+    """
+    force = np.where(np.asarray(climbs)[:, None, None], CLIMBING, WALKING)
+    reach = np.asarray(reach_m)[:, None]
+    return Envelope(
+        low=np.concatenate([(shoulders_m - reach) / length_scale_m, force[..., 0]], axis=1),
+        high=np.concatenate([(shoulders_m + reach) / length_scale_m, force[..., 1]], axis=1),
+    )
+
+
+def expert_envelopes(
+    terrain: Literal["ground", "wall"],
+    robot: Robot | None = None,
+    legs: tuple[str, ...] = THREE_LEGS,
+) -> EnvelopeSet:
+    """One envelope for these legs on the ground, or on two facing walls, up to 30° off: p within
+    the limbs' workspace, f within WALKING or CLIMBING.
+    """
+    robot = robot or hexapod()
+    limbs = robot.select(legs)
+    shoulders = np.array([limb.shoulder_m for limb in limbs])
+    reach = np.array([limb.reach_m for limb in limbs])
+    inward = np.where(shoulders[:, 1] < 0.0, 1.0, -1.0)
+    walls = np.column_stack([0.0 * inward, inward, 0.0 * inward])
+    return EnvelopeSet(
+        problem_class=f"{terrain}-{len(limbs)}",
+        legs=tuple(legs),
+        force_scale_n=robot.mass_kg * GRAVITY_M_S2,
+        length_scale_m=LENGTH_SCALE_M,
+        normals=walls if terrain == "wall" else np.tile([0.0, 0.0, 1.0], (len(limbs), 1)),
+        tilt_rad=np.full(len(limbs), MAX_TILT_RAD),
+        envelopes=(
+            rule_of_thumb(shoulders, reach, np.full(len(limbs), terrain == "wall"), LENGTH_SCALE_M),
+        ),
+        provenance={"method": "heuristic", "source": "paper E §IV-A"},
+    )

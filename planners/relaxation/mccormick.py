@@ -24,15 +24,41 @@ import numpy as np
 from ..equilibrium.layout import Index, Layout, Of
 from ..equilibrium.programs import ConicSolution, ConicStatus, Programs
 from ..equilibrium.rows import Rows
-from ..equilibrium.scaled import Point, Scaled, skew
+from ..equilibrium.scaled import Point, Scaled, cones_met, skew
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, objective
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .boxed import Boxed as Boxed
-from .envelope import Envelope
-from .envelope_rows import envelope_rows
-from .margin_gradient import margin_gradient
+from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Envelope, envelope_rows
+from .envelope import Boxed as Boxed
 from .relaxed import DualBound, RelaxationAnswer, Relaxed
+
+
+def margin_gradient(solution: ConicSolution, at: Array, box: Envelope) -> tuple[Array, Array]:
+    """∂t/∂low and ∂t/∂high of P1's signed margin, shape (B, 6) each: the envelope theorem, row by
+    row of the envelope.
+
+    Arguments:
+        solution: of the program with a margin.
+        at: its [p, f], shape (B, 6).
+        box: that it was solved over.
+    """
+    signed = solution.dual("envelope") * SIGNS
+    p_ends, f_ends = box.corners.p, box.corners.f
+    by_p = (signed * (at[:, None, 3:] - SIGNS * f_ends)).sum(
+        axis=3
+    )  # of p_end: Σ_k u_jk (f_k − f_end)
+    by_f = (signed * (at[:, :3, None] - SIGNS * p_ends)).sum(axis=2)
+    below, above = solution.dual("sides")
+    low = (
+        np.concatenate([by_p[LOW_LOW] + by_p[LOW_HIGH], by_f[LOW_LOW] + by_f[HIGH_LOW]], axis=1)
+        + below
+    )
+    high = (
+        np.concatenate([by_p[HIGH_HIGH] + by_p[HIGH_LOW], by_f[HIGH_HIGH] + by_f[LOW_HIGH]], axis=1)
+        - above
+    )
+    return low, high
+
 
 Axes = Literal["contact", "world"]
 
@@ -351,3 +377,56 @@ def _relaxed(solution: ConicSolution, scaled: Scaled, forces: Forces) -> Relaxed
         rows=(forces.contact, forces.candidate),
         seconds=solution.seconds,
     )
+
+
+def domain_of(scaled: Scaled, axes: Axes = "contact", *, reach: bool = True) -> Envelope:
+    """The box over the contacts.
+
+    p: open patches against the ball of the centre of mass.
+
+    Arguments:
+        reach: met with the shoulder's reach at any tilt. f: the force box met with the cone's, over
+            the open patches; in world axes the box around those boxes.
+    """
+    layout = scaled.layout
+    stance, limb, foothold = layout.contacts
+    frame = layout.stance_frames[stance]
+    low, high = toe_ranges(scaled)
+    radius = scaled.com_radius[frame][:, None]
+    p_low, p_high = (
+        low[foothold] - scaled.com[frame] - radius,
+        high[foothold] - scaled.com[frame] + radius,
+    )
+    if reach:
+        shoulders, size = scaled.shoulders[limb], np.abs(scaled.shoulders[limb])
+        far = scaled.reach[limb][:, None] + scaled.tilt * (
+            size.sum(axis=1, keepdims=True) - size
+        )  # |(Θ × v)_j|
+        p_low, p_high = np.maximum(p_low, shoulders - far), np.minimum(p_high, shoulders + far)
+    f_low, f_high = _forces(scaled, layout, axes)
+    return Envelope.from_vector(
+        np.concatenate([np.hstack([p_low, f_low]), np.hstack([p_high, f_high])], axis=None)
+    )
+
+
+def toe_ranges(scaled: Scaled) -> tuple[Array, Array]:
+    """Lowest and highest coordinates of every foothold's open patches, shape (P, 3) each."""
+    starts = np.searchsorted(scaled.layout.vertex_footholds, np.arange(scaled.layout.footholds))
+    return np.minimum.reduceat(scaled.vertices, starts), np.maximum.reduceat(
+        scaled.vertices, starts
+    )
+
+
+def _forces(scaled: Scaled, layout: Layout, axes: Axes) -> tuple[Array, Array]:
+    """Bounds on the forces of every contact in its box's axes, (B, 3) each."""
+    contact, candidate = layout.contact_candidates
+    low, high = cones_met(
+        scaled.force_min[contact], scaled.force_max[contact], scaled.friction[candidate]
+    )
+    if axes == "world":
+        turn = scaled.frames[candidate]
+        middle = np.matmul(turn, 0.5 * (low + high)[..., None])[..., 0]
+        half = np.matmul(np.abs(turn), 0.5 * (high - low)[..., None])[..., 0]
+        low, high = middle - half, middle + half
+    starts = np.searchsorted(contact, np.arange(len(scaled.force_min)))
+    return np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)

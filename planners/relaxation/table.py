@@ -67,7 +67,7 @@ RELAXATIONS: Registry[type[RelaxedProgram]] = Registry(
     "stancekit.relaxations",
     {
         "p1": "stancekit.planners.relaxation.mccormick:McCormick",
-        "joint": "stancekit.planners.relaxation.joint:JointRelaxation",
+        "joint": "stancekit.planners.relaxation.lift:JointRelaxation",
         "coned": "stancekit.planners.relaxation.coned:Coned",
         "lift": "stancekit.planners.relaxation.lift:LiftProgram",
     },

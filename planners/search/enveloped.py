@@ -24,10 +24,16 @@ from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 from ..problem import Problem
 from ..projection.project import SURFACE, Projection, project
-from ..relaxation.boxes import StanceBoxes, boxes_of
+from ..relaxation.boxes import (
+    Modes,
+    StanceBoxes,
+    allowed_boxes,
+    boxes_of,
+    composed,
+    modes_of_frames,
+)
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.mccormick import Axes, McCormick
-from ..relaxation.modes import Modes, allowed_boxes, composed, modes_of_frames
 from ..relaxation.relaxed import RelaxationAnswer
 from .answer import plan_of
 from .clock import Clock

@@ -29,8 +29,8 @@ from .answer import (
 if (
     TYPE_CHECKING
 ):  # what a planner needs is imported when it is asked for: a command waits for nothing else
+    from ..relaxation.boxes import Modes
     from ..relaxation.envelope import EnvelopeSet
-    from ..relaxation.modes import Modes
 
 Solver = Literal["highs", "scip", "gurobi"]
 EnvelopeUse = Literal["rows", "shrink"]
@@ -191,8 +191,8 @@ class TwoStage:
     name: ClassVar[str] = "two-stage"
 
     def __post_init__(self) -> None:
+        from ..relaxation.boxes import Modes
         from ..relaxation.envelope import EnvelopeSet
-        from ..relaxation.modes import Modes
         from ..relaxation.table import RELAXATIONS
 
         check_argument("relaxation", self.relaxation, str | None)
@@ -272,8 +272,8 @@ class Micp:
     name: ClassVar[str] = "micp"
 
     def __post_init__(self) -> None:
+        from ..relaxation.boxes import Modes
         from ..relaxation.envelope import EnvelopeSet
-        from ..relaxation.modes import Modes
 
         check_argument("envelopes", self.envelopes, EnvelopeSet | Modes | None)
         check_argument("intervals", self.intervals, int)

@@ -24,8 +24,8 @@ from ..files.arrays import checked, checked_choice
 from ..problem import Problem
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.boxes import boxes_of
-from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
+from ..relaxation.mccormick import domain_of
 from ..relaxation.micp import (
     SOLVERS,
     MicpGrid,

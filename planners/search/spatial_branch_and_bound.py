@@ -22,9 +22,8 @@ from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 from ..problem import Problem
 from ..projection.project import Projection, project
-from ..relaxation.domain import domain_of, toe_ranges
 from ..relaxation.envelope import Envelope
-from ..relaxation.mccormick import McCormick
+from ..relaxation.mccormick import McCormick, domain_of, toe_ranges
 from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 

@@ -36,10 +36,9 @@ from .cuts import LEAF, PROVABLE, CutSearch
 from .least_steps import over_sides
 
 if TYPE_CHECKING:  # a planner over the lift waits for none of them
-    from ..relaxation.boxes import StanceBoxes
+    from ..relaxation.boxes import Modes, StanceBoxes
     from ..relaxation.envelope import EnvelopeSet
     from ..relaxation.mccormick import McCormick
-    from ..relaxation.modes import Modes
     from ..relaxation.table import RelaxedProgram
 
 QUICK = 2
@@ -287,8 +286,8 @@ class TwoStagePlanner(TimeLimited):
         """
         if self.envelopes is None:
             return None
+        from ..relaxation.boxes import Modes
         from ..relaxation.envelope import EnvelopeSet
-        from ..relaxation.modes import Modes
 
         if isinstance(self.envelopes, EnvelopeSet):
             return self.envelopes

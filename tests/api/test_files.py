@@ -9,7 +9,7 @@ import pytest
 import stancekit
 from stancekit.configs import config_path
 from stancekit.learners.selectors.selector import Learned
-from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.robot.model import Robot
 from tests.refusals import refuses
 

@@ -14,9 +14,8 @@ import stancekit
 from stancekit.envs.data.dataset import scenes_of
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.mccormick import McCormick, domain_of
 from stancekit.planners.search.exact import ExactPlanner
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"

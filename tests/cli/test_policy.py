@@ -16,7 +16,7 @@ from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.motions import policy_of
 from stancekit.planners.formats.plan_file import write_boxes
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.relaxation.expert import expert_envelopes
+from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.runner.control.friction import FrictionInterval
 from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.replanning import Observation

@@ -24,7 +24,7 @@ from stancekit.cli.replay import Replay
 from stancekit.cli.run import RunMotion
 from stancekit.planners.formats.plan_file import write_boxes, write_plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.relaxation.expert import expert_envelopes
+from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.search.two_stage import TwoStagePlanner

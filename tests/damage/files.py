@@ -26,7 +26,7 @@ from stancekit.planners.formats.proof_file import write_proof
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.relaxation.expert import expert_envelopes
+from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.robot.urdf import hexapod_urdf, joint_names

@@ -16,8 +16,8 @@ from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import domain_of
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch, propagate
 from tests.refusals import refuses
 

@@ -24,7 +24,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.posture import MAX_TILT_RAD
-from stancekit.planners.relaxation.expert import expert_envelopes
+from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.margins import stance_margins, verdict_yields_m
 from tests.refusals import assert_names, refuses

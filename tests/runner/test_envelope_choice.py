@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from stancekit.envs.distributions.postures import FIVE_LEGS
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.boxes import boxes_of
-from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.expert import expert_envelopes
+from stancekit.planners.relaxation.envelope import EnvelopeSet, expert_envelopes
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.envelope_choice import (

@@ -20,12 +20,9 @@ from stancekit.planners.equilibrium.terms import Given
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.held import FixForces, FixToes, Linearised
 from stancekit.planners.projection.project import project
-from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import JointRelaxation, near_nominal
-from stancekit.planners.relaxation.least_gap import LeastGap
-from stancekit.planners.relaxation.lift import LiftProgram
-from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
+from stancekit.planners.relaxation.lift import JointRelaxation, LeastGap, LiftProgram, near_nominal
+from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment, domain_of
 from stancekit.planners.relaxation.micp import axes_of
 from stancekit.planners.verify import check_certificate
 from tests.planners.oracle import MODELS, OraclePrograms, solve_as

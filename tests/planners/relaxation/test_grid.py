@@ -12,8 +12,8 @@ import pytest
 
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import domain_of
 from stancekit.planners.relaxation.micp import (
     KNOTS,
     axes_of,

@@ -11,9 +11,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import JointRelaxation, near_nominal
-from stancekit.planners.relaxation.least_gap import LeastGap
-from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.relaxation.lift import JointRelaxation, LeastGap, near_nominal, solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.table import RELAXATIONS
 from stancekit.planners.search.exact import ExactPlanner

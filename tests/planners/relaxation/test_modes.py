@@ -16,10 +16,9 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course, read_spec
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.relaxation.domain import domain_of
+from stancekit.planners.relaxation.boxes import Modes, composed, modes_of_frames, world_points
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.modes import Modes, composed, modes_of_frames, world_points
+from stancekit.planners.relaxation.mccormick import McCormick, domain_of
 from stancekit.planners.search import enveloped
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.cuts import alone

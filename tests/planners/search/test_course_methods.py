@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.methods import COURSE_METHODS, make_planner
 from tests.refusals import refuses
 

@@ -14,9 +14,8 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.boxes import boxes_of, mirrored
-from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.mccormick import McCormick, domain_of
 from stancekit.planners.robot import hexapod
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner

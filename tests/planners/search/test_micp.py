@@ -19,8 +19,8 @@ from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.mccormick import domain_of
 from stancekit.planners.relaxation.micp import MicpGrid, MicpProgram, cell_error, of_layout
 from stancekit.planners.relaxation.papers import Breaks, p1
 from stancekit.planners.search.exact import ExactPlanner
