@@ -17,7 +17,7 @@ from _bench import resting, servos
 
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.safety.latch import StopLatch, Stopped

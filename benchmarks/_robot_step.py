@@ -28,13 +28,13 @@ from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.whole_body import whole_body
-from stancekit.planners.robot.contact_robot import contact_robot
+from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.urdf_reader import pinocchio
+from stancekit.planners.robot.walker import contact_robot
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import make_planner

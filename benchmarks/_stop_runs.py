@@ -31,7 +31,7 @@ from _bench import resting
 from stancekit.cli.main import main as command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld

@@ -24,11 +24,11 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies
+from stancekit.planners.robot.inverse_kinematics import WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import robot_of
-from stancekit.planners.robot.overlaps import WholeBody
+from stancekit.planners.robot.meshes import Shape
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.robot.shapes import Shape
 from stancekit.planners.robot.urdf_reader import pinocchio
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Obstacles

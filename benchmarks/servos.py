@@ -31,7 +31,7 @@ from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.actuators import read_actuators
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.search.whole_body_outcome import with_whole_body

@@ -52,7 +52,7 @@ class ShowRobot:
         from stancekit.planners.errors import InvalidInput
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.robot.robot_file import named_robot
-        from stancekit.planners.robot.workspace_cache import workspaces_of
+        from stancekit.planners.robot.workspace import workspaces_of
 
         if self.robot is None:
             return self._list()

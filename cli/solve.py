@@ -104,7 +104,7 @@ class Between:
         start, goal = (place.tolist() for place in self.places())
         who: Robot | str | None = robot
         if reach is not None:
-            from stancekit.planners.robot.reach_file import read_reach
+            from stancekit.planners.robot.reach_sets import read_reach
             from stancekit.planners.robot.robot_file import robot_of
 
             made = robot_of(robot or "hexapod")

@@ -29,7 +29,7 @@ from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem.leap import is_leap_file
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.legged import walking_robot
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import Report, check_plan

@@ -26,7 +26,7 @@ from stancekit.planners.motion.leap_motion import LeapRun
 from stancekit.planners.motion.motion import Motion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 
 from .acceptance import Accepted

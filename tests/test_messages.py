@@ -23,7 +23,7 @@ import pytest
 import stancekit
 from stancekit.cli.main import main
 from stancekit.planners.errors import StancekitError
-from stancekit.planners.robot.urdf import hexapod_urdf
+from stancekit.planners.robot.robot_file import hexapod_urdf
 from stancekit.runner.settings import RunSettings, Timing
 from tests.emulators.memory_world import PATIENT, MemoryWorld
 

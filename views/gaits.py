@@ -22,8 +22,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.rotation import rotation_of
 from stancekit.runner.execution import Execution
 from stancekit.runner.motion.stream import streamed
 from stancekit.runner.record import TOUCH_N

@@ -13,11 +13,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.meshes import thinned_mesh
+from stancekit.planners.robot.drawn_legs import base_of
+from stancekit.planners.robot.meshes import Shape, shape_points, thinned_mesh
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.shapes import Shape
-from stancekit.planners.robot.solids import shape_points
-from stancekit.planners.robot.toes import base_of
 
 from .scene import Colour, DrawnBody, between
 from .shapes import Faces, Mesh, Sphere, hull

@@ -12,10 +12,10 @@ from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
+from stancekit.planners.robot.chain import rotation_of
+from stancekit.planners.robot.drawn_legs import ToeKinematics
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.rotation import rotation_of
-from stancekit.planners.robot.toes import ToeKinematics
 from stancekit.planners.terrain import Patch
 
 from .film import film_frames

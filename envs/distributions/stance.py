@@ -26,7 +26,7 @@ from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
 from stancekit.planners.terrain import Patch
 
 if TYPE_CHECKING:
-    from stancekit.planners.robot.polytope import Polytope
+    from stancekit.planners.robot.hulls import Polytope
 
 
 Law = Literal["ground", "wall", "terrain"]
@@ -136,9 +136,9 @@ class StandingRobot:
                 reach_m=PAPER_REACH_M,
                 paper=True,
             )
-        from stancekit.planners.robot.contact_robot import contact_robot  # slow to import
         from stancekit.planners.robot.reach_sets import standing_toes  # slow to import
-        from stancekit.planners.robot.workspace_cache import workspaces_of
+        from stancekit.planners.robot.walker import contact_robot  # slow to import
+        from stancekit.planners.robot.workspace import workspaces_of
 
         model = named_robot(robot) if isinstance(robot, str) else robot.source.own_model()
         try:
@@ -220,7 +220,7 @@ def _held(toes: Array) -> float:
 
 
 def _set_of(limb: Limb) -> Polytope:
-    from stancekit.planners.robot.polytope import Polytope  # slow to import
+    from stancekit.planners.robot.hulls import Polytope  # slow to import
 
     if limb.reach_rows is None:
         raise InvalidInput(

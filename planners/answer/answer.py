@@ -139,7 +139,7 @@ class Answer(Generic[S]):
         """
         if not isinstance(self.problem, Problem) or self.problem.is_posture:
             return None
-        from ..robot.contact_robot import sets_of
+        from ..robot.walker import sets_of
 
         return sets_of(self.problem.robot)
 

@@ -132,7 +132,7 @@ class Certificate:
         if not isinstance(self.problem, Problem):
             return None
         if not self.problem.is_posture:
-            from ..robot.contact_robot import sets_of
+            from ..robot.walker import sets_of
 
             return sets_of(self.problem.robot)
         return "inner" if self.problem.robot.identity else None

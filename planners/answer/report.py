@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..arguments import cached_property
 from ..problem import Problem
-from ..robot.urdf import joint_names
+from ..robot.robot_file import joint_names
 from .certificate import LEAP_BODY, Certificate, Crossing, plan_hindrance, walk_hindrance
 from .plan import NUMBERS, LeapPlan, MotionTable, Plan
 from .trajectory import OFF_M, Trajectory

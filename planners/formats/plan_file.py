@@ -31,7 +31,7 @@ from ..problem.course_file import course_difference
 from ..relaxation.boxes import Modes
 from ..relaxation.envelope import EnvelopeSet
 from ..robot import Robot
-from ..robot.urdf import joint_names
+from ..robot.robot_file import joint_names
 from ..search.plan_window import beginning, course_window
 from ..verify import Report, check_plan
 from .motion_file import FileCheck

@@ -20,7 +20,7 @@ from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..robot.urdf import FOOT_RADIUS_M
+from ..robot.robot_file import FOOT_RADIUS_M
 from ..terrain.prism import Solid
 from .leap_motion import SETTLE_S, LeapMotion, LeapRun
 from .motion import Samples, rotation_rate, smooth, smooth_rate, stacked

@@ -18,13 +18,12 @@ from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..robot.inverse_kinematics import LegPostures, descend
+from ..robot.chain import rotations_of
+from ..robot.drawn_legs import ToeKinematics
+from ..robot.inverse_kinematics import LegPostures, WholeBody, descend
 from ..robot.kinematics import JointAnswer, Kinematics
 from ..robot.legged import robot_of
-from ..robot.overlaps import WholeBody
 from ..robot.robot_model import RobotModel
-from ..robot.rotation import rotations_of
-from ..robot.toes import ToeKinematics
 from ..terrain.patch import solids_of
 from .path import APART_M, PathMoments, PlanPath
 

@@ -15,7 +15,7 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
-from ..robot.rotation import rotations_of
+from ..robot.chain import rotations_of
 from ..terrain.patch import solids_of
 from ..terrain.prism import Solid
 from .joints import MovingBody, WalkPostures

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..answer.plan import MotionTable
 from ..files.arrays import Array, cached_arrays, checked, cross
-from ..robot.rotation import rotations_of
+from ..robot.chain import rotations_of
 from ..terrain.patch import contact_frames
 from ..terrain.prism import Solid
 

@@ -19,7 +19,7 @@ from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..robot.urdf import FOOT_RADIUS_M
+from ..robot.robot_file import FOOT_RADIUS_M
 from ..terrain.patch import solids_of
 from ..terrain.prism import Solids
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..files.arrays import Array, check_numbers
-from ..robot.rotation import rotation_of
+from ..robot.chain import rotation_of
 from .joints import support_forces
 from .motion import Samples, smooth, smooth_rate
 from .path import PathMoments, PlanPath, Segment

@@ -22,9 +22,9 @@ from pydantic import (
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from ..files.codec import KEYS
+from ..robot.actuators import Servo
 from ..robot.model import Limb, Robot, hexapod
 from ..robot.reach import ReachRows
-from ..robot.servo import Servo
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
 from .problem import MOST_FRAMES, StepLimits
@@ -343,8 +343,8 @@ class CourseSpec(_Keys):
             return robot if mass_kg is None else replace(robot, mass_kg=mass_kg)
         if robot is not None and mass_kg is None:
             return robot if sets == "inner" else robot.sets(sets)
-        from ..robot.contact_robot import contact_robot
         from ..robot.payload import with_mass
+        from ..robot.walker import contact_robot
 
         model = self._named(folder) if robot is None else robot.source.own_model()
         return contact_robot(model if mass_kg is None else with_mass(model, mass_kg), sets=sets)

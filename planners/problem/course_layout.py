@@ -50,7 +50,7 @@ def build_course(
     robot = spec.make_robot(folder, sets)
     spec = spec.model_copy(update={"terrain": spec.terrain.for_robot(robot)})
     if reach is not None:
-        from ..robot.reach_file import read_reach
+        from ..robot.reach_sets import read_reach
 
         robot = read_reach(reach, robot.limb_names).applied(robot)
     placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach

@@ -351,7 +351,7 @@ class Problem:
 
     def _on(self, robot: Robot, name: str) -> Problem:
         """``course`` of this robot."""
-        from ..robot.some_legs import on_limbs  # loads pinocchio
+        from ..robot.walker import on_limbs  # loads pinocchio
 
         identity = self.robot.identity
         if identity != robot.identity:

@@ -23,8 +23,7 @@ from ..files.arrays import LARGEST, Array
 from ..files.codec import KEYS
 from ..files.documents import validation_errors
 from ..robot.model import Robot
-from ..robot.robot_file import BUILT_IN, named_robot
-from ..robot.urdf import FOOT_RADIUS_M
+from ..robot.robot_file import BUILT_IN, FOOT_RADIUS_M, named_robot
 from ..terrain.families import TERRAIN_FAMILIES, family_terrain, read_draw
 from ..terrain.footholds import FRICTION, FootholdLimits, Footholds
 from ..terrain.import_options import MOST_TRIANGLES, ImportOptions

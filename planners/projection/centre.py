@@ -32,10 +32,10 @@ from ..files.arrays import Array, cross
 from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
 from ..motion.path import PathMoments, PlanPath
 from ..robot.bodies import Bodies
+from ..robot.chain import rotations_of
+from ..robot.inverse_kinematics import Near
 from ..robot.kinematics import Kinematics
-from ..robot.leg_slopes import turning
-from ..robot.overlaps import Near
-from ..robot.rotation import rotations_of
+from ..robot.leg import turning
 from ..terrain.obstacles import Obstacles
 
 if TYPE_CHECKING:

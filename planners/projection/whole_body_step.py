@@ -32,8 +32,8 @@ from ..equilibrium.scaled import Point, skew
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Toes, objective
 from ..files.arrays import Array, cross, locked
 from ..robot.kinematics import Kinematics, rotation_of
-from ..robot.leg_slopes import LegSlopes, turning
-from ..robot.urdf import JOINTS
+from ..robot.leg import LegSlopes, turning
+from ..robot.robot_file import JOINTS
 from .centre import Nearness, keep_clear
 from .held import held_moments, linearised_moments, toes_of
 

@@ -19,16 +19,14 @@ from numpy.typing import NDArray
 from ..files.arrays import Array
 from ..terrain.obstacles import Ground, Obstacles
 from ..terrain.prism import Solid
-from .contacts import feet_of
+from .chain import between_rotations
+from .contacts import Bounds, Index, balls_apart, boxes_apart, feet_of, off_solids
+from .inverse_kinematics import Near, Overlap, WholeBody
 from .kinematics import Kinematics
 from .leg import Mount
 from .links_in_ground import LinksInGround
-from .overlaps import Near, Overlap, WholeBody
+from .meshes import Shape, shape_points, solid_shapes
 from .robot_model import RobotModel
-from .rotation import between_rotations
-from .separation import Bounds, Index, balls_apart, boxes_apart, off_solids
-from .shapes import Shape
-from .solids import shape_points, solid_shapes
 from .urdf_reader import coal, pinocchio
 
 ROOM_M = 1e-3

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from ..files.arrays import Array
-from .solids import points_on
+from .meshes import points_on
 
 FEW_PARTS, MOST_PARTS = 4, 16
 """As many say which two axes are cut along, and as many there are."""

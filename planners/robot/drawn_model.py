@@ -9,11 +9,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from .actuators import JOINTS, Servo
 from .drawn_legs import LINKS, drawn_urdf
 from .leg_ik import limb_posture
 from .limb import Limb
 from .robot_model import RobotModel, model_of
-from .servo import JOINTS, Servo
 
 OUTWARD, DOWN = 0.15 / 0.35, 0.2 / 0.35
 """Where the feet of legs that are drawn up stand, as shares of their reach."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.documents import shown
-from .rotation import rotation_of
-from .shapes import numbers_of, pose_of, write_pose
+from .chain import rotation_of
+from .meshes import numbers_of, pose_of, write_pose
 
 GUESSED_RAD_S = 3.0
 """Speed of a joint with a torque limit and no velocity limit, between key frames [rad/s]."""

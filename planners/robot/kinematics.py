@@ -19,12 +19,12 @@ from ..arguments import cached_property
 from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.prism import Solid
+from .chain import rotation_of
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .leg import Mount
 from .leg_ik import limb_postures
 from .model import Robot
-from .rotation import rotation_of
-from .urdf import Servo
+from .robot_file import Servo
 from .urdf_reader import at_rest, pinocchio
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..files.arrays import Array, checked, read_only
+from ..files.arrays import Array, checked, cross, read_only
 from .chain import Chain
 
 FULL_TURN = 2.0 * np.pi - 1e-6
@@ -145,3 +146,64 @@ class Leg:
     def random_angles(self, count: int, rng: np.random.Generator) -> Array:
         """Postures spread evenly over the joint limits, shape (count, n)."""
         return rng.uniform(self.lower_rad, self.upper_rad, (count, len(self.joints)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegSlopes:
+    """K postures of N legs with J joints in all, turned into the world.
+
+    Arguments:
+        feet: R_WB p_BF, shape (K, N, 3) [m].
+        levers: levers of every joint, shape (K, J, 3) [m].
+        axes: a, shape (K, J, 3).
+    """
+
+    feet: Array
+    levers: Array
+    axes: Array
+
+    @classmethod
+    def of(cls, legs: Sequence[Leg], angles: Array, rotations: Array) -> LegSlopes:
+        """The slopes of K postures.
+
+        Arguments:
+            angles: joint angles in the legs' order, shape (K, J) [rad].
+            rotations: R_WB, shape (K, 3, 3).
+        """
+        feet, levers, axes, begin = [], [], [], 0
+        for leg in legs:
+            q = angles[:, begin : begin + len(leg.joints)]
+            foot, jacobian = leg.chain.feet_and_jacobian(q)
+            turns = leg.chain.frames(q)[0]
+            feet.append(foot[:, None])
+            levers.append(jacobian.transpose(0, 2, 1))
+            axes.append(
+                np.einsum("knij,nj->kni", turns, leg.chain.axes) * ~leg.chain.slides[:, None]
+            )
+            begin += len(leg.joints)
+        back = rotations.transpose(0, 2, 1)
+        return cls(
+            feet=np.concatenate(feet, axis=1) @ back,
+            levers=np.concatenate(levers, axis=1) @ back,
+            axes=np.concatenate(axes, axis=1) @ back,
+        )
+
+    def lever_slopes(self, first: np.ndarray, second: np.ndarray) -> Array:
+        """∂lever/∂q of pairs of joints of one leg, by number, shape (K, pairs, 3) [m/rad]."""
+        inner, outer = np.minimum(first, second), np.maximum(first, second)
+        return np.asarray(cross(self.axes[:, inner], self.levers[:, outer]))
+
+
+def turning(rotation_rad: Array) -> Array:
+    """The left Jacobian of rotation vectors: R(Θ + δ) ≈ exp([D δ]×) R(Θ), shapes (K, 3) to (K, 3,
+    3).
+    """
+    angle = np.linalg.norm(rotation_rad, axis=-1)[:, None, None]
+    x, y, z = rotation_rad.T
+    zero = np.zeros_like(x)
+    cross_of = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+    # (1 − cos a)/a² and (a − sin a)/a³ by their series: tilts are small
+    small = angle**2
+    one = 0.5 - small / 24.0 + small**2 / 720.0 - small**3 / 40320.0
+    two = 1.0 / 6.0 - small / 120.0 + small**2 / 5040.0 - small**3 / 362880.0
+    return np.asarray(np.eye(3) + one * cross_of + two * (cross_of @ cross_of))

@@ -14,10 +14,10 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..terrain.prism import Solid, Solids
+from .actuators import JOINTS, Servo
+from .chain import rotation_of
 from .drawn_legs import link_lengths, outward_rad
 from .limb import Limb
-from .rotation import rotation_of
-from .servo import JOINTS, Servo
 
 Clearance = Callable[[Array], Array]
 SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]

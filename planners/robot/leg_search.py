@@ -22,8 +22,8 @@ from ..files.documents import shown
 from .chain import Chain
 from .contacts import Fits, Touch, placed_shapes, touch_of
 from .leg import FULL_TURN, FootContact, Joint, Leg
+from .meshes import Shape
 from .plausibility import points_up
-from .shapes import Shape
 from .urdf_reader import base_joint, matching, pinocchio
 
 LOW = 0.6

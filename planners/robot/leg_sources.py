@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import to_json
+from .actuators import FOOT_RADIUS_M, JOINTS, Servo
 from .model_json import model_to_json
-from .servo import FOOT_RADIUS_M, JOINTS, Servo
 
 if TYPE_CHECKING:
     from .limb import Limb

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..terrain.obstacles import Ground
-from .overlaps import WholeBody
-from .solids import surface_points
+from .inverse_kinematics import WholeBody
+from .meshes import surface_points
 
 APART_M = 0.02
 """Points of a link's surface that are looked for in the ground are about so far apart."""

@@ -21,10 +21,10 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
 from ..terrain.scene_file import compiled_mjcf
+from .contacts import Index
 from .hulls import hull_corners
+from .meshes import shape_elements, text_of, write_pose
 from .plausibility import BETWEEN
-from .separation import Index
-from .shapes import shape_elements, text_of, write_pose
 
 KEY_FRAMES = ("stand", "standing", "home", "default", "init")
 """Names of key frames in which a robot stands, whatever the height of its base, in this order."""

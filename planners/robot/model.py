@@ -22,12 +22,12 @@ from ..files.arrays import (
 from ..files.codec import LATER, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
-from .foot import Foot, half_sides
+from .actuators import Servo
 from .leg_sources import DrawnLegs, LegSource, OwnLegs
+from .limb import Foot, half_sides
 from .limb import LegLimits as LegLimits
 from .limb import Limb as Limb
 from .reach import RelativeReach
-from .servo import Servo
 
 if TYPE_CHECKING:
     from .reach_sets import Sets

@@ -17,8 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
 from .leg import Leg, Mount
-from .shapes import Shape, pose_of
-from .solids import shape_points
+from .meshes import Shape, pose_of, shape_points
 
 Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""

@@ -15,12 +15,47 @@ from ..errors import InvalidInput
 from ..files.arrays import LARGEST
 from ..files.codec import KEYS
 from ..files.documents import YAML, read_text, read_yaml, shown, validated
+from .actuators import FOOT_RADIUS_M, JOINTS, Servo
 from .catalogue import as_they_come, catalogue, provided
+from .drawn_legs import drawn_urdf
 from .leg import FootContact
 from .mjcf import read_mjcf
 from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
 from .urdf_reader import JointCorrection, Number, Positive
+
+__all__ = ["FOOT_RADIUS_M", "JOINTS", "Servo", "hexapod_urdf", "joint_names"]
+
+
+def joint_names(robot: Robot) -> tuple[str, ...]:
+    """Names of all joints, limb by limb in the robot's order, from the base outward, e.g.
+    ``LF_yaw``; none where no legs are known.
+    """
+    return robot.source.joint_names
+
+
+def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: bool = False) -> str:
+    """The URDF of a robot with any number of limbs, see ``drawn_urdf``.
+
+    Arguments:
+        servo: drive of every joint, in place of the robot's own.
+
+    Raises:
+        InvalidInput: also for a robot with its own legs.
+    """
+    if robot.source.own:
+        raise InvalidInput(
+            f"robot {robot.name}: expected a robot whose legs are to be drawn up, got one with "
+            "legs of its file"
+        )
+    return drawn_urdf(
+        robot.name,
+        robot.mass_kg,
+        robot.limbs,
+        servo or robot.servo,
+        rotors_in_links=rotors_in_links,
+    )
+
 
 BUILT_IN = ("hexapod",)
 ROBOTS = (".urdf", ".xml")
@@ -143,7 +178,7 @@ def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Ro
         return robot
     if str(robot) in BUILT_IN and srdf is None:
         return hexapod()
-    from .contact_robot import contact_robot
+    from .walker import contact_robot
 
     model = named_robot(robot, srdf=srdf)
     return contact_robot(model)

@@ -23,12 +23,14 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
+from .actuators import Servo
 from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .inverse_kinematics import REACHED_M, descend
 from .joint_limits import GUESSED_RAD_S, hold, limit_doubts, mend_limits, speed_doubts
 from .leg import FootContact, Leg, Mount
 from .leg_search import Found, Waist, legs_of
+from .meshes import Shape, disabled_pairs, shapes_of
 from .mjcf import Mjcf
 from .plausibility import (
     body_doubts,
@@ -39,8 +41,6 @@ from .plausibility import (
     shape_doubts,
     wrong_links,
 )
-from .servo import Servo
-from .shapes import Shape, disabled_pairs, shapes_of
 from .urdf_reader import (
     JointCorrection,
     at_rest,

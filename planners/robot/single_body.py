@@ -17,7 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import LATER, from_json
 from ..files.documents import read_text, read_yaml
-from .foot import Foot
+from .limb import Foot
 from .model import Robot, hexapod
 from .model_json import model_from_json
 

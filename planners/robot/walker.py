@@ -11,24 +11,185 @@ where the two stand, so that every foot is nearer to its own place than to anoth
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
+from typing import get_args
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import YAML, read_yaml
-from .contact_robot import contact_robot
-from .foot import Foot, half_sides
-from .model import DEEPEST, Robot
-from .polytope import Polytope
-from .reach_sets import standing_toes
+from .hulls import Polytope
+from .leg_sources import no_legs
+from .limb import Foot, Limb, half_sides
+from .meshes import shape_points, solid_shapes
+from .model import DEEPEST, Limb, Robot
+from .reach_sets import Sets, limbs_over, standing_toes
 from .robot_file import ROBOTS, model_of_keys, named_robot, read_keys, robot_path, unknown
-from .robot_model import RobotModel
+from .robot_model import RobotModel, model_of
 from .single_body import anymal, hexapod_walker, legged_anymal, read_walker
-from .solids import shape_points, solid_shapes
-from .workspace import Workspace
-from .workspace_cache import workspaces_of
+from .urdf_reader import pinocchio
+from .workspace import Workspace, workspaces_of
+
+SAME_M = 1e-12
+"""Sets whose numbers differ by no more than this are the same [m]."""
+
+
+def contact_robot(
+    robot: RobotModel, workspaces: Sequence[Workspace] | None = None, sets: Sets = "inner"
+) -> Robot:
+    """The robot with its body's origin at its centre of mass, which is taken to stay where it is as
+    it stands.
+
+    Arguments:
+        workspaces, sets: as for ``limbs_over``, which raises InvalidInput.
+    """
+    return Robot(
+        name=robot.name,
+        mass_kg=robot.body.mass_kg,
+        limbs=limbs_over(robot, sets, workspaces),
+        model=robot,
+    )
+
+
+def sets_of(robot: Robot) -> Sets | None:
+    """The sets of its model's legs that a robot's limbs have; None where it has no model, or they
+    have others.
+    """
+    try:
+        each = {sets: robot.sets(sets) for sets in get_args(Sets)}
+    except (
+        InvalidInput
+    ):  # no legs of its own, or some without an inside, whose limbs were given other sets
+        return None
+    return next((sets for sets, made in each.items() if _same_reach(made, robot)), None)
+
+
+def _same_reach(one: Robot, other: Robot) -> bool:
+    """Tell whether the toes of both are in the same sets, to the rounding of a file."""
+    numbers = [
+        (_numbers(mine), _numbers(theirs))
+        for mine, theirs in zip(one.limbs, other.limbs, strict=True)
+    ]
+    return all(
+        mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=SAME_M)
+        for mine, theirs in numbers
+    )
+
+
+def _numbers(limb: Limb) -> Array:
+    """The numbers of a limb's sets, in a row."""
+    rows = (
+        []
+        if limb.reach_rows is None
+        else [limb.reach_rows.normals.ravel(), limb.reach_rows.bounds_m]
+    )
+    return np.concatenate([limb.shoulder_m, [limb.reach_m], *rows])
+
+
+SHAPES = "collision", "visual"
+
+
+def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
+    """The robot on these limbs, each with the leg of its name.
+
+    Other legs of its file are held as the robot stands: they weigh, and nobody looks at their
+    shapes, since a posture does not say where they are. Legs that are drawn up are drawn for these
+    limbs alone. ``absent`` names them, and verdicts say that their bodies are not judged.
+
+    Arguments:
+        limbs: the limbs, in the robot's order.
+        mass_kg: the whole mass [kg].
+
+    Raises:
+        InvalidInput: for a robot whose legs are not known, and a mass that is not that of its file.
+    """
+    names = tuple(limb.name for limb in limbs)
+    idle = tuple(name for name in robot.limb_names if name not in names)
+    if not robot.source.own and robot.drawn is None:
+        raise no_legs(robot.name)
+    model = _on_legs(robot.source.own_model(), names) if robot.source.own else None
+    return Robot(
+        name=robot.name,
+        mass_kg=mass_kg,
+        limbs=tuple(limbs),
+        model=model,
+        drawn=robot.drawn,
+        absent=idle,
+    )
+
+
+@lru_cache(maxsize=8)
+def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
+    """The model whose other legs are part of its base, without shapes; whoever reads its URDF reads
+    it so.
+    """
+    if names == model.leg_names:
+        return model
+    root, legs = deepcopy(model.tree), [leg for leg in model.legs if leg.name in names]
+    idle = [leg for leg in model.legs if leg.name not in names]
+    held = {
+        name: angle
+        for leg in idle
+        for name, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
+    }
+    for joint in root.findall("joint"):
+        if (name := joint.get("name", "")) in held:
+            _hold(joint, held[name])
+    unseen = {
+        link
+        for link, mount in model.mounts.items()
+        if mount.leg is not None and model.legs[mount.leg] in idle
+    }
+    for link in root.findall("link"):
+        for kind in SHAPES if link.get("name") in unseen else ():
+            for shape in link.findall(kind):
+                link.remove(shape)
+    again = model_of(
+        ElementTree.tostring(root, encoding="unicode"),
+        where=model.name,
+        folder=None,
+        hulls={},
+        feet={leg.name: leg.foot for leg in legs},
+        name=model.name,
+        contacts={leg.name: leg.contact for leg in legs if leg.contact is not None},
+        posture_rad={
+            joint: angle
+            for leg in legs
+            for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
+        },
+    )
+    shapes = tuple(shape for shape in model.shapes if shape.link not in unseen)
+    return again.changed(legs=tuple(legs), shapes=shapes, disabled_pairs=model.disabled_pairs)
+
+
+def _hold(joint: Element, angle: float) -> None:
+    """Make a joint one that does not move, at this angle [rad, or m where it slides]."""
+    pin = pinocchio()
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ElementTree.SubElement(joint, "origin")
+    place, turn = (
+        np.array(origin.get(key, "0 0 0").split(), dtype=np.float64) for key in ("xyz", "rpy")
+    )
+    axis_element = joint.find("axis")
+    axis = np.array(
+        (axis_element.get("xyz", "1 0 0") if axis_element is not None else "1 0 0").split(),
+        dtype=np.float64,
+    )
+    axis, rotation = axis / np.linalg.norm(axis), np.array(pin.rpy.rpyToMatrix(*turn))
+    if joint.get("type") == "prismatic":
+        place = place + rotation @ (angle * axis)
+    else:
+        rotation = rotation @ np.array(pin.exp3(angle * axis))
+    origin.set("xyz", " ".join(map(repr, place.tolist())))
+    origin.set("rpy", " ".join(map(repr, np.array(pin.rpy.matrixToRpy(rotation)).tolist())))
+    joint.set("type", "fixed")
+
 
 BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_walker}
 LEGS = (4, 6)

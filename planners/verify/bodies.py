@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..robot.bodies import Bodies
+    from ..robot.inverse_kinematics import Overlap, WholeBody
     from ..robot.kinematics import Kinematics
-    from ..robot.overlaps import Overlap, WholeBody
 
 NO_ANGLES = "the plan has no joint angles that the motion could go through"
 

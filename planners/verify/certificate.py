@@ -114,8 +114,8 @@ def _short_sets(course: Problem) -> str:
     """
     if not course.robot.source.own:
         return ""
-    from ..robot.contact_robot import sets_of
     from ..robot.reach_sets import contains_all
+    from ..robot.walker import sets_of
 
     try:
         if contains_all(course.robot) or sets_of(course.robot) == "inner":

@@ -22,7 +22,7 @@ from ..answer.report import LATE, WHOLE_BODY, Group
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import Problem
-from ..robot.urdf import Servo
+from ..robot.robot_file import Servo
 from .bodies import check_bodies
 
 if TYPE_CHECKING:
@@ -243,7 +243,7 @@ def _torque_cap(plan: Plan) -> float:
 def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, Array, Array, str]:
     """Angles, errors of the feet, what is beyond limits, and what is wrong with them."""
     from ..motion.joints import normals_at, plan_angles
-    from ..robot.rotation import rotation_of
+    from ..robot.chain import rotation_of
 
     course, frames = plan.problem, list(range(plan.problem.frames))
     if plan.joints_rad is None:

@@ -25,9 +25,9 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
+from ..robot.inverse_kinematics import WholeBody
 from ..robot.kinematics import Kinematics, pinocchio
 from ..robot.model import Robot
-from ..robot.overlaps import WholeBody
 from ..robot.urdf_reader import at_rest, base_joint
 from ..terrain.ground import Ground
 from ..terrain.heightfield import HeightField

@@ -21,7 +21,7 @@ from .trajectory_series import Series
 
 if TYPE_CHECKING:
     from ..motion.joints import WalkPostures
-    from ..robot.overlaps import WholeBody
+    from ..robot.inverse_kinematics import WholeBody
     from ..terrain.obstacles import Obstacles
 
 
@@ -209,7 +209,7 @@ class MovingBodyMeasurements:
 
     def posture(self, samples: NDArray[np.intp] | int) -> WholeBody:
         """Posture of the whole robot at samples, or at one."""
-        from ..robot.overlaps import WholeBody
+        from ..robot.inverse_kinematics import WholeBody
 
         path, postures, k = self.path, self.postures, samples
         return WholeBody(

@@ -13,7 +13,7 @@ from stancekit.planners.formats.motion_file import csv_of, joint_trajectory_byte
 from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Motion, table_of
 from stancekit.planners.motion.plan_motion import PlanMotion
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 
 from ..motion.stream import joint_motion
 from ..motion.time_parametrization import RATE_HZ

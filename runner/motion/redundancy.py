@@ -23,11 +23,11 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.motion import Motion, Samples
 from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.robot.actuators import JOINTS
+from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.drawn_legs import link_lengths, outward_rad
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg_ik import NEAR, clearance_of, posture_cost
-from stancekit.planners.robot.rotation import rotation_of
-from stancekit.planners.robot.servo import JOINTS
 from stancekit.planners.terrain.prism import Solid
 
 ROUGH = 10

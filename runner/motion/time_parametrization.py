@@ -22,8 +22,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.motion.motion import Motion, Samples, between, stacked
 from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
+from stancekit.planners.robot.chain import continued
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.robot.rotation import continued
 from stancekit.planners.terrain.prism import Solid
 
 from ..control.foot_placement import ContactFeedback

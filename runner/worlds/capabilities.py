@@ -9,7 +9,7 @@ import numpy as np
 
 from stancekit.planners.files.arrays import Array, checked, read_only
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.urdf import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo, joint_names
 
 from .drives import Drives
 

@@ -14,7 +14,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, checked, checked_name
 from stancekit.planners.files.documents import shown
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 
 from ..safety.latch import StopLatch
 from .capabilities import WorldCapabilities

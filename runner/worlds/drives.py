@@ -11,8 +11,8 @@ from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array, check_numbers, read_only
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel
-from stancekit.planners.robot.urdf import Servo
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

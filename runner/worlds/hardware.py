@@ -10,7 +10,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.urdf import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo, joint_names
 
 from .capabilities import WorldCapabilities
 from .world import LatchedWorld, State

@@ -10,7 +10,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 
 from .contact import SoftContact
 from .drives import Imperfections

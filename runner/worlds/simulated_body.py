@@ -19,9 +19,9 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.leg import Leg
+from stancekit.planners.robot.meshes import Shape
 from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, link_inertia
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.shapes import Shape
 
 SPECK = 1e-6
 """Share of the robot's mass that a root without one gets: simulators take what weighs nothing for

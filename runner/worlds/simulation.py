@@ -16,7 +16,7 @@ from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 
 from .capabilities import WorldCapabilities
 from .contact import SimulationSetup, SoftContact

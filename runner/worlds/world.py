@@ -10,7 +10,7 @@ from typing import Literal, Protocol, Self, runtime_checkable
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.ground import Ground as Ground
 from stancekit.planners.terrain.prism import Solid

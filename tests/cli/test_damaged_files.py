@@ -31,8 +31,8 @@ from stancekit.cli.main import INTERNAL, parse, run
 from stancekit.cli.verify import Verify
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.robot import Limb, Robot
-from stancekit.planners.robot.servo import Servo
-from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
+from stancekit.planners.robot.actuators import Servo
+from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
 from tests.damage import bombs
 from tests.damage.cases import Case, cases, command, fault, said
 from tests.damage.files import make_files

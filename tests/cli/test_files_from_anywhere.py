@@ -21,7 +21,7 @@ pytest.importorskip("pypcd4")
 
 from stancekit.cli.sample import Sample
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.urdf import hexapod_urdf
+from stancekit.planners.robot.robot_file import hexapod_urdf
 from tests.damage.cases import command
 
 CUT_OFF = (

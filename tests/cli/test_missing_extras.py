@@ -13,7 +13,7 @@ import pytest
 
 import stancekit
 from stancekit.configs import config_path
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.dynamixel.calibration import nominal
 
 ROOT = Path(__file__).parents[2]

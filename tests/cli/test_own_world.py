@@ -22,7 +22,7 @@ SERVOS = '''
 """Joints that go where they are sent, one control period later; the body is not measured, and nothing is felt."""
 from dataclasses import dataclass
 import numpy as np
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.capabilities import WorldCapabilities
 from stancekit.runner.worlds.world import LatchedWorld, State
 

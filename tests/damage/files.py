@@ -28,8 +28,8 @@ from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
 from stancekit.planners.robot.single_body import hexapod_walker
-from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.heightfield import HeightField

@@ -99,7 +99,7 @@ def start_of(path: Path) -> tuple[tuple[str, ...], Array]:
     """Joint names, and angles [rad] of shape (J,) at the first key frame of a plan file."""
     from stancekit.planners.formats.plan_file import read_plan
     from stancekit.planners.motion.joints import plan_angles
-    from stancekit.planners.robot.urdf import joint_names
+    from stancekit.planners.robot.robot_file import joint_names
 
     plan, _ = read_plan(path)
     return joint_names(plan.problem.robot), plan_angles(plan)[0].angles

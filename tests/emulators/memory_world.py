@@ -15,7 +15,7 @@ import numpy as np
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.urdf import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo, joint_names
 from stancekit.planners.terrain import Patch
 from stancekit.runner.safety.guard import Limits
 from stancekit.runner.worlds.capabilities import WorldCapabilities

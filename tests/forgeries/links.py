@@ -27,8 +27,8 @@ from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.meshes import Shape
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.shapes import Shape
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory

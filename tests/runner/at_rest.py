@@ -9,7 +9,7 @@ import numpy as np
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 
 
 def at_rest(

@@ -21,7 +21,7 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel import port as servo_port
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal

@@ -17,8 +17,8 @@ from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion, footholds
 from stancekit.planners.robot.legged import walking_robot
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.execution import Tolerance

@@ -9,7 +9,7 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.runner.control.tracker import FARTHEST, LoopStiffness
 from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.world import State

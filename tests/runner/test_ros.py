@@ -16,7 +16,7 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.runner.worlds.ros.clock import stamp_of
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import RosJoint, RosSetup, same_names

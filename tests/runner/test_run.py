@@ -22,7 +22,7 @@ from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.log import McapLog, read_log

@@ -16,7 +16,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import command

@@ -11,7 +11,7 @@ import pytest
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.runner.control.slip_recovery import LAND_M_S, STAND_S, SlipDetector, StandingMotion
 from stancekit.runner.control.tracker import Target
 from stancekit.runner.worlds.world import State

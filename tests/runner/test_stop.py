@@ -25,7 +25,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Tracker
 from stancekit.runner.motion.time_parametrization import BLIND

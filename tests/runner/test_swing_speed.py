@@ -15,7 +15,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.runner.control.tracker import PAUSE_S, RAMP_S, SPEED_SHARE, SwingSpeed, Tracker
 from stancekit.runner.motion.redundancy import resolved
 from stancekit.runner.motion.time_parametrization import (

@@ -17,8 +17,8 @@ from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
 from stancekit.planners.robot.legged import robot_of
+from stancekit.planners.robot.robot_file import Servo, hexapod_urdf
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.urdf import Servo, hexapod_urdf
 from stancekit.runner.motion.soft_start import PEAK, soft_motion, soft_start
 from stancekit.runner.motion.time_parametrization import (
     ACCELERATION_RAD_S2,

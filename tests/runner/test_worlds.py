@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, joint_names
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, joint_names
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.worlds import WORLDS, make_world

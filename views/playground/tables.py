@@ -16,8 +16,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem import Problem
+from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.verify import Report
 
 from ..plans import between

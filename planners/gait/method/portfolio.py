@@ -26,10 +26,9 @@ from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked, checked_int
 from ...problem.walk import Walk
 from ...robot.bodies import Bodies
-from ...robot.inverse_kinematics import descend
+from ...robot.inverse_kinematics import Overlap, WholeBody, descend
 from ...robot.kinematics import rotation_of
 from ...robot.leg import Leg
-from ...robot.overlaps import Overlap, WholeBody
 from ...terrain.heightfield import HeightField
 from ...terrain.obstacles import Obstacles
 from ...verify.trajectories import check_trajectory, with_body

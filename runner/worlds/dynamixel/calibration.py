@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.urdf import JOINTS, Servo
+from stancekit.planners.robot.robot_file import JOINTS, Servo
 
 from ..setup_file import SetupFile, own
 from .control_table import (

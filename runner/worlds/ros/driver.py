@@ -23,7 +23,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.urdf import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo, joint_names
 
 from ..capabilities import WorldCapabilities
 from ..drives import Drives

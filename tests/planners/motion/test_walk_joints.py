@@ -9,7 +9,7 @@ import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.motion.joints import walk_joints
-from stancekit.planners.robot.foot import Foot
+from stancekit.planners.robot.limb import Foot
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.terrain.heightfield import HeightField

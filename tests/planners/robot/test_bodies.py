@@ -13,11 +13,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.meshes import Kind, Shape
 from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot.robot_file import hexapod_urdf, named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.robot.shapes import Kind, Shape
-from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Obstacles
 from stancekit.planners.terrain.prism import THICKNESS_M
@@ -27,8 +26,8 @@ from tests.planners.robot.small_urdfs import quadruped
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies, link_shapes
+from stancekit.planners.robot.inverse_kinematics import Overlap, WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.overlaps import Overlap, WholeBody
 from tests.refusals import refuses
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -17,7 +17,7 @@ from stancekit.planners.robot.hulls import (
     hulls_to_text,
     with_known_hulls,
 )
-from stancekit.planners.robot.shapes import Shape
+from stancekit.planners.robot.meshes import Shape
 from tests.refusals import refuses
 
 

@@ -20,13 +20,13 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.contact_robot import contact_robot, sets_of
+from stancekit.planners.robot.actuators import Servo
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import robot_of
+from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.servo import Servo
-from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
-from stancekit.planners.robot.workspace_cache import workspaces_of
+from stancekit.planners.robot.walker import contact_robot, sets_of
+from stancekit.planners.robot.workspace import workspaces_of
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan

@@ -14,12 +14,12 @@ import yaml
 
 from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.hulls import hull_corners
 from stancekit.planners.robot.leg import FootContact
 from stancekit.planners.robot.legged import robot_of
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.plan_course import plan_course
@@ -39,8 +39,8 @@ from tests.planners.robot.made_robots import (
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 from stancekit.planners.robot.bodies import Bodies
+from stancekit.planners.robot.inverse_kinematics import WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.overlaps import WholeBody
 from tests.refusals import refuses
 
 MADE = {made.name: made for made in made_robots()}

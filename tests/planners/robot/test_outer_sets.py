@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.robot.outer import directions_of, foot_cloud
-from stancekit.planners.robot.outer_sets import OuterSets, outer_sets, outward_m
+from stancekit.planners.robot.outer_sets import (
+    OuterSets,
+    directions_of,
+    foot_cloud,
+    outer_sets,
+    outward_m,
+)
 from stancekit.planners.robot.reach_sets import contains_all, limbs_over
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.urdf_reader import pinocchio
@@ -88,7 +93,7 @@ def test_sets_about_the_standing_centre_do_not_hold_a_robot_whose_legs_are_heavy
 
 
 def test_limbs_over_outer_sets_reach_all_that_the_legs_reach(robot: RobotModel) -> None:
-    from stancekit.planners.robot.contact_robot import contact_robot
+    from stancekit.planners.robot.walker import contact_robot
 
     outer = contact_robot(robot, sets="outer")
     assert contains_all(outer)

@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.robot.reach_file import read_polytope, read_reach
+from stancekit.planners.robot.reach_sets import read_polytope, read_reach
 
 ROOT = Path(__file__).resolve().parents[3]
 LIMBS = {"anymal": ("RHleg", "RFleg", "LHleg", "LFleg"), "talos": ("LF", "RF")}

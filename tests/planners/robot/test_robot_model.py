@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.robot_file import hexapod_model, named_robot
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, hexapod_model, named_robot
 from stancekit.planners.robot.robot_model import Remark, RobotModel, model_of
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.robot.urdf_reader import JointCorrection
 from tests.planners.robot.small_urdfs import (
     HIPS,

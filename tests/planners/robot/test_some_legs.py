@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.robot.contact_robot import sets_of
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Limb, Robot, hexapod
 from stancekit.planners.robot.robot_file import robot_of
-from stancekit.planners.robot.some_legs import on_limbs
+from stancekit.planners.robot.walker import on_limbs, sets_of
 from tests.refusals import refuses
 
 ANT = Path(__file__).parents[3] / "configs/demo/ant.yaml"

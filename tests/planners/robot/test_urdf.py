@@ -7,7 +7,7 @@ import pytest
 
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.robot.drawn_legs import link_lengths
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names
 from tests.refusals import refuses
 
 

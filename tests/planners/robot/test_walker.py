@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import robot_from_json
+from stancekit.planners.robot.hulls import Polytope
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.model import Robot, hexapod
-from stancekit.planners.robot.polytope import Polytope
-from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot.robot_file import hexapod_urdf, named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.single_body import anymal
-from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.robot.walker import named_walker, walker_of
 from tests.refusals import refuses
 

@@ -10,17 +10,15 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from stancekit.planners.robot import hexapod, workspace_cache
+from stancekit.planners.robot import hexapod, workspace
 from stancekit.planners.robot.chain import Chain
+from stancekit.planners.robot.hulls import Polytope
 from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinematics, Seeds, descend
 from stancekit.planners.robot.leg import Joint, Leg
-from stancekit.planners.robot.outer import directions_of, enclosing_ball, foot_cloud
-from stancekit.planners.robot.polytope import Polytope
-from stancekit.planners.robot.robot_file import hexapod_model
+from stancekit.planners.robot.outer_sets import directions_of, enclosing_ball, foot_cloud
+from stancekit.planners.robot.robot_file import hexapod_model, hexapod_urdf
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.robot.urdf import hexapod_urdf
-from stancekit.planners.robot.workspace import Workspace, workspace_of
-from stancekit.planners.robot.workspace_cache import workspaces_of
+from stancekit.planners.robot.workspace import Workspace, workspace_of, workspaces_of
 from tests.planners.robot.small_urdfs import HIPS, joint, leg, link, quadruped, robot
 from tests.refusals import refuses
 
@@ -232,9 +230,7 @@ def test_workspaces_are_kept_leg_by_leg_and_read_again(
         np.testing.assert_array_equal(before.ball_m, after.ball_m)
         assert (before.cover, before.unreachable) == (after.cover, after.unreachable)
     made = list[str]()
-    monkeypatch.setattr(
-        workspace_cache, "workspace_of", lambda leg: made.append(leg.name) or first[0]
-    )
+    monkeypatch.setattr(workspace, "workspace_of", lambda leg: made.append(leg.name) or first[0])
     weak = model_of(robot([leg(name, effort=8.0) for name in list(HIPS)[:2]]))
     assert one.digest != weak.digest
     assert [each.cover for each in workspaces_of(weak)] == [

@@ -21,7 +21,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, Alternative
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
-from stancekit.planners.robot.contact_robot import sets_of
+from stancekit.planners.robot.walker import sets_of
 from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan

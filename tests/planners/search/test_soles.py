@@ -24,7 +24,7 @@ from stancekit.planners.projection.project import PROJECTIONS, SURFACE, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.robot.urdf import hexapod_urdf
+from stancekit.planners.robot.robot_file import hexapod_urdf
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.decoupled import DecoupledPlanner
 from stancekit.planners.search.exact import ExactPlanner

@@ -15,7 +15,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.project import PROJECTIONS, cost
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.search import nogoods
 from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.clock import Clock

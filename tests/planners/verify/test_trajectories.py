@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.robot.foot import Foot
+from stancekit.planners.robot.limb import Foot
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories

@@ -12,7 +12,7 @@ import pytest
 import stancekit
 from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.motion.gait_motion import GaitMotion
-from stancekit.planners.robot.rotation import continued
+from stancekit.planners.robot.chain import continued
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.planners.verify.test_trajectories import standing
