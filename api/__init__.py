@@ -65,12 +65,12 @@ if TYPE_CHECKING:
     from .planners.robot.model import Limb as Limb
     from .planners.robot.model import Robot as Robot
     from .planners.robot.model import hexapod as hexapod
+    from .planners.search.answer import PlanSettings as PlanSettings
     from .planners.search.methods import Decoupled as Decoupled
     from .planners.search.methods import Exact as Exact
     from .planners.search.methods import Micp as Micp
     from .planners.search.methods import Nlp as Nlp
     from .planners.search.methods import TwoStage as TwoStage
-    from .planners.search.plan_settings import PlanSettings as PlanSettings
     from .planners.terrain.footholds import FootholdLimits as FootholdLimits
     from .planners.terrain.footholds import Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField

@@ -29,10 +29,9 @@ from stancekit.planners.problem.leap import Leap, is_leap_file
 from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
-from stancekit.planners.search.answer import Planner
+from stancekit.planners.search.answer import Planner, PlanSettings
 from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import LayOut, plan_course
-from stancekit.planners.search.plan_settings import PlanSettings
 from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
 

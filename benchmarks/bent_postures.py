@@ -25,7 +25,7 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.evaluation.leap_bench import share
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.robot_file import robot_of
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.witness import with_whole_body
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -51,7 +51,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve, slippery
 from stancekit.planners.search.two_stage import TwoStagePlanner
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport

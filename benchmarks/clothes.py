@@ -47,7 +47,7 @@ from stancekit.planners.problem.course_terrain import FileTerrain
 from stancekit.planners.projection.held import PRESSES
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import SHARES
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.views.playground.answer import patient_answer
 from stancekit.views.playground.between_scenario import BetweenScenario

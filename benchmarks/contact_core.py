@@ -45,8 +45,8 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.plan_window import Standing
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.pieces import Standing
+from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
 

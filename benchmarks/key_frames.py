@@ -42,12 +42,10 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.nlp import NlpProgram
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.micp import GUROBI_LIMITS, SOLVERS, MicpGrid
-from stancekit.planners.search.answer import Acceptance, Claim, plan_of
+from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
 from stancekit.planners.search.choice import nearest
-from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import MicpPlanner
-from stancekit.planners.search.nlp import starting_points
+from stancekit.planners.search.micp import MicpPlanner, starting_points
 from stancekit.planners.search.two_stage import TwoStagePlanner
 
 GAP = 1e-3

@@ -46,8 +46,7 @@ from stancekit.planners.equilibrium import rows as conic_rows
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch
-from stancekit.planners.search.batch import solve_all
-from stancekit.planners.search.canonical import canonical, without_moments
+from stancekit.planners.search.batch import canonical, solve_all, without_moments
 from stancekit.planners.search.exact import ExactPlanner
 
 Points = dict[int, Array]

@@ -52,8 +52,7 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, domain_of
 from stancekit.planners.relaxation.micp import MicpGrid
-from stancekit.planners.search.answer import Acceptance, Claim, plan_of
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner

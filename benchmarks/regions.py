@@ -34,9 +34,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.lift import LiftProgram
-from stancekit.planners.search.answer import Acceptance, Claim, plan_of
-from stancekit.planners.search.clock import Clock
-from stancekit.planners.search.decoupled import DecoupledPlanner
+from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
+from stancekit.planners.search.micp import DecoupledPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 
 

@@ -38,7 +38,7 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import make_planner
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.foot_placement import ContactFeedback

@@ -34,7 +34,7 @@ from stancekit.planners.robot.actuators import read_actuators
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import simulate

@@ -33,7 +33,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings

@@ -46,8 +46,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.papers import coupled, mccormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer, Relaxed, unit_shares
-from stancekit.planners.search.answer import Acceptance, Claim, plan_of
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
 
 CORNERS = 8
 """Corners of P1's set that are projected, beside its own answer; directions are the same for all."""

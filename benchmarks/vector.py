@@ -43,8 +43,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.search.answer import Acceptance, Claim, plan_of
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
 from stancekit.planners.search.exact import ExactPlanner
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from stancekit.planners.leap.finder import LeapFinder
     from stancekit.planners.problem import Problem
     from stancekit.planners.problem.leap import Leap
-    from stancekit.planners.search.answer import Planner
-    from stancekit.planners.search.plan_settings import PlanSettings
+    from stancekit.planners.search.answer import Planner, PlanSettings
 
 
 def deliver(
@@ -618,7 +617,7 @@ class PlanCourse:
         Raises InvalidInput.
         """
         from stancekit.planners.projection.whole_body import WholeBodyLimits
-        from stancekit.planners.search.plan_settings import PlanSettings
+        from stancekit.planners.search.answer import PlanSettings
 
         with as_options("torque_nm", "torque_share", "clearance_m", "push_n", "wrench"):
             return PlanSettings(

@@ -21,7 +21,7 @@ from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.documents import shown
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
+from stancekit.planners.search.exact import BoxSearch
 
 from .episodes import check_options, checked_render_mode, checked_seed
 from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info

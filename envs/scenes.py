@@ -24,9 +24,9 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.search.answer import Acceptance, plan_of
+from stancekit.planners.search.batch import stands, unsupported
 from stancekit.planners.search.cuts import CutSearch
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.screen import stands, unsupported
 from stancekit.planners.verify import check_certificates, check_postures
 from stancekit.planners.verify.margins import least_margins
 

@@ -34,9 +34,9 @@ from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import EnvelopeSet, expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.search.course_features import CourseFeatures, Features
-from stancekit.planners.search.plan_window import Standing, joined
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.choice import CourseFeatures, Features
+from stancekit.planners.search.pieces import Standing, joined
+from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.envelope_choice import SelectorPlanner

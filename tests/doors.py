@@ -36,7 +36,7 @@ from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.batch import solve_all
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.friction_margin import SHARES
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.plan_course import replan
 from stancekit.views.playground.answer import patient_answer
 from stancekit.views.playground.between_scenario import BetweenScenario
 from stancekit.views.playground.keys_scenario import KeysScenario

@@ -36,8 +36,7 @@ from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.projection.project import project
-from stancekit.planners.search.answer import Acceptance, Claim, Kind, plan_of
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Acceptance, Claim, Clock, Kind, plan_of
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface, half_planes
 from stancekit.planners.verify import check_plan

@@ -31,8 +31,7 @@ from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.batch import Decided, decide_all
-from stancekit.planners.search.canonical import solved
+from stancekit.planners.search.batch import Decided, decide_all, solved
 from stancekit.planners.search.exact import ExactPlanner
 
 if TYPE_CHECKING:

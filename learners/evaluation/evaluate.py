@@ -22,8 +22,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.answer import Acceptance, Claim, plan_of
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
 from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.executors import Executor, gather, processes

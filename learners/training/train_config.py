@@ -24,7 +24,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml, validated
-from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
+from stancekit.planners.search.exact import BoxSearch
 
 from ..data.labelling import Quota
 from ..selectors.policy import EnvironmentName, PolicyShape, moved

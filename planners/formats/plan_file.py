@@ -32,7 +32,7 @@ from ..relaxation.boxes import Modes
 from ..relaxation.envelope import EnvelopeSet
 from ..robot import Robot
 from ..robot.robot_file import joint_names
-from ..search.plan_window import beginning, course_window
+from ..search.pieces import beginning, course_window
 from ..verify import Report, check_plan
 from .motion_file import FileCheck
 

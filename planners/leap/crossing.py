@@ -34,8 +34,8 @@ from ..projection.whole_body import WholeBodyLimits
 from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import Robot
 from ..search.answer import Planner
+from ..search.pieces import Standing, course_window
 from ..search.plan_course import plan_course
-from ..search.plan_window import Standing, course_window
 from ..terrain.obstacles import Obstacles
 from ..terrain.patch import Patch
 from ..terrain.polygon import Surface, half_planes

@@ -2,23 +2,98 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping
-from copy import copy
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copy import copy, deepcopy
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar, get_args
 
 import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
+from ..arguments import check_argument
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..files.arrays import checked as checked_number
+from ..files.documents import shown
+from ..plugins import foreign
 from ..problem import Problem
+from ..problem.contact import wrench_of
+from ..problem.standing_map import StandingMap
+from ..projection.whole_body import WholeBodyLimits
 from ..verify import check_certificate, check_plan
-from .clock import Clock
+
+if TYPE_CHECKING:
+    from ..relaxation.envelope import EnvelopeSet
+
+
+@dataclass
+class Clock:
+    """Wall time, convex solves, and the limits of both.
+
+    Arguments:
+        begin: of the work, ``time.perf_counter()`` [s].
+        time_limit_s: after which it ends [s].
+        max_solves: likewise, a number of solves; with no limit of time, results are the same on a
+            busy computer.
+        compile_s: time spent on compiling models [s].
+        solver_s: time in the solver itself [s].
+        solves: so far.
+    """
+
+    begin: float
+    time_limit_s: float = math.inf
+    max_solves: float = math.inf
+    compile_s: float = 0.0
+    solver_s: float = 0.0
+    solves: int = 0
+
+    @classmethod
+    def start(cls, time_limit_s: float = math.inf, max_solves: float | None = None) -> Clock:
+        """Begin now; no limit of solves where None."""
+        return cls(
+            time.perf_counter(), time_limit_s, math.inf if max_solves is None else max_solves
+        )
+
+    def elapsed(self) -> float:
+        """Seconds since the beginning, compiling included [s]."""
+        return time.perf_counter() - self.begin
+
+    def ended(self, share: float = 1.0) -> bool:
+        """Tell whether this share of one of the limits is used up."""
+        return self.elapsed() > share * self.time_limit_s or self.solves >= share * self.max_solves
+
+    def left(self, share: float = 1.0) -> tuple[float, float]:
+        """Time [s] and solves that are left of this share."""
+        return max(share * self.time_limit_s - self.elapsed(), 0.0), max(
+            share * self.max_solves - self.solves, 0.0
+        )
+
+    @property
+    def limit(self) -> str:
+        """The limit that was met, in words."""
+        return f"{self.max_solves:g} solves" if self.solves >= self.max_solves else "its time limit"
+
+    def count(self, solves: int, solver_s: float) -> None:
+        """Note solves."""
+        self.solves += solves
+        self.solver_s += solver_s
+
+    @contextmanager
+    def compiling(self) -> Iterator[None]:
+        """Count the time spent inside as compiling."""
+        begin = time.perf_counter()
+        yield
+        self.compile_s += time.perf_counter() - begin
+
 
 Kind = Literal["postures", "courses"]
 """The two kinds of question that planners are asked."""
@@ -235,3 +310,239 @@ def objective_of(plan: Plan) -> float:
         cost += weights.stance * float(np.sum(away**2))
     steps = np.array([plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, course.frames)])
     return cost + weights.toe_step * float(np.sum(steps**2))
+
+
+Taken = TypeVar("Taken", Plan, Certificate)
+NUMBERS = {
+    Certificate: ("tree", "multipliers"),
+    Plan: (
+        "com_m",
+        "rotation_rad",
+        "toes_m",
+        "choice",
+        "forces_n",
+        "points_m",
+        "point_forces_n",
+        "modes",
+    ),
+}
+"""Numbers that are taken over of each kind of evidence."""
+
+
+class VerifiedPlanner:
+    """A planner from elsewhere; its ``solve`` gives an ``Answer``, or a plan or a certificate
+    alone.
+
+    None, and an answer without evidence, is undecided, whatever it claims. A plan is taken for one
+    of the problem that was asked for; bounds on its objective come without proof, and are left.
+
+    Arguments:
+        called: what messages call it.
+        envelopes: that it was made with.
+        remake: a function that makes the planner anew with another time limit [s]; None where there
+            is no such function.
+    """
+
+    def __init__(
+        self,
+        planner: Any,
+        name: str,
+        acceptance: Acceptance,
+        *,
+        called: str = "method",
+        envelopes: EnvelopeSet | None = None,
+        remake: Callable[[float], Any] | None = None,
+    ) -> None:
+        self.name, self._acceptance, self._where = name, acceptance, f"{called} {name}"
+        self._planner, self._called = _solving(planner, self._where), called
+        self._envelopes, self._remake = envelopes, remake
+
+    def with_limit(self, limit_s: float) -> VerifiedPlanner:
+        """The planner made anew with this time limit [s]; itself where nobody can limit it."""
+        if self._remake is None and not hasattr(self._planner, "with_limit"):
+            return self
+        with foreign(self._where):
+            planner = (
+                self._planner.with_limit(limit_s) if self._remake is None else self._remake(limit_s)
+            )
+        return VerifiedPlanner(
+            planner,
+            self.name,
+            self._acceptance,
+            called=self._called,
+            envelopes=self._envelopes,
+            remake=self._remake,
+        )
+
+    def solve(self, problem: Problem) -> Answer[Plan]:
+        """Ask, and have the evidence verified.
+
+        Raises InvalidInput for an answer of another kind, a planner that raises or answers another
+        kind of question alone, and envelopes that were learned for other problems.
+        """
+        check_answers(self._planner, kind_of(problem), self._where)
+        if self._envelopes is not None and problem.is_posture:
+            self._envelopes.check_fits(problem)
+        clock = Clock.start()
+        claim, solves = _asked(self._planner, problem, self._where)
+        clock.count(solves, 0.0)
+        return self._acceptance.answer(problem, claim, method=self.name, clock=clock)
+
+
+def check_answers(planner: Any, kind: Kind, where: str) -> None:
+    """Raise InvalidInput for a planner that says, by its attribute ``answers``, that it answers
+    another kind of question alone.
+
+    Arguments:
+        where: what the message begins with.
+    """
+    answered = getattr(planner, "answers", None)
+    if answered in get_args(Kind) and answered != kind:
+        raise InvalidInput(
+            f"{where}: expected a planner of {kind}, got one that answers {answered} alone"
+        )
+
+
+def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
+    """Claim of a planner, and the number of solves that it reports.
+
+    Raises InvalidInput.
+    """
+    with foreign(where):
+        claim, rest, solves = planner.solve(deepcopy(problem)), dict[str, Any](), 0
+        if claim is not None and not isinstance(claim, Answer | Plan | Certificate):
+            raise InvalidInput(
+                f"{where}: expected an Answer, a Plan, a Certificate or None, got {_a(claim)}"
+            )
+        evidence: Any
+        certificate: Any
+        evidence, certificate = (None, claim) if isinstance(claim, Certificate) else (claim, None)
+        if isinstance(claim, Answer):
+            evidence, certificate, solves = (
+                claim.solution,
+                claim.certificate,
+                int(claim.effort.solves),
+            )
+            rest["word"] = _text(claim.claim, where) or Status(claim.status).value
+            rest["message"] = _text(claim.message, where)
+            rest["details"] = {
+                _text(key, where): float(value) for key, value in claim.details.items()
+            }
+        solution = _taken(Plan, evidence, where, problem=problem)
+        return Claim(
+            plan=solution, certificate=_taken(Certificate, certificate, where), **rest
+        ), solves
+
+
+def _solving(planner: Any, where: str) -> Any:
+    """A planner.
+
+    Raises InvalidInput for what is none.
+    """
+    if not callable(getattr(planner, "solve", None)):
+        raise InvalidInput(f"{where}: expected something with solve, got {_a(planner)}")
+    return planner
+
+
+def _taken(kind: type[Taken], found: Any, where: str, **given: Any) -> Taken | None:
+    """The numbers of evidence, in an object of our own; None where there is none.
+
+    Raises InvalidInput, ValueError.
+    """
+    if found is None:
+        return None
+    if not isinstance(found, kind):
+        raise InvalidInput(f"{where}: expected a {kind.__name__} as evidence, got {_a(found)}")
+    if isinstance(found, Plan):
+        given["provenance"] = {
+            "planner": where.partition(" ")[2],
+            "said": _plain(dict(found.provenance)),
+        }
+    return kind(**{name: getattr(found, name) for name in NUMBERS[kind]}, **given)
+
+
+def _text(value: Any, where: str) -> str:
+    if not isinstance(value, str):
+        raise InvalidInput(f"{where}: expected text in its outcome, got {_a(value)}")
+    return str(value)
+
+
+def _plain(content: dict[str, Any]) -> Any:
+    """JSON-ready values, and nothing that is theirs.
+
+    Raises TypeError, ValueError.
+    """
+    return json.loads(json.dumps(content, allow_nan=False))
+
+
+def _a(found: object) -> str:
+    return f"a {type(found).__name__}, {shown(found, 80)}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanSettings:
+    """Settings of ``plan`` beside its method: what a plan has to keep and to bear.
+
+    Arguments:
+        body: limits of joints and bodies; a plan that breaks them is bent until it keeps them.
+        push_n: horizontal push at the centre of mass, in any direction, that every stance has to
+            bear [N]; a course of its own may ask for more. Without one a plan that bears 5 % of the
+            weight is sought, then 2.5 %, and the report says what it bears. "two-stage" alone, and
+            *infeasible* is not said with it.
+        wrench: force [N] at the centre of mass, or that and a moment about it [Nm], on the body in
+            addition to its weight at every key frame, such as those of a payload, wind or a rope;
+            in world axes, shape (3,) or (6,); added to what the course has. Plans carry it, and
+            *infeasible* is proved with it.
+        standing: with a start and a goal, a map of where the robot can stand, as ``map`` makes it,
+            or its file: the way costs more where the robot, facing along x and as it stands, is not
+            likely to, and most where it is proved not to.
+        leaps: with a start and a goal, whether a robot that was named may leap where key frames have
+            no plan. Where it may, a proof that no balanced motion leads to the goal leaves the
+            answer undecided; where it may not, the answer is infeasible.
+        checkpoint: file NAME.json that keeps the finished pieces of a course of more than 40 key
+            frames, which is planned in pieces: the same call goes on from there after an
+            interruption. The file is removed once there is a plan.
+
+    Raises:
+        InvalidInput: for a push below 0, and a wrench that is none.
+    Source:
+        None: demands on a plan beside those of Lin et al.
+
+    Example:
+        >>> from stancekit import PlanSettings, WholeBodyLimits
+        >>> PlanSettings(push_n=20.0, body=WholeBodyLimits(torque_nm=8.0)).push_n
+        20.0
+    """
+
+    body: WholeBodyLimits = field(default_factory=WholeBodyLimits)
+    push_n: float = 0.0
+    wrench: Array | Sequence[float] | None = None
+    standing: StandingMap | str | Path | None = None
+    leaps: bool = True
+    checkpoint: str | Path | None = None
+
+    def __post_init__(self) -> None:
+        check_argument("body", self.body, WholeBodyLimits)
+        check_argument("standing", self.standing, StandingMap | str | Path | None)
+        check_argument("checkpoint", self.checkpoint, str | Path | None)
+        object.__setattr__(self, "push_n", checked_number(self.push_n, "push_n", least=0.0))
+        if self.wrench is not None:
+            object.__setattr__(self, "wrench", wrench_of(self.wrench))
+
+    def check_of_leap(self) -> None:
+        """Raise InvalidInput for a setting that a leap has no use for."""
+        if self.push_n:
+            raise InvalidInput(
+                "push_n: expected none with a leap, whose stances are not pushed yet"
+            )
+        if self.wrench is not None:
+            raise InvalidInput(
+                "wrench: expected none with a leap, whose body bears nothing but its weight yet"
+            )
+        if self.body != WholeBodyLimits():
+            raise InvalidInput(
+                "body: expected none with a leap, whose limits are those of its robot's file"
+            )
+        for name in ("standing", "checkpoint"):
+            if getattr(self, name) is not None:
+                raise InvalidInput(f"{name}: expected none with a leap, got {getattr(self, name)}")

@@ -9,22 +9,197 @@ short iteration, the lift's certificate, a long iteration, branch and bound.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..equilibrium.batch import ScaledBatch
+from ..equilibrium.batch import PointBatch, ScaledBatch
+from ..equilibrium.layout import Layout
+from ..equilibrium.programs import Programs
+from ..equilibrium.rows import Rows
+from ..equilibrium.scaled import Point, Scaled
+from ..equilibrium.terms import BodyVariables, Forces, Given, HeldToes
+from ..files.arrays import Array
 from ..problem import PostureBatch
+from ..projection.centre import centred
+from ..projection.held import held_moments
 from ..relaxation.lift import LiftAnswer, solve_lift
-from ..verify import check_certificates
-from .canonical import LONG, SHORT, Index, gone_on, relaxed, with_toes
+from ..relaxation.mccormick import WithoutMoment
+from ..verify import check_certificates, check_postures
+from .answer import plan_of
 from .cuts import LEAF
 from .exact import ExactPlanner
-from .witness import Iteration
+from .witness import Iteration, witnesses
+
+CLEAR = 1e-3
+"""Contacts have to lack this share of the weight, so that a solver's tolerance has no say."""
+AZIMUTH = np.arange(8) * np.pi / 4.0
+ELEVATION = 1.05
+DIRECTIONS = np.column_stack(
+    [
+        np.cos(ELEVATION) * np.cos(AZIMUTH),
+        np.cos(ELEVATION) * np.sin(AZIMUTH),
+        np.full(8, np.sin(ELEVATION)),
+    ]
+)
+"""Unit vectors d, steep: on walls it is friction that lacks, and a little to the side the normals
+help least."""
+
+
+def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
+    """Tell which problems have not even P̄, since no forces carry the weight, shape (B,); others
+    may not, either.
+
+    For some d the contacts together push less along d than the weight, and what else is on the
+    body, asks: Σ max d·C f < d·(w e_z − F) over f_n ≤ f_max and the friction cones (E5, E10), a
+    certificate's bound with ν_F = −d alone.
+    """
+    along = np.matmul(DIRECTIONS, scaled.frames)  # (B, N, 8, 3), d in contact frames
+    shear = np.hypot(along[..., 1], along[..., 2])
+    most = np.maximum(along[..., 0] + scaled.friction[..., None] * shear, 0.0)
+    pushed = np.matmul(np.maximum(scaled.like.force_max[:, 0], 0.0), most)
+    like = scaled.like
+    least = like.weight * (DIRECTIONS[:, 2] - CLEAR)
+    if like.layout.wrench:
+        least = least - DIRECTIONS @ like.wrench[0, :3]
+    return np.asarray((pushed < least).any(axis=1))
+
+
+class StandingTest:
+    """Test for c, Θ and f with toes that are held: fix-toes (``held``), its moments zero, nothing
+    to minimise.
+
+    Arguments:
+        implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
+    """
+
+    def __init__(self, layout: Layout, implied: bool) -> None:
+        self._rows = rows = Rows[Given](keep=layout.frames == 1)
+        body, forces = BodyVariables(rows, layout), Forces.of_contacts(rows, layout)
+        forces.balance()
+        held_moments(layout, body, forces).vanish(rows)
+        forces.in_cones()
+        forces.in_box(implied=implied)
+        body.reach(HeldToes(rows), inner=True)
+        body.limits()
+
+    def admits(self, scaled: Scaled, toes: Array) -> bool:
+        """Tell whether the solver met its own tolerances at a point with these toes, shape (N,
+        3).
+        """
+        nothing = np.zeros((1, 3))
+        held = Point(com=nothing, rotation=nothing, toes=toes, forces=toes, residual=float("inf"))
+        solution = self._rows.solve(Given(scaled, held))
+        return solution.solved and solution.exact
+
+
+def stands(programs: Programs, scaled: Scaled, toes: Array) -> bool:
+    """Tell whether a posture problem has a posture with these toes, shape (N, 3),
+    non-dimensional.
+    """
+    return programs.get(StandingTest, scaled.layout, scaled.box_implied).admits(scaled, toes)
+
+
+Index = NDArray[np.intp]
+Found = dict[int, tuple[Plan, float]]
+"""Postures by the index of their problem, each with its largest violation."""
+SHORT, LONG = 96, 320
+"""Steps of the iteration before a solver is asked, and after: most feasible problems need fewer
+than the first."""
+
+
+def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6) -> Found:
+    """Canonical postures of the problems that the iteration finds one for.
+
+    Problems that are not in it may be feasible all the same.
+
+    Arguments:
+        tolerance: as in ``Acceptance``.
+    """
+    return gone_on(Iteration(ScaledBatch.of(batch)), batch, steps, tolerance=tolerance)
+
+
+def gone_on(
+    iteration: Iteration, batch: PostureBatch, until: int, *, tolerance: float = 1e-6
+) -> Found:
+    """``canonical`` of what is left of an iteration over the batch, which goes on until it has
+    taken so many steps.
+    """
+    return _accepted(batch, iteration.scaled, iteration.claims(until), tolerance)
+
+
+def with_toes(batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: float = 1e-6) -> Found:
+    """The middle of what these postures' toes leave, by the index of the problem; none where that
+    has no inside.
+    """
+    index, scaled = np.array(list(found), dtype=np.intp), ScaledBatch.of(batch)
+    toes = np.array([posture.toes_m for posture in found.values()]).reshape(
+        -1, *scaled.friction.shape[1:], 3
+    )
+    held = scaled.select(index).held(toes / scaled.like.length_m)
+    middles = _accepted(batch.select(index), held, witnesses(held, LONG), tolerance)
+    return {int(index[k]): middle for k, middle in middles.items()}
+
+
+def relaxed(batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
+    """Canonical points of P̄, which violate nothing but the balance of moments, where the iteration
+    finds one.
+    """
+    scaled = ScaledBatch.of(batch)
+    postures = _accepted(
+        batch, scaled, witnesses(scaled, LONG, moments=False), tolerance, moments=False
+    )
+    return {k: posture for k, (posture, _) in postures.items()}
+
+
+def without_moments(
+    programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6
+) -> dict[int, Plan]:
+    """``relaxed``, and where the iteration comes to no end ``solved``."""
+    postures = relaxed(batch, tolerance=tolerance)
+    rest = np.array([k for k in range(len(batch)) if k not in postures], dtype=np.intp)
+    ended = solved(programs, batch.select(rest), tolerance=tolerance)
+    return postures | {int(rest[k]): posture for k, posture in ended.items()}
+
+
+def solved(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
+    """The points of P̄ that the solver ends at; none where P̄ has none."""
+    scaled, postures = ScaledBatch.of(batch), dict[int, Plan]()
+    layout = scaled.like.layout
+    for k in range(len(batch)):
+        one = scaled.problem(k)
+        point = programs.get(WithoutMoment, layout, bool(layout.reach_rows)).solve(one)
+        if point is not None:
+            posture = plan_of(batch.problems[k], one, one.numbers, point)
+            worst = check_postures([posture], without=("moment_balance",))
+            postures |= {k: posture} if worst[0] <= tolerance else {}
+    return postures
+
+
+def _accepted(
+    batch: PostureBatch,
+    scaled: ScaledBatch,
+    claims: tuple[Index, PointBatch],
+    tolerance: float,
+    *,
+    moments: bool = True,
+) -> Found:
+    """The middles of what the toes of claimed points leave, where the verifier accepts them."""
+    index, points = claims
+    some, problems = scaled.select(index), [batch.problems[k] for k in index.tolist()]
+    postures = some.plans(centred(some, points, moments=moments), problems)
+    worst = check_postures(postures, without=() if moments else ("moment_balance",)).tolist()
+    return {
+        k: (posture, off)
+        for k, posture, off in zip(index.tolist(), postures, worst, strict=True)
+        if off <= tolerance
+    }
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -334,7 +334,7 @@ class Nlp:
 
         Raises InvalidInput, see ``Method``.
         """
-        from .nlp import NlpPlanner
+        from .micp import NlpPlanner
 
         return NlpPlanner(
             time_limit_s=options.time_limit_s,
@@ -364,7 +364,7 @@ class Decoupled:
 
         Raises InvalidInput, see ``Method``.
         """
-        from .decoupled import DecoupledPlanner
+        from .micp import DecoupledPlanner
 
         planner = DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
         return _checked_for(options.of, planner)
@@ -516,7 +516,7 @@ def make_planner(
             _value(make, method, settings, settings_of(method, of)) if settings else _plain(make)
         )
         return value.planner(options)
-    from .verified import VerifiedPlanner
+    from .answer import VerifiedPlanner
 
     whole_s = options.limit(POSTURE_LIMIT_S if of == "postures" else COURSE_LIMIT_S)
 
@@ -540,7 +540,7 @@ def through_verifier(planner: Planner, of: Kind) -> Planner:
     """A planner for this kind of question, which answers through the verifier unless it is the
     package's own.
     """
-    from .verified import VerifiedPlanner, check_answers
+    from .answer import VerifiedPlanner, check_answers
 
     if type(planner).__module__.startswith("stancekit."):
         check_answers(planner, of, "method")

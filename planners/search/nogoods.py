@@ -19,9 +19,8 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
-from .clock import Clock
-from .cuts import PROVABLE, CutSearch, Node, alone
-from .farkas_cuts import of_stance
+from .answer import Clock
+from .cuts import PROVABLE, CutSearch, Node, alone, of_stance
 
 NODES = 120
 """Most nodes of the search whether a stance can be held."""

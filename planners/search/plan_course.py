@@ -29,11 +29,22 @@ from ..projection.held import PRESSES
 from ..projection.whole_body import WholeBodyLimits
 from .answer import Planner
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
-from .pieces import AT_ONCE, Detour, Kept, Pieces, Progress, in_pieces, plan_pieces
-from .plan_window import Standing
+from .pieces import (
+    AT_ONCE,
+    Detour,
+    Kept,
+    Pieces,
+    Progress,
+    Standing,
+    course_window,
+    in_pieces,
+    plan_pieces,
+)
+from .two_stage import TwoStagePlanner
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
+
 
 LayOut = Callable[["Sets", Alternative], Problem]
 """A function that lays a course out over the inner or the outer sets of the robot's legs, in one of
@@ -127,7 +138,7 @@ def plan_course(
     spent = list[Effort]()
 
     def piece(course: Problem, angles: Array | None, end: float) -> Answer[Plan]:
-        from .whole_body_outcome import with_whole_body  # slow to import
+        from .witness import with_whole_body  # slow to import
 
         outcome = plan_with_reserve(planner, course, shares, presses, deadline=_search_end(end))
         spent.append(outcome.effort)
@@ -169,7 +180,7 @@ def plan_course(
         ):
             outcome = _refuted(outcome, question, planner, shares[-1], end)
         if limits is not None and outcome.solution is not None:
-            from .whole_body_outcome import with_whole_body  # slow to import
+            from .witness import with_whole_body  # slow to import
 
             within = limits if bend else replace(limits, steps=0)
             outcome = with_whole_body(outcome, within, start_rad, deadline=end)
@@ -213,7 +224,7 @@ def _whole(pieces: Pieces, method: str, spent: Sequence[Effort], end: float) -> 
         spent: on the contacts of every piece, also of those that failed.
         end: when to be done (``time.perf_counter()``).
     """
-    from .whole_body_outcome import judged  # slow to import
+    from .witness import judged  # slow to import
 
     details = {"pieces": float(pieces.pieces), "detours": float(len(pieces.tried_m))}
     answer: Answer[Plan] = Answer(
@@ -442,4 +453,55 @@ def _undecided(inner: Answer[Plan], message: str) -> Answer[Plan]:
     """The outcome without the certificate, which is one over inner sets."""
     return replace(
         inner, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim=""
+    )
+
+
+def replan(
+    state: Standing | None,
+    course: Problem,
+    *,
+    frame: int = 0,
+    horizon: int | None = None,
+    planner: Planner | Callable[[Problem], Planner] | None = None,
+    shares: Sequence[float] = ALL_FRICTION,
+    presses: Sequence[float] = (),
+    limits: WholeBodyLimits | None = None,
+    deadline: float = math.inf,
+) -> Answer[Plan]:
+    """Plan key frames ``frame`` to ``frame + horizon`` of a course from where the robot stands.
+
+    Returns the planner's outcome over the window, whose plan begins at ``state``;
+    ``plan_window.joined`` puts windows together. It comes of ``plan_course``, so that a proof is
+    one over the outer sets of legs. With limits it is one of the whole body, with its joint angles:
+    ``details`` say in how many steps, from what torque to what and from what depth of a collision
+    to what (``with_whole_body``), and where that does not do it is undecided with the reason. The
+    answer depends on the arguments alone: no program, guess or earlier plan is kept. Raises
+    InvalidInput for frames that there are not, and where the planner is not made for the window.
+
+    Arguments:
+        state: pose and toes at ``frame``, whose toes stay, and joints, where they are known; None
+            at the beginning, where they are free as in the course.
+        horizon: how many frames ahead; None for all that are left.
+        planner: one, or what chooses one for the window (a policy); by default the two-stage
+            planner over the lift.
+        shares: of the friction, tried in this order until there is a plan
+            (``friction_margin.plan_with_reserve``).
+        presses: likewise.
+        limits: of joints and bodies, to which the window's plan is bent; None: contacts alone.
+        deadline: as for ``plan_course``.
+    """
+    last = course.frames - 1 if horizon is None else min(frame + horizon, course.frames - 1)
+    window = course_window(course, frame, last, state)
+    if planner is None:
+        planner = TwoStagePlanner()
+    chosen: Planner = planner if hasattr(planner, "solve") else planner(window)  # type: ignore[assignment]
+    start_rad = None if state is None else state.angles_rad
+    return plan_course(
+        window,
+        chosen,
+        shares=shares,
+        presses=presses,
+        limits=limits,
+        start_rad=start_rad,
+        deadline=deadline,
     )

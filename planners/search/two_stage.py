@@ -29,11 +29,10 @@ from ..files.arrays import checked
 from ..problem import Problem
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, improved, project
 from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
-from .answer import Acceptance, Claim, Kind, TimeLimited, check_unused, kind_of, plan_of
+from .answer import Acceptance, Claim, Clock, Kind, TimeLimited, check_unused, kind_of, plan_of
 from .choice import ChoiceSearch, SearchLimits
-from .clock import Clock
 from .cuts import LEAF, PROVABLE, CutSearch
-from .least_steps import over_sides
+from .enveloped import over_sides
 
 if TYPE_CHECKING:  # a planner over the lift waits for none of them
     from ..relaxation.boxes import Modes, StanceBoxes

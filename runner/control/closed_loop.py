@@ -29,7 +29,7 @@ from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.search.plan_window import Standing
+from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid

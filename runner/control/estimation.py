@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.search.plan_window import Standing
+from stancekit.planners.search.pieces import Standing
 from stancekit.planners.terrain import Patch
 
 from ..worlds.world import State

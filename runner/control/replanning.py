@@ -23,8 +23,8 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.plan_window import Standing, one_at_a_time, with_pause
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.pieces import Standing, one_at_a_time, with_pause
+from stancekit.planners.search.plan_course import replan
 
 from ..acceptance import Accepted
 from ..run import Runner

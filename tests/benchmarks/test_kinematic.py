@@ -15,7 +15,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Clock
 from stancekit.planners.verify import check_plan
 
 NEAR_M = 1e-5

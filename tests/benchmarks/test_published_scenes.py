@@ -15,7 +15,7 @@ from benchmarks.published.scene import FOLDER, SCENES, read_scene
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 

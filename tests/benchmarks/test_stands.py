@@ -246,7 +246,7 @@ def test_an_order_is_judged_on_robots_that_it_was_not_made_from(scripts: None) -
 def test_planners_count_processor_time_where_layouts_are_tried(scripts: None) -> None:
     import _stand_layouts as layouts
 
-    from stancekit.planners.search.clock import Clock
+    from stancekit.planners.search.answer import Clock
 
     with layouts.processor_time():
         clock = Clock.start()

@@ -18,7 +18,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import domain_of
-from stancekit.planners.search.spatial_branch_and_bound import BoxSearch, propagate
+from stancekit.planners.search.exact import BoxSearch, propagate
 from tests.refusals import refuses
 
 NAME = "stancekit.envs:stancekit/EnvelopeRefinement-v0"

@@ -24,7 +24,7 @@ from stancekit.planners.relaxation.coned import Coned
 from stancekit.planners.relaxation.lift import MARGIN_PRICE, JointRelaxation, LeastGap, LiftProgram
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
 from stancekit.planners.relaxation.papers import ContactForces, Model, PlanVariables, Products
-from stancekit.planners.search.decoupled import Positions
+from stancekit.planners.search.micp import Positions
 
 
 def _p1(given: Boxed, axes: str = "contact", soft: bool = True, boxes: int = 1) -> Model:

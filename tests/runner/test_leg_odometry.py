@@ -18,7 +18,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.leg_odometry import leg_odometry, odometry_error_m
 from stancekit.runner.motion.time_parametrization import joint_profile

@@ -17,7 +17,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.plan_window import Standing
+from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.control.replanning import Replanner

@@ -17,7 +17,7 @@ pytest.importorskip("mujoco")
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.plan_window import with_pause
+from stancekit.planners.search.pieces import with_pause
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.polygon import Surface

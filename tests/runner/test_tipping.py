@@ -20,7 +20,7 @@ from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.tipping import LEAST_PUSH, tipping
 from stancekit.runner.acceptance import Accepted

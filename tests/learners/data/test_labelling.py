@@ -30,7 +30,7 @@ from stancekit.learners.data.labelling import Progress, label, recheck
 from stancekit.learners.data.shards import samples
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput, StancekitError
-from stancekit.planners.search.canonical import canonical
+from stancekit.planners.search.batch import canonical
 from stancekit.planners.search.exact import ExactPlanner
 from tests.refusals import assert_names, refuses
 

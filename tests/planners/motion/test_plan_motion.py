@@ -14,7 +14,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
-from stancekit.planners.search.plan_window import with_pause
+from stancekit.planners.search.pieces import with_pause
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid, Solids

@@ -17,7 +17,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import at_point, wrench_of
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.planners.search.plan_window import course_window, one_at_a_time, with_pause
+from stancekit.planners.search.pieces import course_window, one_at_a_time, with_pause
 from tests.refusals import refuses
 
 ROPE = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.3])

@@ -29,7 +29,7 @@ from stancekit.planners.robot import bodies
 from stancekit.planners.robot.inverse_kinematics import descend
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import Leg
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.witness import with_whole_body
 from tests.refusals import assert_names
 
 BEAM = {

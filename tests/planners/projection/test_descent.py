@@ -13,8 +13,7 @@ from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.projection.held import FixToes
 from stancekit.planners.projection.project import SURFACE, cost, improved, project
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.answer import objective_of, plan_of
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Clock, objective_of, plan_of
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 

@@ -14,7 +14,7 @@ from stancekit.planners.projection.nlp import NlpProgram, parameters, point_of, 
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import plan_of
-from stancekit.planners.search.nlp import starting_points
+from stancekit.planners.search.micp import starting_points
 from stancekit.planners.verify import check_plan
 from tests.refusals import refuses
 

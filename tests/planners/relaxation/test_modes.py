@@ -20,7 +20,7 @@ from stancekit.planners.relaxation.boxes import Modes, composed, modes_of_frames
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, domain_of
 from stancekit.planners.search import enveloped
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.cuts import alone
 from stancekit.planners.search.enveloped import EnvelopeSearch
 from stancekit.planners.search.exact import ExactPlanner

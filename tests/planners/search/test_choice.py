@@ -9,8 +9,8 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.choice import ChoiceSearch, SearchLimits, _preference, nearest
-from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
 from tests.refusals import assert_names
@@ -128,7 +128,7 @@ def test_a_limit_of_solves_gives_the_same_answer_on_a_busy_computer(
     )  # it is looked at between projections, which take some
     late = itertools.count()
     monkeypatch.setattr(
-        "stancekit.planners.search.clock.time.perf_counter", lambda: float(next(late))
+        "stancekit.planners.search.answer.time.perf_counter", lambda: float(next(late))
     )
     busy = planner.solve(course)
     assert (busy.status, busy.effort.solves, busy.message) == (

@@ -15,7 +15,7 @@ from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.problem import StepLimits
-from stancekit.planners.search.decoupled import DecoupledPlanner, Positions
+from stancekit.planners.search.micp import DecoupledPlanner, Positions
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import assert_names

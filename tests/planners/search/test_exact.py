@@ -21,7 +21,7 @@ from stancekit.planners.search import cuts
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.cuts import cut, halving_chord
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.nlp import NlpPlanner
+from stancekit.planners.search.micp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_plan

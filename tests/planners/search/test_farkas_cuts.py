@@ -14,8 +14,7 @@ from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.cuts import alone
-from stancekit.planners.search.farkas_cuts import MARGIN, FarkasCuts, of_stance, split
+from stancekit.planners.search.cuts import MARGIN, FarkasCuts, alone, of_stance, split
 from stancekit.planners.verify import check_certificate
 
 TORN = {"regions": 2, "ice": 0.5}

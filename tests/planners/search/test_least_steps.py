@@ -15,7 +15,7 @@ from stancekit.planners.problem.contact import StepLimits, half_space, parts, to
 from stancekit.planners.projection.force_distribution import along, lengths_of
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.nlp import NlpPlanner
+from stancekit.planners.search.micp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from tests.planners.oracle import OraclePrograms

@@ -14,7 +14,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import StepLimits
 from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.nlp import NlpPlanner
+from stancekit.planners.search.micp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.multipliers import Multipliers

@@ -16,7 +16,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.nlp import STARTS, NlpPlanner, starting_points
+from stancekit.planners.search.micp import STARTS, NlpPlanner, starting_points
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan

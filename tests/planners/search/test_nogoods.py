@@ -15,8 +15,8 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.choice import nearest
-from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.nogoods import Nogoods
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan

@@ -17,8 +17,7 @@ from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.formats.plan_file import PartialPlan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search import pieces
-from stancekit.planners.search.pieces import in_pieces, plan_pieces
-from stancekit.planners.search.plan_window import Standing, course_window
+from stancekit.planners.search.pieces import Standing, course_window, in_pieces, plan_pieces
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 

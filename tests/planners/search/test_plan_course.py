@@ -22,9 +22,8 @@ from stancekit.planners.problem.alternatives import ALTERNATIVES, Alternative
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.walker import sets_of
-from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course
-from stancekit.planners.search.plan_window import Standing
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.pieces import Standing
+from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course, replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import Report, check_certificate, check_plan
 from tests.planners.robot.small_urdfs import quadruped

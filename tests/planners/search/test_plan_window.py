@@ -13,7 +13,7 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.plan_window import (
+from stancekit.planners.search.pieces import (
     STANDING_M,
     Standing,
     course_window,

@@ -16,8 +16,7 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search import two_stage
-from stancekit.planners.search.answer import Acceptance, Claim
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Acceptance, Claim, Clock
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner, settings_of
 from stancekit.planners.search.two_stage import TwoStagePlanner

@@ -13,8 +13,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.reach import ReachRows, RelativeReach
-from stancekit.planners.search.decoupled import DecoupledPlanner
-from stancekit.planners.search.nlp import NlpPlanner
+from stancekit.planners.search.micp import DecoupledPlanner, NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import refuses

@@ -10,8 +10,8 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.plan_window import Standing, course_window, joined
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.pieces import Standing, course_window, joined
+from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from tests.refusals import refuses

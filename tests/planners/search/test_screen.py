@@ -11,8 +11,8 @@ from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.scaled import Point
 from stancekit.planners.projection.project import SURFACE, project
+from stancekit.planners.search.batch import DIRECTIONS, stands, unsupported
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.screen import DIRECTIONS, stands, unsupported
 from stancekit.planners.verify import check_certificates
 
 

@@ -26,10 +26,10 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.robot_file import hexapod_urdf
 from stancekit.planners.search.answer import plan_of
-from stancekit.planners.search.decoupled import DecoupledPlanner
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.plan_window import Standing
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.micp import DecoupledPlanner
+from stancekit.planners.search.pieces import Standing
+from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import (

@@ -17,8 +17,7 @@ from stancekit.planners.projection.project import PROJECTIONS, cost
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.search import nogoods
-from stancekit.planners.search.answer import Acceptance, Claim
-from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.answer import Acceptance, Claim, Clock
 from stancekit.planners.search.two_stage import TwoStagePlanner, decide
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import assert_names, refuses

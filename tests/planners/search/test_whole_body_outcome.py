@@ -19,8 +19,8 @@ from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
-from stancekit.planners.search import whole_body_outcome
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search import witness
+from stancekit.planners.search.witness import with_whole_body
 from tests.refusals import assert_names, refuses
 
 
@@ -125,7 +125,7 @@ def test_a_plan_for_own_legs_that_is_about_to_tip_is_undecided_and_says_where(
     least = stands.report.group("margin").figures["push_n"] / planned.problem.weight_n
     assert stands.status is Status.FEASIBLE
     assert least > 0.01
-    monkeypatch.setattr(whole_body_outcome, "LEAST_PUSH", least + 0.01)
+    monkeypatch.setattr(witness, "LEAST_PUSH", least + 0.01)
     tips = with_whole_body(planned)
     assert tips.status is Status.UNDECIDED
     assert tips.report is not None

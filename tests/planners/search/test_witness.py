@@ -15,8 +15,7 @@ from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search import witness
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.batch import solve_all
-from stancekit.planners.search.canonical import LONG, SHORT, canonical, without_moments
+from stancekit.planners.search.batch import LONG, SHORT, canonical, solve_all, without_moments
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.witness import Iteration, witnesses
 from stancekit.planners.verify import check_plan

@@ -20,10 +20,8 @@ from stancekit.planners.projection.force_distribution import (
     wrench_at,
 )
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.search.batch import decide_all
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.screen import unsupported
-from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
+from stancekit.planners.search.batch import decide_all, unsupported
+from stancekit.planners.search.exact import BoxSearch, ExactPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import refuses
