@@ -17,7 +17,7 @@ from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json, shown
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.terrain.ground import Ground
+from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.verify import check_certificate, check_plan, explain
 
 if TYPE_CHECKING:

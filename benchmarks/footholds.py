@@ -23,8 +23,7 @@ from _bench import Options, Row, launch
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.terrain_file import read_terrain
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh

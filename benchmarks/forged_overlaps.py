@@ -235,7 +235,7 @@ def _prism_depth(patch: Patch, places: Array) -> float:
     """How deep balls are in the plate behind a patch at their deepest, outside of it: by its face,
     sides and edges.
     """
-    from stancekit.planners.terrain.prism import THICKNESS_M
+    from stancekit.planners.terrain.patch import THICKNESS_M
 
     best = -np.inf
     border, ahead = patch.vertices_m, np.roll(patch.vertices_m, -1, axis=0)

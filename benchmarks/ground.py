@@ -56,8 +56,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.terrain.foothold_search import read_footholds
-from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
+from stancekit.planners.terrain.footholds import FootholdLimits, Footholds, read_footholds
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.patch import Patch
 

@@ -27,8 +27,7 @@ from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.robot_model import IDENTITY_DIGITS
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import FootholdLimits, Footholds
+from stancekit.planners.terrain.footholds import FootholdLimits, Footholds, footholds_of
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.mesh_file import MOST_BYTES
 from stancekit.planners.terrain.polygon import STEEP, half_planes

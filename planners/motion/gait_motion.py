@@ -21,7 +21,7 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.robot_file import FOOT_RADIUS_M
-from ..terrain.prism import Solid
+from ..terrain.patch import Solid
 from .leap_motion import SETTLE_S, LeapMotion, LeapRun
 from .motion import Samples, rotation_rate, smooth, smooth_rate, stacked
 from .plan_motion import PlanMotion

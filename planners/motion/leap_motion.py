@@ -16,8 +16,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
 from ..robot.chain import rotations_of
-from ..terrain.patch import solids_of
-from ..terrain.prism import Solid
+from ..terrain.patch import Solid, solids_of
 from .joints import MovingBody, WalkPostures
 from .motion import Samples
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..answer.plan import MotionTable
 from ..files.arrays import Array, cached_arrays, checked, cross
 from ..robot.chain import rotations_of
-from ..terrain.patch import contact_frames
-from ..terrain.prism import Solid
+from ..terrain.patch import Solid, contact_frames
 
 T = TypeVar("T", float, Array)
 FOLLOWS = ("stands", "steep", "rotation", "along_n", "across_n", "arms_m", "wrench", "frames")

@@ -20,8 +20,7 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.robot_file import FOOT_RADIUS_M
-from ..terrain.patch import solids_of
-from ..terrain.prism import Solids
+from ..terrain.patch import Solids, solids_of
 
 TOUCH_DOWN_M = 0.02
 """No foot comes down farther beyond its place [m]."""

@@ -16,9 +16,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..terrain.footholds import Rung
 from ..terrain.patch import Patch
 from ..terrain.polygon import surface_patch, surface_patches
-from ..terrain.rung import Rung
 from ..terrain.terrain import Terrain
 from .terrain_spec import MOST_PATCHES
 from .terrain_spec import FamilyScene as FamilyScene

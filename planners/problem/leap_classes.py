@@ -19,8 +19,7 @@ from ..files.codec import LATER, fields_to_json, from_json, keys_of, to_json
 from ..files.documents import YAML, read_yaml, shown, validated
 from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import LegLimits, Limb, Robot
-from ..terrain.families import family_terrain
-from ..terrain.family import SCENE
+from ..terrain.families import SCENE, family_terrain
 from ..terrain.patch import Patch
 from ..terrain.polygon import VOID_M
 from ..terrain.terrain import Terrain

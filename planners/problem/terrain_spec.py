@@ -96,7 +96,7 @@ def footholds_for(
         InvalidInput: for what cannot be read, and a terrain without footholds.
     """
     from ..terrain.elevation import ElevationMap
-    from ..terrain.foothold_search import check_unasked, footholds_of
+    from ..terrain.footholds import check_unasked, footholds_of
     from ..terrain.heightfield import HeightField
     from ..terrain.reference import footholds_on  # splines are slow to import
 
@@ -209,7 +209,7 @@ class FileTerrain(TerrainSpec):
         options = ImportOptions(kind=kind, **{key: getattr(self, key) for key in keys})
         key = str((folder / self.file, options, self.footholds))
         if key not in self._read:
-            from ..terrain.foothold_search import read_footholds  # scipy and trimesh
+            from ..terrain.footholds import read_footholds  # scipy and trimesh
 
             self._read[key] = self._counted(
                 read_footholds(folder / self.file, options, self.footholds)

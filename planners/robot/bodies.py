@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from ..terrain.obstacles import Ground, Obstacles
-from ..terrain.prism import Solid
+from ..terrain.patch import Solid
 from .chain import between_rotations
 from .contacts import Bounds, Index, balls_apart, boxes_apart, feet_of, off_solids
 from .inverse_kinematics import Near, Overlap, WholeBody

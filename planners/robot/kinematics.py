@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import cached_property
 from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
-from ..terrain.prism import Solid
+from ..terrain.patch import Solid
 from .chain import rotation_of
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .leg import Mount

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..files.arrays import Array
-from ..terrain.prism import Solid, Solids
+from ..terrain.patch import Solid, Solids
 from .actuators import JOINTS, Servo
 from .chain import rotation_of
 from .drawn_legs import link_lengths, outward_rad

@@ -15,7 +15,8 @@ start (``SCENE``), walks see all of it (``WIDE``).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from inspect import getdoc, signature
 from typing import TYPE_CHECKING
 
@@ -25,13 +26,42 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked
 from ..files.documents import shown
 from ..plugins import Registry, split_name, takes
-from .family import SCENE, WIDE, Draw, Family, Shape
 from .patch import Patch
 from .polygon import surface_patch
 from .terrain import Terrain
 
 if TYPE_CHECKING:
-    from .heightfield import HeightField  # splines are slow to import
+    from .heightfield import HeightField
+
+
+SCENE = np.array([(-0.8, -0.8, -np.inf), (1.1, 0.8, np.inf)])
+"""All that a robot about (0, 0, 0.2) that heads along x for 0.3 m may touch with legs of up to half
+a metre: a box."""
+WIDE = np.array([(-4.0, -4.0, -np.inf), (4.0, 4.0, np.inf)])
+"""All that walks go over: a box."""
+for _box in (SCENE, WIDE):
+    _box.setflags(write=False)
+Shape = Callable[[Array, Array], Array]
+Draw = Callable[..., Terrain | Sequence[Patch] | Shape]
+"""A function of a level and a generator that gives a ground: a terrain; its surfaces, where all of
+it is level on the whole and to stand on; or h of x and y. Polygons go on to an ``extent``, a box as
+``WIDE``, where it takes one by that name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """A family of drawn grounds.
+
+    Arguments:
+        quantity: what the level says, by its formula.
+        draw: the ground at a level.
+        walked: whether it has a height at every place, so that walks can go over it.
+    """
+
+    quantity: str
+    draw: Draw
+    walked: bool = True
+
 
 LEAST_M = 1e-3
 """A riser lower than this is none [m]."""
@@ -342,7 +372,7 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
     """The heights of a draw over ``WIDE``, or over its patches where they do not go on; None for
     upright surfaces.
     """
-    from .rounding import rounded  # splines are slow to import
+    from .heightfield import rounded  # splines are slow to import
     from .smooth_families import levelled
 
     ground = _drawn(family, level, rng, WIDE)
@@ -377,8 +407,7 @@ def of_heights(field: HeightField, friction: float, begin_m: Array, box_m: Array
     its way.
     """
     from .elevation import ElevationMap
-    from .foothold_search import footholds_of
-    from .footholds import FootholdLimits
+    from .footholds import FootholdLimits, footholds_of
 
     whole = ElevationMap.of_field(field)
     about = whole.cropped(np.array([(-0.4, -0.4, -np.inf), (0.65, 0.4, np.inf)]) + begin_m)

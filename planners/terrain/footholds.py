@@ -4,17 +4,122 @@ it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from ..files.arrays import Array
+from ..errors import InvalidInput
+from ..files.arrays import Array, cross
 from ..files.codec import Within, check_limits
 from .certainty import FOUND_SD_M
+from .import_options import ImportOptions
 from .patch import Patch
-from .polygon import clipped
-from .rung import held_on_both_sides
+from .polygon import clipped, shear_of
+
+if TYPE_CHECKING:
+    from .elevation import ElevationMap
+    from .triangle_mesh import TriangleMesh
+
+
+HALF_WIDTH_M, SHARE = 6e-4, 0.05
+"""Half the width of a rung's line: this, or this share of the radius where that is more [m]."""
+SIDES = np.array([0.0, 0.6, 1.2, 1.8])
+"""Angles from the line at which the flat sides of a rung that limbs keep out of begin and end
+[rad]."""
+
+
+def held_on_both_sides(friction: float, turn_rad: float) -> float:
+    """The friction that holds on both sides of a rung's line, of which the surface turns by so much
+    to each side.
+    """
+    return float(np.tan(max(np.arctan(friction) - turn_rad, 0.0)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rung:
+    """A round bar.
+
+    Arguments:
+        axis: along it, shape (3,).
+        upright: normal of its highest line, across the axis, shape (3,).
+        middle_m: a point of that line, shape (3,) [m].
+        radius_m: of its surface [m].
+    """
+
+    axis: Array
+    upright: Array
+    middle_m: Array
+    radius_m: float
+
+    @classmethod
+    def between(cls, ends_m: Array, radius_m: float) -> Rung:
+        """One whose axis goes from one end to the other, shape (2, 3) [m]."""
+        axis = (ends_m[1] - ends_m[0]) / np.linalg.norm(ends_m[1] - ends_m[0])
+        upright = np.array([0.0, 0.0, 1.0]) - axis[2] * axis
+        upright /= np.linalg.norm(upright)
+        return cls(
+            axis=axis,
+            upright=upright,
+            middle_m=ends_m.mean(axis=0) + radius_m * upright,
+            radius_m=radius_m,
+        )
+
+    @property
+    def half_width_m(self) -> float:
+        """Half the width of the line that a toe may be on [m]."""
+        return max(HALF_WIDTH_M, SHARE * self.radius_m)
+
+    @property
+    def turn_rad(self) -> float:
+        """Angle by which the surface turns from the middle of the line to its border."""
+        return float(np.arcsin(min(self.half_width_m / self.radius_m, 1.0)))
+
+    def line(self, low_m: float, high_m: float, friction: float) -> Patch:
+        """The strip that feet may stand on, from one place along the axis to another, counted from
+        the middle.
+
+        Arguments:
+            friction: of the rung's surface; the strip has that of both sides.
+        """
+        return self._patch(
+            0.0, self.half_width_m, low_m, high_m, held_on_both_sides(friction, self.turn_rad)
+        )
+
+    def sides(self, low_m: float, high_m: float, friction: float) -> tuple[Patch, ...]:
+        """The upper half and some more of the surface as flat patches, which limbs keep out of."""
+        patches = []
+        for begin, end in pairwise(SIDES):
+            middle, half = 0.5 * (begin + end), self.radius_m * np.sin(0.5 * (end - begin))
+            patches += [
+                self._patch(sign * middle, half, low_m, high_m, friction) for sign in (-1.0, 1.0)
+            ]
+        return tuple(patches)
+
+    def _patch(
+        self, angle: float, half_m: float, low_m: float, high_m: float, friction: float
+    ) -> Patch:
+        """A rectangle along the axis that touches the surface from within at its long borders, at
+        an angle about it.
+        """
+        across = cross(self.upright, self.axis)
+        normal = np.cos(angle) * self.upright + np.sin(angle) * across
+        aside = cross(normal, self.axis)
+        inner = self.radius_m if angle == 0.0 else float(np.sqrt(self.radius_m**2 - half_m**2))
+        centre = self.middle_m - self.radius_m * self.upright + inner * normal
+        corners = [
+            centre + along * self.axis + way * half_m * aside
+            for along, way in ((low_m, -1.0), (high_m, -1.0), (high_m, 1.0), (low_m, 1.0))
+        ]
+        return Patch(
+            vertices_m=np.array(corners),
+            normal=normal,
+            shear_reference=shear_of(normal),
+            friction=friction,
+        )
+
 
 SLOPE_RAD = 0.6
 """About the friction cone of μ = .68."""
@@ -259,3 +364,86 @@ class Footholds:
             "noise_length_m": None if self.noise_m is None else self.noise_length_m,
             "patches": [piece.to_json() for piece in self.pieces],
         }
+
+
+SINGLE = 0.8
+"""Surfaces of a mesh by its triangles, where most triangles are alone in their planes."""
+
+
+def footholds_of(
+    terrain: TriangleMesh | ElevationMap,
+    limits: FootholdLimits = FootholdLimits(),
+    friction: float = 1.0,
+    *,
+    none: bool = False,
+) -> Footholds:
+    """The footholds of a mesh or a map.
+
+    Raises InvalidInput, with the reasons, where there is none, unless ``none`` says that there may
+    be none.
+    """
+    from .facets import shapely_module
+    from .triangle_mesh import TriangleMesh
+
+    broken = shapely_module().errors.ShapelyError
+    try:
+        if isinstance(terrain, TriangleMesh):
+            from .mesh_footholds import mesh_footholds
+
+            footholds = mesh_footholds(terrain, limits, friction)
+        else:
+            from .map_footholds import map_footholds
+
+            footholds = map_footholds(terrain, limits, friction)
+    except broken as error:  # outlines that cross themselves within the last digits
+        raise InvalidInput(
+            f"{terrain.name}: expected surfaces with outlines, got some that cross themselves; "
+            "another spacing_m or "
+            f"offset_m may help: {' '.join(str(error).split()):.100}"
+        ) from None
+    if not footholds.pieces and not none:
+        refused = ", ".join(
+            f"{area:.3g} m² {name}" for name, area in footholds.refused_m2.items() if area > 0.0
+        )
+        hint = ""
+        if footholds.refused_m2["edge"] + footholds.refused_m2["small"] > 0.0:
+            hint = f"; no surface has room for a foot that is {2e3 * limits.inset_m:.3g} mm wide (margin_m)"
+            if isinstance(terrain, TriangleMesh) and len(footholds.surfaces) > SINGLE * len(
+                terrain.triangles
+            ):
+                hint = "; triangles of a scan that lean by its noise have no planes: make it a map"
+        raise InvalidInput(
+            f"{terrain.name}: expected footholds, got none: {refused or 'no area'}{hint}"
+        )
+    return footholds
+
+
+def read_footholds(
+    path: str | Path,
+    options: ImportOptions = ImportOptions(),
+    limits: FootholdLimits = FootholdLimits(),
+    friction: float = 1.0,
+) -> Footholds:
+    """The footholds of a terrain's file.
+
+    Raises InvalidInput for one that is none, or has none.
+    """
+    from .terrain_file import (
+        read_terrain,
+    )  # scipy and trimesh are no part of a course without a file
+    from .triangle_mesh import TriangleMesh
+
+    terrain = read_terrain(path, options)
+    if isinstance(terrain, TriangleMesh):
+        terrain.check_size()
+    return footholds_of(terrain, limits, friction)
+
+
+def check_unasked(options: ImportOptions, name: str) -> None:
+    """Raise InvalidInput for options of a file where there is none."""
+    for field in fields(options):
+        if getattr(options, field.name) != field.default:
+            raise InvalidInput(
+                f"{field.name}: expected none with {name or 'a height field'}, which is read from "
+                "no file"
+            )

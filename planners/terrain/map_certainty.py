@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, block_squares, boxed, fitted, sums_of
 from .certainty import Certainty
+from .correlation import GroundCells, Labels, block_squares, boxed, fitted, sums_of
 from .footholds import TerrainPatch
 from .polygon import half_planes
 

@@ -24,9 +24,17 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .cells import GroundCells, Labels, fitted, renumbered, solved
 from .certainty import Certainty
-from .correlation import Noise, correlated_noise, noise_of_residuals
+from .correlation import (
+    GroundCells,
+    Labels,
+    Noise,
+    correlated_noise,
+    fitted,
+    noise_of_residuals,
+    renumbered,
+    solved,
+)
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch

@@ -30,11 +30,9 @@ from .facets import (
     parts_of,
     shapely_module,
 )
-from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
-from .patch import Patch
+from .footholds import REASONS, FootholdLimits, Footholds, Rung, TerrainPatch, held_on_both_sides
+from .patch import THICKNESS_M, Patch
 from .polygon import SMALLEST_M
-from .prism import THICKNESS_M
-from .rung import Rung, held_on_both_sides
 from .triangle_mesh import TriangleMesh
 
 SLIMMEST_M, WIDEST_M = 4e-3, 0.25

@@ -21,9 +21,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
-from .cells import (
+from .correlation import (
     GroundCells,
     Labels,
+    Noise,
     about,
     block_squares,
     boxed,
@@ -33,9 +34,8 @@ from .cells import (
     solved,
     sums_of,
 )
-from .correlation import Noise
 from .footholds import FootholdLimits
-from .hidden_edges import half_window, hidden_edges
+from .inside_out import half_window, hidden_edges
 
 FINE_SD_M = 0.0035
 """Deviation that the height of a square's plane is to have at its middle; squares are as large as

@@ -19,7 +19,10 @@ from ..files.arrays import Array, read_only
 from ..plugins import Registry, split_name, takes
 from .elevation import ElevationMap
 from .families import (
+    SCENE,
     TERRAIN_FAMILIES,
+    WIDE,
+    Shape,
     checked_draw,
     drawn_name,
     drawn_surface,
@@ -28,7 +31,6 @@ from .families import (
     random_heights,
     read_draw,
 )
-from .family import SCENE, WIDE, Shape
 from .heightfield import HeightField
 from .import_options import ImportOptions
 from .terrain_file import read_heights
@@ -255,7 +257,7 @@ def footholds_on(
 
     Raises InvalidInput.
     """
-    from .foothold_search import check_unasked, footholds_of, read_footholds  # of files alone
+    from .footholds import check_unasked, footholds_of, read_footholds  # of files alone
 
     if Path(source).exists() and ".py" not in str(source):
         return read_footholds(source, options, limits, friction)

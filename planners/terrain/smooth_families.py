@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from ..files.arrays import Array
-from .family import WIDE, Family, Shape
+from .families import WIDE, Family, Shape
 from .heightfield import HeightField
 
 HALF_WIDTH_M = float(WIDE[1, 0])

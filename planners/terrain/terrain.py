@@ -68,7 +68,7 @@ class Terrain:
         """
         if self.laid is not None:
             return self.laid()
-        from .rounding import rounded
+        from .heightfield import rounded
 
         return rounded(self.patches)
 

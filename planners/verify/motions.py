@@ -29,9 +29,8 @@ from ..robot.inverse_kinematics import WholeBody
 from ..robot.kinematics import Kinematics, pinocchio
 from ..robot.model import Robot
 from ..robot.urdf_reader import at_rest, base_joint
-from ..terrain.ground import Ground
 from ..terrain.heightfield import HeightField
-from ..terrain.obstacles import Obstacles
+from ..terrain.obstacles import Ground, Obstacles
 from ..terrain.patch import Patch
 from .bodies import bodies_report, spaced
 

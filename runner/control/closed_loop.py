@@ -32,7 +32,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.prism import Solid
+from stancekit.planners.terrain.patch import Solid
 
 from ..acceptance import Accepted
 from ..prepared import Prepared, Resumption, Tracked

@@ -23,7 +23,7 @@ from stancekit.planners.motion.motion import Samples
 from stancekit.planners.projection.force_distribution import ForceDistribution, wrench_at
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
-from stancekit.planners.terrain.prism import Solid
+from stancekit.planners.terrain.patch import Solid
 
 from ..prepared import Tracked
 from ..record import Record

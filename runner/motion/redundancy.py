@@ -28,7 +28,7 @@ from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.drawn_legs import link_lengths, outward_rad
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg_ik import NEAR, clearance_of, posture_cost
-from stancekit.planners.terrain.prism import Solid
+from stancekit.planners.terrain.patch import Solid
 
 ROUGH = 10
 """The shift of the centre of mass, which depends on the postures, is looked at at every tenth

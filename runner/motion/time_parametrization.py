@@ -24,7 +24,7 @@ from stancekit.planners.motion.motion import Motion, Samples, between, stacked
 from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
 from stancekit.planners.robot.chain import continued
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.terrain.prism import Solid
+from stancekit.planners.terrain.patch import Solid
 
 from ..control.foot_placement import ContactFeedback
 from ..control.tracker import Target, Tracker

@@ -12,8 +12,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.ground import Ground as Ground
-from stancekit.planners.terrain.prism import Solid
+from stancekit.planners.terrain.obstacles import Ground as Ground
+from stancekit.planners.terrain.patch import Solid
 
 from ..safety.latch import StopLatch
 

@@ -19,7 +19,7 @@ from stancekit.planners.robot.robot_file import hexapod_urdf, named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Obstacles
-from stancekit.planners.terrain.prism import THICKNESS_M
+from stancekit.planners.terrain.patch import THICKNESS_M
 from tests.planners.robot.made_robots import made_robots
 from tests.planners.robot.small_urdfs import quadruped
 

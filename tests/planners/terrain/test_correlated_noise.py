@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from stancekit.planners.terrain.cells import GroundCells
-from stancekit.planners.terrain.correlation import correlated_noise
+from stancekit.planners.terrain.correlation import GroundCells, correlated_noise
 from stancekit.planners.terrain.elevation import ElevationMap
-from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
 
 LENGTH_M = 0.05
 

@@ -25,11 +25,10 @@ from stancekit.planners.terrain.families import (
     family_terrain,
     read_draw,
 )
-from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import ROUGHNESS_M
+from stancekit.planners.terrain.footholds import ROUGHNESS_M, footholds_of
+from stancekit.planners.terrain.heightfield import ROUND_M, SLOPE, SPACING_M
 from stancekit.planners.terrain.polygon import STEEP, UPRIGHT, VOID_M, half_planes, nearest
 from stancekit.planners.terrain.reference import named_surface, named_terrain
-from stancekit.planners.terrain.rounding import ROUND_M, SLOPE, SPACING_M
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import assert_names, refuses
 

@@ -9,8 +9,7 @@ from stancekit.planners.problem.course_between import course_between
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.course_terrain import FileTerrain
 from stancekit.planners.terrain.elevation import ElevationMap
-from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of, read_footholds
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.obstacles import Obstacles
 from stancekit.planners.terrain.polygon import surface_patch

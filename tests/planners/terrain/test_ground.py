@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stancekit.planners.terrain.ground import Ground
+from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.terrain.reference import reference_terrain
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.terrain.foothold_search import read_footholds
+from stancekit.planners.terrain.footholds import read_footholds
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.inside_out import inside_out
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.terrain.elevation import ElevationMap
-from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
 
 LIMITS = FootholdLimits(margin_m=0.012, width_m=0.012)
 APART_M, RADIUS_M, DROP_M = 0.12, 0.015, 0.25

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.terrain.elevation import ElevationMap
-from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
 from stancekit.planners.terrain.map_solids import Overhead, box_patches, covered, standing_boxes
 from stancekit.planners.terrain.obstacles import Obstacles
 

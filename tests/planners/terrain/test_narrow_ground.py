@@ -7,9 +7,13 @@ import pytest
 
 from stancekit.planners.problem.course_terrain import Bars, FileTerrain
 from stancekit.planners.terrain.elevation import ElevationMap
-from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
-from stancekit.planners.terrain.footholds import FootholdLimits
-from stancekit.planners.terrain.rung import Rung, held_on_both_sides
+from stancekit.planners.terrain.footholds import (
+    FootholdLimits,
+    Rung,
+    footholds_of,
+    held_on_both_sides,
+    read_footholds,
+)
 from tests.refusals import refuses
 
 trimesh = pytest.importorskip("trimesh")

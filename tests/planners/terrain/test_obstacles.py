@@ -7,7 +7,7 @@ import pytest
 
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Obstacles
-from stancekit.planners.terrain.prism import THICKNESS_M
+from stancekit.planners.terrain.patch import THICKNESS_M
 
 SQUARES = ((0, 0), (1, 0), (0, 1))
 """Of an L, by their lower corners."""

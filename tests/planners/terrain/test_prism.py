@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.patch import solids_of
-from stancekit.planners.terrain.prism import THICKNESS_M, Solid
+from stancekit.planners.terrain.patch import THICKNESS_M, Solid, solids_of
 
 TRIANGLE = Patch(
     vertices_m=[[0.0, 0.0, 1.0], [0.4, 0.0, 1.0], [0.0, 0.3, 1.0]],

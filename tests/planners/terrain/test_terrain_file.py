@@ -9,8 +9,7 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.elevation import ElevationMap
-from stancekit.planners.terrain.foothold_search import read_footholds
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, read_footholds
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh

@@ -18,7 +18,7 @@ from stancekit.planners.answer.report import Report
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import walking_robot
-from stancekit.planners.terrain.ground import Ground
+from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify.motions import check_motion, nearest
 from stancekit.runner.export.formats import moved_of

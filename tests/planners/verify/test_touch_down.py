@@ -11,8 +11,7 @@ import stancekit
 from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.terrain.certainty import Certainty
 from stancekit.planners.terrain.elevation import ElevationMap
-from stancekit.planners.terrain.foothold_search import footholds_of
-from stancekit.planners.terrain.footholds import FootholdLimits
+from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.geometry import patch_distances

@@ -13,8 +13,8 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import robot_of
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.terrain.ground import Ground
 from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
