@@ -11,10 +11,7 @@ from __future__ import annotations
 from .collada import read_collada
 from .glb import read_glb
 from .numbers import Reader
-from .obj import read_obj
-from .off import read_off
-from .ply import read_ply
-from .stl import read_stl
+from .ply import read_obj, read_off, read_ply, read_stl
 
 READERS: dict[str, Reader] = {
     ".stl": read_stl,

@@ -26,7 +26,7 @@ from .numbers import (
     strip,
     wholes_of,
 )
-from .placement import checked_matrix, moved
+from .ply import checked_matrix, moved
 
 DEEPEST = 60
 MOST_NODES = 20_000

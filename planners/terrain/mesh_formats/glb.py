@@ -15,7 +15,7 @@ from ...errors import InvalidInput
 from ...files.arrays import Array
 from ...files.documents import decoded, parse_json, shown
 from .numbers import Surface, broken, check_count, fans, joined, strip
-from .placement import checked_matrix, moved, turn_of
+from .ply import checked_matrix, moved, turn_of
 
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC3": 3}

@@ -5,14 +5,173 @@ clouds.
 from __future__ import annotations
 
 import re
+import struct
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...files.arrays import Array
 from ...files.documents import shown
-from .numbers import MOST_TRIANGLES, Surface, broken, check_count, fans, reals, wholes
+from .numbers import MOST_TRIANGLES, Surface, blocks, broken, check_count, fans, reals, wholes
+
+STL_HEAD, FACET = 84, 50
+"""Bytes of a binary file's header, count included, and of one facet."""
+VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
+
+
+def read_stl(content: bytes, most: int) -> Surface:
+    """Every facet with three corners of its own.
+
+    Raises InvalidInput for what is neither kind of STL.
+
+    A file is binary where its count of facets fits its size; zeros and blanks after them are left
+    out.
+    """
+    count = struct.unpack("<I", content[80:STL_HEAD])[0] if len(content) >= STL_HEAD else -1
+    rest = content[STL_HEAD + FACET * count :] if count >= 0 else b""
+    if (
+        0 <= count <= (len(content) - STL_HEAD) // FACET
+        and len(rest) < FACET
+        and not rest.strip(b"\0 \r\n\t")
+    ):
+        check_count(count, most)
+        kind = np.dtype(
+            {"names": ["corners"], "formats": [("<f4", (3, 3))], "offsets": [12], "itemsize": FACET}
+        )
+        facets = np.frombuffer(content, dtype=kind, count=count, offset=STL_HEAD)["corners"]
+        return facets.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3)
+    if content.lstrip()[:5].lower() != b"solid":
+        facts = f"its header declares {count} facets" if count >= 0 else "it is cut off"
+        raise broken(f"{facts}, and it has {len(content)} bytes")
+    return _read_text(content, most)
+
+
+def _read_text(content: bytes, most: int) -> Surface:
+    parts = [np.zeros((0, 3))]
+    facets = 0
+    for block in blocks(content, rb"(?i)endfacet"):
+        ends = len(re.findall(rb"(?i)\bendfacet", block))
+        facets += ends
+        check_count(facets, most)
+        vertices = VERTEX.findall(block)
+        if len(vertices) != 3 * ends:
+            raise broken(
+                f"expected 3 corners per facet, got {len(vertices)} corners for {ends} facets"
+            )
+        parts.append(reals(token for corner in vertices for token in corner).reshape(-1, 3))
+    corners = np.concatenate(parts)
+    return corners, np.arange(len(corners)).reshape(-1, 3)
+
+
+OFF_HEAD = re.compile(rb"\A\s*(?:ST)?C?N?4?n?OFF\b(?!\s*BINARY)", re.IGNORECASE)
+
+
+def read_off(content: bytes, most: int) -> Surface:
+    """Vertices and faces, colours left out.
+
+    Raises InvalidInput.
+    """
+    head = OFF_HEAD.match(content.removeprefix(b"\xef\xbb\xbf"))
+    if head is None:
+        raise broken("expected OFF, as text, as its first word")
+    body = content.removeprefix(b"\xef\xbb\xbf")[head.end() :]
+    lines = [
+        line for line in (part.partition(b"#")[0] for part in body.splitlines()) if line.strip()
+    ]
+    sizes = wholes(lines[0].split()[:2]) if lines else np.zeros(0, dtype=np.int64)
+    if len(sizes) < 2 or not sizes.min() >= 0 or sum(sizes.tolist()) > len(lines) - 1:
+        raise broken(
+            f"its header declares {sizes.tolist()} vertices and faces in {len(lines)} lines"
+        )
+    vertices, faces = sizes.tolist()
+    points = [line.split(None, 3)[:3] for line in lines[1 : 1 + vertices]]
+    if any(len(point) < 3 for point in points):
+        raise broken("expected three coordinates per vertex")
+    polygons = [line.split() for line in lines[1 + vertices : 1 + vertices + faces]]
+    counts = wholes(polygon[0] for polygon in polygons)
+    if any(
+        not 0 <= count < len(polygon)
+        for count, polygon in zip(counts.tolist(), polygons, strict=True)
+    ):
+        raise broken("expected as many corners per face as its line declares")
+    corners = wholes(
+        number
+        for count, polygon in zip(counts.tolist(), polygons, strict=True)
+        for number in polygon[1 : 1 + count]
+    )
+    return reals(number for point in points for number in point).reshape(-1, 3), fans(
+        counts, corners, most
+    )
+
+
+def read_obj(content: bytes, most: int) -> Surface:
+    """Vertices and faces, counted from 1 or, below 0, back from the last vertex.
+
+    Raises InvalidInput.
+    """
+    if b"\\" in content:
+        content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    corners, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int_)]
+    before, left = 0, most
+    for block in blocks(content, rb"[\r\n]"):
+        lines = [
+            parts
+            for parts in map(bytes.split, block.splitlines())
+            if parts and parts[0] in (b"v", b"f")
+        ]
+        points = [parts[1:4] for parts in lines if parts[0] == b"v"]
+        if any(len(point) < 3 for point in points):
+            raise broken("expected three coordinates per vertex")
+        corners.append(reals(number for point in points for number in point).reshape(-1, 3))
+        known = before + np.cumsum([parts[0] == b"v" for parts in lines], dtype=np.int64)
+        faces = [k for k, parts in enumerate(lines) if parts[0] == b"f"]
+        counts = np.array([len(lines[k]) - 1 for k in faces], dtype=np.int64)
+        numbers = wholes(corner.partition(b"/")[0] for k in faces for corner in lines[k][1:])
+        back = np.repeat(known[faces], counts) if faces else numbers
+        triangles.append(fans(counts, np.where(numbers < 0, back + numbers, numbers - 1), left))
+        before += len(points)
+        left -= len(triangles[-1])
+    return np.concatenate(corners), np.concatenate(triangles)
+
+
+def checked_matrix(values: Any) -> Array:
+    """Sixteen numbers as a matrix, shape (4, 4), row by row.
+
+    Raises InvalidInput.
+    """
+    try:
+        matrix = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        matrix = np.zeros(0)
+    if matrix.shape != (16,) or not np.all(np.isfinite(matrix)):
+        raise broken(f"expected a matrix of 16 numbers, got {shown(values)}")
+    return matrix.reshape(4, 4)
+
+
+def moved(points: Array, place: Array) -> Array:
+    """Points, shape (K, 3), by a matrix, shape (4, 4)."""
+    return np.asarray(points @ place[:3, :3].T + place[:3, 3])
+
+
+def turn_of(quaternion: Array) -> Array:
+    """The rotation of a quaternion x, y, z, w of any length but 0, shape (3, 3).
+
+    Raises InvalidInput.
+    """
+    length = float(np.linalg.norm(quaternion))
+    if not 0.0 < length < np.inf:
+        raise broken("expected a rotation that is a quaternion")
+    x, y, z, w = quaternion / length
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
 
 HEAD_BYTES = 65_536
 """Bytes within which a header ends."""
