@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from .planners.terrain.footholds import Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
-    from .planners.verify.explanation import Explanation as Explanation
+    from .planners.verify.explain import Explanation as Explanation
     from .planners.warp.conformal import MapFit as MapFit
     from .postures import robot as robot
     from .postures import solve as solve

@@ -19,7 +19,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.problem.leap import is_leap_file
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.verify.tipping import LEAST_PUSH
+from stancekit.planners.verify.geometry import LEAST_PUSH
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport

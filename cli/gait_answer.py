@@ -172,7 +172,7 @@ def joints(one: Attempted) -> dict[str, Any] | None:
     """Load that a walk puts on the robot's own legs, as the verifier measured it: group by group
     value, unit, and where; None without legs.
     """
-    from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
+    from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 
     groups = {
         group.name: {"value": group.value, "unit": group.unit, "where": group.where}
@@ -218,7 +218,7 @@ def advise(one: Attempted) -> None:
     """Say what may help where the robot's own legs alone cannot do a walk, or where feet were to
     stand sure.
     """
-    from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
+    from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 
     wrong = {group.name for group in one.report.refused}
     if wrong and wrong <= set(WHOLE_BODY):

@@ -34,9 +34,9 @@ from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.crossings import check_crossing
-from stancekit.planners.verify.joints import joint_report
+from stancekit.planners.verify.geometry import tipping
 from stancekit.planners.verify.leaps import check_leap
-from stancekit.planners.verify.tipping import tipping
+from stancekit.planners.verify.postures import joint_report
 from stancekit.planners.verify.trajectories import check_trajectory
 
 from .worlds.world import Ground, World

@@ -8,7 +8,7 @@ from typing import Literal
 from stancekit.planners.files.arrays import checked
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.contact import wrench_of
-from stancekit.planners.verify.tipping import LEAST_PUSH
+from stancekit.planners.verify.geometry import LEAST_PUSH
 
 from .control.body_feedback import BodyFeedback
 from .control.foot_placement import ContactFeedback

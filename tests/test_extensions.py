@@ -14,8 +14,8 @@ from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.table import RELAXATIONS
-from stancekit.planners.verify import further_groups
-from stancekit.planners.verify.further_groups import FURTHER
+from stancekit.planners.verify import bodies
+from stancekit.planners.verify.bodies import FURTHER
 from tests.refusals import assert_names, refuses
 
 SELECTION = "stancekit.envs:stancekit/EnvelopeSelection-v0"
@@ -129,7 +129,7 @@ def test_a_verifier_group_of_ones_own_refuses_and_is_named():
         return Group(name="low", value=float(it.com_m[:, 2].max()), unit="m", when=0)
 
     assert stancekit.verify(plan).accepted
-    further_groups._of_packages.cache_clear()  # as where one is registered before anything was judged
+    bodies._of_packages.cache_clear()  # as where one is registered before anything was judged
     FURTHER.register("low", low)
     try:
         report = stancekit.verify(plan)

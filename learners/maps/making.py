@@ -51,7 +51,7 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.search.batch import decide_all
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.terrain.footholds import Footholds
-from stancekit.planners.verify.hindrance import hindrances
+from stancekit.planners.verify.explain import hindrances
 
 if TYPE_CHECKING:
     from ..surrogates.surrogate import Surrogate

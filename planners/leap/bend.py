@@ -29,8 +29,7 @@ from ..motion.leap_motion import GATHER, LeapBody
 from ..problem.leap import MOST_INTERVALS, Leap, Phase
 from ..robot.leg_limits import no_motors
 from ..terrain.obstacles import Obstacles
-from ..verify.leap_whole_body import LeapBodyLimits, LeapBodyMeasurements
-from ..verify.leaps import check_leap
+from ..verify.leaps import LeapBodyLimits, LeapBodyMeasurements, check_leap
 from .numbers import JointRows, LeapGiven, LeapNumbers, LeapPoint
 from .scp import (
     FRICTION_SHARE,

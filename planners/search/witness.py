@@ -39,8 +39,8 @@ from ..files.arrays import Array
 from ..projection.whole_body import WholeBodyLimits, whole_body
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
+from ..verify.geometry import LEAST_PUSH, tipping
 from ..verify.margins import margin_group
-from ..verify.tipping import LEAST_PUSH, tipping
 from .answer import objective_of
 
 LOG = logging.getLogger(__name__)

@@ -13,10 +13,10 @@ from ..answer.report import Group as Group
 from ..answer.report import Report as Report
 from .certificate import check_certificate as check_certificate
 from .certificate import check_certificates as check_certificates
+from .explain import Explanation as Explanation
+from .explain import Relaxation as Relaxation
 from .explain import explain as explain
-from .explanation import Explanation as Explanation
-from .explanation import Relaxation as Relaxation
-from .joints import check_whole_body as check_whole_body
 from .plans import BETWEEN as BETWEEN
 from .plans import check_plan as check_plan
 from .postures import check_postures as check_postures
+from .postures import check_whole_body as check_whole_body

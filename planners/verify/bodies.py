@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +21,8 @@ from ..answer.plan import Plan
 from ..answer.report import LATE, Group
 from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
+from ..files.documents import shown
+from ..plugins import Registry, foreign, takes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,6 +30,41 @@ if TYPE_CHECKING:
     from ..robot.bodies import Bodies
     from ..robot.inverse_kinematics import Overlap, WholeBody
     from ..robot.kinematics import Kinematics
+
+
+FURTHER: Registry[Callable[[Plan], Group]] = Registry(
+    "verifier group",
+    "stancekit.verifier_groups",
+    {},
+    expected="a function of a Plan",
+    accepts=lambda it: takes(it, 1),
+)
+"""The further groups by name; the package itself has none."""
+
+
+@cache
+def _of_packages() -> tuple[str, ...]:
+    """The names of entry points; which packages are installed does not change while a process
+    runs.
+    """
+    registered = FURTHER.registered()
+    return tuple(name for name in FURTHER.names() if name not in registered)
+
+
+def further_groups(plan: Plan) -> tuple[Group, ...]:
+    """The further groups of a plan.
+
+    Raises InvalidInput for a function that returns something else.
+    """
+    groups = []
+    for name in dict.fromkeys((*_of_packages(), *FURTHER.registered())):
+        with foreign(f"verifier group {name}"):
+            group = FURTHER.get(name)(plan)
+        if not isinstance(group, Group):
+            raise InvalidInput(f"verifier group {name}: expected a Group, got {shown(group)}")
+        groups.append(group)
+    return tuple(groups)
+
 
 NO_ANGLES = "the plan has no joint angles that the motion could go through"
 

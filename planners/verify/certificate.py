@@ -15,17 +15,429 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..answer.certificate import Certificate
-from ..answer.report import Report
+from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import Problem
+from ..problem.contact import half_space, parts, too_small
 from ..problem.leap import Leap
 from ..problem.passage import Passage
-from .half_spaces import row_counts
-from .lagrangian import leaf_bounds
-from .proof import proof_report
-from .soles import counts_of
-from .tree import Forest, Replayed
+from .geometry import contact_frames, counts_of, cut, sag, sole_points
+from .half_spaces import relative_rows, row_counts, scaled_half_spaces
+from .lagrangian import Leaves, Numbers, leaf_bounds, multiplier_count
+from .stances import Index, Schedule, wrenches
+
+Side = Array | None
+"""Corners of a side of a least step; None where it is open."""
+Node = tuple[Index, Array, Array, tuple[Side, ...]]
+"""The piece that each candidate still has, the force boxes, and the side of each least step."""
+Replayed = tuple[list[Node], Array]
+"""The leaves in preorder and their multipliers."""
+MOST_CORNERS = 1_000_000
+"""Most corners of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
+DEEPEST = 200
+"""Cuts that a piece may come from: each moves its border by a rounding, and so many stay far below
+the guard."""
+
+
+class Forest:
+    """Problems of one schedule in non-dimensional numbers, and the pieces of their patches as trees
+    cut them.
+
+    Piece T q + t, for problem q and candidate t of T, is the whole patch; cuts add more.
+    """
+
+    def __init__(self, numbers: Numbers, patches: list[Array], least: Array, sides: Array) -> None:
+        self.numbers = numbers
+        self._least, self._open = least, sides  # δ, (E,); rows where a side is open, (E, 4)
+        self._count = multiplier_count(numbers.schedule)
+        self._pieces = patches  # (U, 3) each, Q·T to begin with
+        self._sags: dict[int, float] = {}
+        self._roots: list[int] = []  # the whole patch of every further piece
+        self._depths: list[int] = []  # how many cuts every further piece comes from
+        self._corners = 0  # of all further pieces
+
+    @staticmethod
+    def of_course(course: Problem) -> Forest:
+        """A course: a candidate is a candidate patch of a foothold, a toe that already stands a
+        patch of one point.
+        """
+        length, limbs = course.length_scale_m, course.robot.limbs
+        who = Schedule.of_course(course)
+        patches = [patch for foothold in course.footholds for patch in foothold.candidates]
+        stands = [foothold.toe_m for foothold in course.footholds for _ in foothold.candidates]
+        regions = [region for row in course.regions for region in row]
+        points = [
+            region.vertices_m if toe is None else toe[None]
+            for region, toe in zip(regions, stands, strict=True)
+        ]
+        axes = np.array([(patch.normal, patch.shear_reference) for patch in patches])
+        ahead = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
+        every, steps, apart = (
+            (1, len(who.stance), 3),
+            course.steps,
+            relative_rows(course.robot, who.holds),
+        )
+        low, high = course.force_bounds
+        toe_sides, turn_sides = (np.array(rows) for rows in course.side_rows)
+        toe_sides[:, 3] /= length
+        least = course.least_steps if course.sides is None else np.zeros(0)
+        least[: len(toe_sides)] /= length
+        numbers = Numbers(
+            schedule=who,
+            candidate=np.repeat(
+                np.arange(len(course.footholds)),
+                [len(foothold.candidates) for foothold in course.footholds],
+            ),
+            frames=contact_frames(axes[:, 0], axes[:, 1])[None],
+            friction=np.array([[patch.friction for patch in patches]]),
+            shoulders=np.array([[limb.shoulder_m for limb in limbs]]) / length,
+            reach=np.array([[limb.reach_m for limb in limbs]]) / length,
+            com=course.com_nominal_m[None] / length,
+            com_radius=course.com_radius_m[None] / length,
+            tilt=np.array([course.tilt_limit_rad]),
+            weight=np.array([course.weight_n / course.force_n]),
+            force_min=np.broadcast_to(low[who.foothold], every),
+            force_max=np.broadcast_to(high[who.foothold], every),
+            steps=np.array([steps.com_m / length, steps.rotation_rad, steps.toe_m / length]),
+            progress=np.where(ahead.any(axis=1), steps.progress_m / length, 0.0),
+            ahead=ahead,
+            **scaled_half_spaces([limbs], np.array([length])),
+            offsets=_offsets(course) / length if course.has_soles else None,
+            apart_normals=apart[1],
+            apart_bounds=apart[2] / length,
+            linear=steps.linear_rows(length),
+            wrench=None if course.wrench is None else _scaled_wrench(course)[None, who.frame],
+        )
+        pieces = [vertices / length for vertices in points]
+        return Forest(numbers, pieces, least, np.concatenate([toe_sides, turn_sides]))
+
+    @staticmethod
+    def of_postures(problems: Sequence[Problem]) -> Forest:
+        """Posture problems with equally many contacts, each with as many half-spaces of reach."""
+        contacts = [contact for problem in problems for contact in problem.contacts]
+        count, many = len(problems[0].contacts), len(problems)
+        lengths = np.array([problem.length_scale_m for problem in problems])
+        body = np.array(
+            [
+                (p.com_radius_m[0], p.tilt_limit_rad, p.weight_n / p.moment_scale_nm)
+                for p in problems
+            ]
+        )
+        vectors = np.concatenate(
+            [
+                vector
+                for c in contacts
+                for vector in (
+                    c.patch.normal,
+                    c.patch.shear_reference,
+                    c.shoulder_m,
+                    c.force_min,
+                    c.force_max,
+                )
+            ]
+        ).reshape(many, count, 5, 3)
+        scalars = np.array([(c.patch.friction, c.reach_m) for c in contacts]).reshape(
+            many, count, 2
+        )
+        points = counts_of(problems[0].contacts)
+        who = Schedule.of_posture(row_counts(problems[0].contacts), points)
+        numbers = Numbers(
+            schedule=who,
+            candidate=who.holds[0],
+            frames=contact_frames(vectors[:, :, 0], vectors[:, :, 1]),
+            friction=scalars[..., 0],
+            shoulders=vectors[:, :, 2] / lengths[:, None, None],
+            reach=scalars[..., 1] / lengths[:, None],
+            com=(
+                np.concatenate([problem.com_nominal_m for problem in problems]) / lengths[:, None]
+            )[:, None],
+            com_radius=(body[:, 0] / lengths)[:, None],
+            tilt=body[:, 1],
+            weight=body[:, 2] * lengths,
+            force_min=vectors[:, who.limb, 3],
+            force_max=vectors[:, who.limb, 4],
+            steps=np.zeros(3),
+            progress=np.zeros(0),
+            ahead=np.zeros((0, 3)),
+            **scaled_half_spaces([problem.contacts for problem in problems], lengths),
+            offsets=None
+            if not points
+            else _padded([sole_points(c.sole_m, c.patch, c.yaw_rad) for c in contacts]).reshape(
+                many, count, -1, 3
+            )
+            / lengths[:, None, None, None],
+            wrench=None
+            if wrenches(problems) is None
+            else np.array([_scaled_wrench(each) for each in problems]),
+        )
+        whole = np.concatenate([contact.region.vertices_m for contact in contacts])
+        sizes = [len(contact.region.vertices_m) for contact in contacts]
+        whole /= np.repeat(np.repeat(lengths, count), sizes)[:, None]
+        ends = np.cumsum(sizes).tolist()
+        pieces = [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)]
+        return Forest(numbers, pieces, np.zeros(0), np.zeros((0, 4)))
+
+    @property
+    def patches(self) -> list[Array]:
+        """The whole patches of the first problem's candidates, shape (U, 3) each."""
+        return self._pieces[: len(self.numbers.candidate)]
+
+    def replay(self, problem: int, certificate: Certificate) -> Replayed:
+        """The leaves of a tree over one of the problems: patches and force boxes are cut again as
+        the nodes say.
+
+        Arguments:
+            problem: its number.
+
+        Raises:
+            InvalidInput: with the node, for a tree of another shape, and for one that does not
+                cover the problem.
+        """
+        tree, rows = certificate.tree, certificate.multipliers
+        count = self._count
+        if tree.ndim != 2 or tree.shape[1] != 5 or rows.ndim != 2 or rows.shape[1] != count:
+            raise InvalidInput(
+                "certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, "
+                f"{count}), "
+                f"got {tree.shape} and {rows.shape}"
+            )
+        if not (np.isfinite(tree).all() and np.isfinite(rows).all()):
+            raise InvalidInput("certificate: expected finite numbers, got others")
+        candidates = len(self.numbers.candidate)
+        root = np.arange(problem * candidates, (problem + 1) * candidates)
+        stack: list[Node] = [
+            (
+                root,
+                self.numbers.force_min[problem],
+                self.numbers.force_max[problem],
+                (None,) * len(self._least),
+            )
+        ]
+        leaves: list[Node] = []
+        for at, (kind, i, j, first, second) in enumerate(tree.tolist()):
+            where = f"tree[{at}]"
+            if not stack:
+                raise InvalidInput(f"{where}: expected the end of the tree, got another node")
+            node = stack.pop()
+            if kind == 0:
+                if i or j or first or second:
+                    raise InvalidInput(f"{where}: expected zeros in a leaf, got something else")
+                leaves.append(node)
+            elif kind == 1:
+                if first or second:
+                    raise InvalidInput(
+                        f"{where}: expected zeros after a choice, got something else"
+                    )
+                stack += self._chosen(node, self._candidate(i, j, where))
+            elif kind == 2:
+                stack += self._cut(node, self._candidate(i, j, where), first, second, where)
+            elif kind == 3:
+                if second:
+                    raise InvalidInput(
+                        f"{where}: expected a zero after a force, got something else"
+                    )
+                stack += self._split(node, i, j, first, where)
+            elif kind == 4:
+                if j or first or second:
+                    raise InvalidInput(
+                        f"{where}: expected zeros after a least step, got something else"
+                    )
+                stack += self._parted(node, i, where)
+            else:
+                raise InvalidInput(f"{where}: expected kind 0, 1, 2, 3 or 4, got {kind:g}")
+        if stack:
+            raise InvalidInput(
+                f"tree: expected {len(stack)} more nodes or more after {len(tree)}, got none"
+            )
+        if len(leaves) != len(rows):
+            raise InvalidInput(
+                f"multipliers: expected a row for each of {len(leaves)} leaves, got {len(rows)}"
+            )
+        return leaves, rows
+
+    def leaves(self, replayed: dict[int, Replayed]) -> Leaves:
+        """The leaves of several problems' trees, by problem, ascending."""
+        nodes = [node for leaves, _ in replayed.values() for node in leaves]
+        rows = np.concatenate([rows for _, rows in replayed.values()])
+        largest = np.abs(rows).max(axis=1, keepdims=True)
+        sizes, roots = [len(piece) for piece in self._pieces], len(self._pieces) - len(self._roots)
+        sags = np.zeros(len(sizes))
+        sags[roots:] = [self._sag(root) for root in self._roots]
+        return Leaves(
+            problem=np.repeat(list(replayed), [len(leaves) for leaves, _ in replayed.values()]),
+            lower=np.array([lower for _, lower, *_ in nodes]),
+            upper=np.array([upper for _, _, upper, _ in nodes]),
+            pieces=np.array([pieces for pieces, *_ in nodes]),
+            multipliers=rows / np.where(largest > 0.0, largest, 1.0),
+            vertices=np.concatenate(self._pieces),
+            first=np.concatenate([[0], np.cumsum(sizes)]),
+            sag=sags,
+            sides=np.array([self._rows(sides) for *_, sides in nodes]),
+        )
+
+    def _rows(self, sides: tuple[Side, ...]) -> Array:
+        """The rows (n, b) of a leaf's sides, shape (E, 4)."""
+        rows = np.array(self._open)
+        for e, side in enumerate(sides):
+            if side is not None:
+                rows[e] = half_space(side, float(self._least[e]))
+        return rows
+
+    def _parted(self, node: Node, step: float, where: str) -> list[Node]:
+        """The parts of the side that a least step has; the first one last."""
+        pieces, lower, upper, sides = node
+        e = _index(step, len(sides), f"{where}: least step")
+        if too_small(sides[e]):
+            raise InvalidInput(f"{where}: expected a side that is wide enough to be parted")
+        children = [(*sides[:e], part, *sides[e + 1 :]) for part in parts(sides[e])]
+        return [(pieces, lower, upper, child) for child in reversed(children)]
+
+    def _chosen(self, node: Node, candidate: int) -> list[Node]:
+        """The slot's foothold on this candidate, and not on it; the first child last."""
+        pieces, lower, upper, sides = node
+        on, off = (
+            np.where(self.numbers.candidate == self.numbers.candidate[candidate], -1, pieces),
+            pieces.copy(),
+        )
+        on[candidate], off[candidate] = pieces[candidate], -1
+        return [(off, lower, upper, sides), (on, lower, upper, sides)]
+
+    def _cut(
+        self, node: Node, candidate: int, first: float, second: float, where: str
+    ) -> list[Node]:
+        pieces, lower, upper, sides = node
+        piece = int(pieces[candidate])
+        if piece < 0:
+            raise InvalidInput(f"{where}: expected a candidate that is open, got one that is not")
+        polygon, roots = self._pieces[piece], len(self._pieces) - len(self._roots)
+        if not 0.0 <= first < second < len(polygon):
+            raise InvalidInput(
+                f"{where}: expected border coordinates 0 ≤ a < b < {len(polygon)}, got {first:g}, "
+                f"{second:g}"
+            )
+        depth = 1 + (0 if piece < roots else self._depths[piece - roots])
+        if depth > DEEPEST:
+            raise InvalidInput(
+                f"{where}: expected a piece of {DEEPEST} cuts or fewer, got one more"
+            )
+        children: list[Node] = []
+        for part in cut(polygon, first, second):
+            self._corners += len(part)
+            if self._corners > MOST_CORNERS:
+                raise InvalidInput(
+                    f"{where}: expected {MOST_CORNERS} corners of pieces or fewer, got more"
+                )
+            child = pieces.copy()
+            child[candidate] = len(self._pieces)
+            self._roots.append(piece if piece < roots else self._roots[piece - roots])
+            self._pieces.append(part)
+            self._depths.append(depth)
+            children.insert(0, (child, lower, upper, sides))
+        return children
+
+    def _split(
+        self, node: Node, contact: float, component: float, value: float, where: str
+    ) -> list[Node]:
+        pieces, lower, upper, sides = node
+        i = _index(contact, len(lower), f"{where}: contact")
+        k = _index(component, 3, f"{where}: force component")
+        if not lower[i, k] <= value <= upper[i, k]:
+            raise InvalidInput(
+                f"{where}: expected a force in [{lower[i, k]:g}, {upper[i, k]:g}], got {value:g}"
+            )
+        below, above = upper.copy(), lower.copy()
+        below[i, k] = above[i, k] = value
+        return [(pieces, above, upper, sides), (pieces, lower, below, sides)]
+
+    def _candidate(self, foothold: float, candidate: float, where: str) -> int:
+        """The number, among all candidates, of one of a foothold's.
+
+        Raises InvalidInput.
+        """
+        begins = self.numbers.first_candidate
+        p = _index(foothold, len(begins), f"{where}: foothold")
+        counts = np.diff(np.append(begins, len(self.numbers.candidate)))
+        return int(begins[p]) + _index(candidate, int(counts[p]), f"{where}: candidate")
+
+    def _sag(self, root: int) -> float:
+        if root not in self._sags:
+            self._sags[root] = sag(self._pieces[root])
+        return self._sags[root]
+
+
+def _offsets(course: Problem) -> Array:
+    """From the toe to the points of its foot, by candidate, shape (1, T, K, 3) [m]."""
+    soles = {limb.name: limb.sole_m for limb in course.robot.limbs}
+    return _padded(
+        [
+            sole_points(soles[foothold.limb], patch, yaw)
+            for foothold in course.footholds
+            for patch, yaw in zip(
+                foothold.candidates,
+                foothold.yaws_rad or [0.0] * len(foothold.candidates),
+                strict=True,
+            )
+        ]
+    )[None]
+
+
+def _padded(each: list[Array]) -> Array:
+    """Points of feet, with zeros where one has fewer, shape (T, K, 3)."""
+    table = np.zeros((len(each), max(len(points) for points in each), 3))
+    for row, points in zip(table, each, strict=True):
+        row[: len(points)] = points
+    return table
+
+
+def _index(value: float, count: int, where: str) -> int:
+    if value != int(value) or not 0 <= value < count:
+        raise InvalidInput(f"{where}: expected an integer in [0, {count}), got {value:g}")
+    return int(value)
+
+
+def _scaled_wrench(course: Problem) -> Array:
+    """Wrench on the body beside its weight at every frame, non-dimensional, shape (M, 6)."""
+    if course.wrench is None:
+        return np.zeros((course.frames, 6))
+    unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
+    return np.asarray(course.wrench / unit)
+
+
+def proof_report(
+    certificate: Certificate,
+    tolerance: float,
+    bound: float,
+    leaves: int,
+    weakest: int,
+    message: str,
+) -> Report[Certificate]:
+    """The report on a proof: one group, the least bound of its leaves, which has to exceed the
+    tolerance.
+
+    Arguments:
+        certificate: what was judged.
+        tolerance: above which a bound has to be.
+        bound: the least.
+        leaves: how many were checked.
+        weakest: the leaf of that bound, −1 where there is none.
+        message: the verdict in one line.
+    """
+    group = Group(
+        name="bound",
+        value=bound,
+        limit=tolerance,
+        where=f"leaf {weakest}" if weakest >= 0 else "",
+        message=message,
+        verdict="holds" if bound > max(tolerance, 0.0) else "violated",
+    )
+    return Report(
+        groups=(group,),
+        answer=certificate,
+        tolerance=tolerance,
+        figures={"lower_bound": bound, "leaves": leaves, "weakest": weakest},
+    )
+
 
 GAP = 1e-4
 """The moment residual that the certificate of a posture has to prove unless another is asked for,

@@ -23,7 +23,7 @@ from ..problem.passage import Passage
 from ..problem.problem import Problem
 from ..robot.model import Robot
 from .certificate import check_certificate
-from .ground import off_terrain
+from .geometry import off_terrain
 from .leaps import check_leap
 from .plans import check_plan
 
@@ -148,7 +148,7 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan, body_of: BodyOf) -> Iterat
     name = f"{k}: flight"
     try:
         from ..terrain.obstacles import Obstacles
-        from .leap_whole_body import LeapBodyMeasurements
+        from .leaps import LeapBodyMeasurements
 
         obstacles = Obstacles.of(crossing.terrain)
         yield LeapBodyMeasurements(body_of(plan)).bodies(obstacles).group(name)

@@ -5,8 +5,9 @@ that would help.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +18,136 @@ from ..problem import Problem
 from ..problem.contact import LINEAR
 from ..problem.leap import Leap
 from ..problem.passage import Passage
-from .certificate import GAP, check_certificate, forest_of
-from .explanation import Explanation as Explanation
-from .explanation import Relaxation as Relaxation
+from .certificate import GAP, Forest, check_certificate, forest_of
 from .geometry import length
 from .lagrangian import (
     Leaves,
+    Multipliers,
     Numbers,
     body_pulls,
     leaf_bounds,
     least_lagrangians,
     with_sides,
 )
-from .multipliers import Multipliers
-from .tree import Forest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxation:
+    """The least value of one parameter, the others as they are, at which a certificate stops
+    refuting its problem.
+
+    It is necessary, not sufficient: below ``needed`` the problem stays infeasible.
+
+    Arguments:
+        needed: inf beyond the caps.
+        leg: empty for parameters of the body, and of a course, whose parameters say where
+            themselves.
+        now, needed: in ``unit`` (SI; 1 for friction).
+    """
+
+    parameter: str
+    leg: str
+    now: float
+    needed: float
+    unit: str
+
+    @property
+    def relative(self) -> float:
+        """Growth over the value now; inf where that is 0."""
+        return (self.needed - self.now) / self.now if self.now > 0.0 else math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """Why a problem is infeasible, as ``explain`` says it.
+
+    Arguments:
+        relaxations: what each single parameter would have to become, the cheapest growth first.
+        message: the first of them in one line.
+    Source:
+        Lagrangian bounds of E1-E11.
+
+    Example:
+        >>> import stancekit
+        >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
+        >>> stancekit.explain(outcome).relaxations[0].leg
+        'RR'
+    """
+
+    relaxations: tuple[Relaxation, ...]
+    message: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values; an infinite ``needed`` becomes null."""
+        rows = [
+            {**vars(r), "needed": r.needed if math.isfinite(r.needed) else None}
+            for r in self.relaxations
+        ]
+        return {"relaxations": rows, "message": self.message}
+
+
+LIMITS = ("friction", "force", "reach", "body", "tilt")
+"""Limits of all limbs together: friction, largest normal force, reach, the room of the centre of
+mass, and the body's tilt."""
+GROWTHS = (0.1, 0.3, 1.0)
+"""Shares by which every limit grows: the first that weakens a proof says which does most."""
+SEVERAL = "several"
+"""Where no single limit, twice as large, weakens the proof."""
+
+
+def hindrances(certificates: Sequence[Certificate]) -> list[str]:
+    """The limit per certificate whose growth by a share, with all else as it is, takes most of what
+    is proved.
+
+    The certificates are accepted ones of posture problems that differ in their patches alone. A
+    body that has no tilt is not given one.
+    """
+    if not certificates:
+        return []
+    forest = Forest.of_postures([_problem(each) for each in certificates])
+    leaves = forest.leaves({k: forest.replay(k, each) for k, each in enumerate(certificates)})
+    numbers, names = forest.numbers, [SEVERAL] * len(certificates)
+    now = _bounds(numbers, leaves)
+    for share in GROWTHS:
+        grown = np.array([_bounds(*_grown(numbers, leaves, name, share)) for name in LIMITS])
+        least = grown.min(axis=0)
+        for k in np.flatnonzero(least < now - 1e-12):
+            if names[k] == SEVERAL:
+                names[k] = LIMITS[int(grown[:, k].argmin())]
+    return names
+
+
+def _problem(certificate: Certificate) -> Problem:
+    """The posture problem that a certificate refutes."""
+    problem = certificate.refuted
+    assert isinstance(problem, Problem)
+    return problem
+
+
+def _bounds(numbers: Numbers, leaves: Leaves) -> Array:
+    """Bound that the weakest leaf of every problem proves, shape (Q,)."""
+    starts = np.searchsorted(leaves.problem, np.arange(len(numbers.friction)))
+    return np.asarray(np.minimum.reduceat(leaf_bounds(numbers, leaves), starts))
+
+
+def _grown(numbers: Numbers, leaves: Leaves, name: str, share: float) -> tuple[Numbers, Leaves]:
+    """Problems with one limit of all limbs larger by a share."""
+    more = 1.0 + share
+    if name == "friction":
+        return replace(numbers, friction=more * numbers.friction), leaves
+    if name == "reach":
+        by = share * numbers.reach
+        rows = numbers.row_bounds + by[:, numbers.schedule.row_limb]
+        return replace(numbers, reach=numbers.reach + by, row_bounds=rows), leaves
+    if name == "body":
+        return replace(numbers, com_radius=more * numbers.com_radius), leaves
+    if name == "tilt":
+        return replace(numbers, tilt=more * numbers.tilt), leaves
+    most = numbers.force_max[leaves.problem]
+    outermost = np.zeros(leaves.upper.shape, dtype=bool)
+    outermost[..., 0] = leaves.upper[..., 0] == most[..., 0]
+    return numbers, replace(leaves, upper=np.where(outermost, more * leaves.upper, leaves.upper))
+
 
 FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = (
     10.0,

@@ -38,8 +38,8 @@ from ..files.arrays import Array
 from ..problem.passage import FACING_UP, Passage, tops_of_solids
 from ..robot.outer_sets import Extent
 from ..terrain.patch import Patch
-from .explanation import Explanation
-from .proof import proof_report
+from .certificate import proof_report
+from .explain import Explanation
 
 KINDS = {"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4}
 MOST_NODES, MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05

@@ -5,11 +5,19 @@ polygons.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..answer.plan import Plan
+from ..answer.report import Group
 from ..files.arrays import Array
+from ..problem.contact import Contact
+from ..robot.model import Limb
+from ..terrain.certainty import Certainty
+from ..terrain.patch import Patch
+from ..terrain.polygon import half_planes
 
 FLAT = 1e-12
 """A polygon whose corners leave its plane by less than this share of its size is the fan of its
@@ -209,3 +217,210 @@ def sag(polygon: Array) -> float:
         share = np.clip(away @ edge / max(float(edge @ edge), 1e-300), 0.0, 1.0)
         depth = max(depth, float(np.linalg.norm(away - share * edge)))
     return float(np.ptp(flat[:, 2])) + 2.0 * depth
+
+
+THICK_M = 1e-3
+"""A toe so far from the terrain stands on it, as in walks [m]: rounded files, merged facets."""
+SAME_WAY = float(np.cos(0.02))
+"""Cosine between normals of a foothold and of the terrain under it: more than a mesh's facets
+differ, 1 % of a cone."""
+ROUGHER = 1e-9
+"""Of friction: what rounding makes of it."""
+AROUND, FAR_M = 64, 0.3
+"""Ways from a toe along which the border of its surface is looked for, and how far [m]."""
+
+
+def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array) -> Array:
+    """Distance of every toe from terrain that is as rough as its patch and faces as it does, beyond
+    ``THICK_M``; on a map, from where a surface is known, which goes on for bodies to keep out of.
+
+    Arguments:
+        patches: the one that each toe chose.
+        toes: shape (P, 3) [m].
+
+    Returns:
+        Shape (P,) [m], inf where there is none.
+    """
+    if not terrain:
+        return np.full(len(toes), np.inf)
+    normals, friction = (
+        np.array([patch.normal for patch in terrain]),
+        np.array([patch.friction for patch in terrain]),
+    )
+    low = np.array([patch.vertices_m.min(axis=0) for patch in terrain])
+    high = np.array([patch.vertices_m.max(axis=0) for patch in terrain])
+    near = list[list[int]]()
+    for patch, toe in zip(patches, toes, strict=True):
+        bears = (normals @ patch.normal >= SAME_WAY) & (friction >= patch.friction - ROUGHER)
+        about = np.where(
+            bears,
+            np.linalg.norm(np.maximum(low - toe, 0.0) + np.maximum(toe - high, 0.0), axis=1),
+            np.inf,
+        )
+        most = max(THICK_M, float(about.min()))
+        near.append(np.flatnonzero(bears & (about <= most)).tolist())
+    distances, counts = np.full(len(toes), np.inf), [len(each) for each in near]
+    if not any(counts):
+        return distances
+    gaps = patch_distances(
+        [terrain[i].vertices_m for each in near for i in each], np.repeat(toes, counts, axis=0)
+    )
+    for p, off in enumerate(np.split(np.maximum(0.0, gaps - THICK_M), np.cumsum(counts)[:-1])):
+        if not len(off):
+            continue
+        for k in np.flatnonzero(off <= float(off.min())).tolist():
+            if (sure := terrain[near[p][k]].certainty) is not None:
+                off[k] = max(float(off[k]), sure.wider_m - border_m(terrain, near[p][k], toes[p]))
+        distances[p] = float(off.min())
+    return distances
+
+
+def certainty_under(
+    terrain: Sequence[Patch], patch: Patch, toe: Array
+) -> tuple[Certainty, float] | None:
+    """The terrain's certainty of the surface that a toe stands on, and the distance of the toe
+    inside of where the surface's edge most likely is [m]; None where it does not say so.
+    """
+    near = [
+        (gap, i)
+        for i, other in enumerate(terrain)
+        if other.certainty is not None
+        and not other.certainty.exact
+        and other.normal @ patch.normal >= SAME_WAY
+        and abs(gap := float(other.normal @ (toe - other.vertices_m[0]))) <= THICK_M
+        and (gap := float(patch_distances([other.vertices_m], toe[None])[0])) <= THICK_M
+    ]
+    if not near:
+        return None
+    _, first = min(near)
+    sure = terrain[first].certainty
+    assert sure is not None
+    return sure, border_m(terrain, first, toe) - sure.wider_m
+
+
+def border_m(terrain: Sequence[Patch], first: int, toe: Array) -> float:
+    """Distance of a toe to the border of the surface that a patch is a piece of, ``FAR_M`` at most [m].
+
+    Arguments:
+        first: number of the patch.
+        toe: in the patch, shape (3,) [m].
+    """
+    patch, angles = terrain[first], np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
+    ways, axes = np.stack([np.cos(angles), np.sin(angles)]), patch.frame[:, 1:]
+    begins, ends = list[Array](), list[Array]()
+    for other in terrain:
+        if not _same_surface(patch, other) or np.any(other.vertices_m.min(axis=0) > toe + FAR_M):
+            continue
+        if np.any(other.vertices_m.max(axis=0) < toe - FAR_M):
+            continue
+        normals, offsets = half_planes((other.vertices_m - toe) @ axes)
+        along = normals @ ways
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reached = offsets[:, None] / along
+        begins.append(np.max(np.where(along < 0.0, reached, -np.inf), axis=0))
+        ends.append(np.min(np.where(along > 0.0, reached, np.inf), axis=0))
+    begin, end, out = np.array(begins), np.array(ends), np.zeros(AROUND)
+    for _ in begins:
+        meets = (begin <= out + THICK_M) & (begin <= end)
+        out = np.maximum(out, np.max(np.where(meets, end, 0.0), axis=0))
+    return float(min(out.min(), FAR_M))
+
+
+def _same_surface(one: Patch, other: Patch) -> bool:
+    """Tell whether two patches are pieces of one surface of a map."""
+    if one.certainty is None or other.certainty is None:
+        return one is other
+    return bool(
+        np.array_equal(one.certainty.about_m, other.certainty.about_m)
+        and np.array_equal(one.certainty.covariance, other.certainty.covariance)
+        and one.normal @ other.normal >= 1.0 - 1e-9
+        and abs(one.normal @ (other.vertices_m[0] - one.vertices_m[0])) <= THICK_M
+    )
+
+
+POINTS_SUM = 1e-9
+"""Forces at the points of a foot add up to the foot's, up to this share of the largest."""
+
+
+def sole_points(sole_m: Array | None, patch: Patch, yaw_rad: float) -> Array:
+    """From the toe to the points that bear forces, shape (K, 3) [m]; of a point foot its own place.
+
+    Forward is z of the contact frame (E3) turned by the yaw about the normal n; left is n ×
+    forward.
+    """
+    if sole_m is None:
+        return np.zeros((1, 3))
+    n, _, z = contact_frames(patch.normal, patch.shear_reference).T
+    ahead = math.cos(yaw_rad) * z + math.sin(yaw_rad) * cross(n, z)
+    left = cross(n, ahead)
+    return np.asarray(sole_m[:, :1] * ahead + sole_m[:, 1:] * left)
+
+
+def off_sole(patch: Patch, region: Patch, offsets: Array, toe: Array, claimed: Array) -> float:
+    """The farthest of: the centre from where it may be, a point from the patch, a point from where
+    it is claimed [m].
+
+    Arguments:
+        claimed: shape (K, 3) or longer; what comes after the points is the centre.
+    """
+    points = np.concatenate(
+        [toe + offsets, np.repeat(toe[None], len(claimed) - len(offsets), axis=0)]
+    )
+    centre = float(patch_distances([region.vertices_m], toe[None])[0])
+    off = patch_distances([patch.vertices_m] * len(offsets), points[: len(offsets)])
+    return max(centre, float(off.max()), float(length(claimed - points).max()))
+
+
+def counts_of(limbs: tuple[Limb, ...] | tuple[Contact, ...]) -> tuple[int, ...]:
+    """Number of points per foot; () where all have one."""
+    counts = tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs)
+    return counts if max(counts) > 1 else ()
+
+
+def forces_defect(whole: Array, points: Array, counts: tuple[int, ...]) -> str:
+    """Fault of forces at points, shape (..., N, K, 3), of feet with forces (..., N, 3); empty if
+    nothing.
+    """
+    with np.errstate(all="ignore"):  # absurd magnitudes are no sum, either
+        most = float(np.abs(whole).max(initial=0.0) + np.abs(points).max(initial=0.0))
+        off = float(np.abs(points.sum(axis=-2) - whole).max(initial=0.0))
+    if not off <= POINTS_SUM * most or math.isinf(most):
+        return "point_forces_n: expected forces that add up to forces_n"
+    idle = np.arange(points.shape[-2]) >= np.array(counts)[:, None]
+    if points[..., idle, :].any():
+        return "point_forces_n: expected zeros after the points of a foot"
+    return ""
+
+
+LEAST_PUSH = 0.01
+"""Share of the weight that a push has which every stance of a plan for a robot's own legs bears, or
+it is not accepted: simulated, plans below it fall, and most of those above stand."""
+
+
+def tipping(plan: Plan, share: float = LEAST_PUSH, group: Group | None = None) -> str:
+    """Why a plan for a robot's own legs is about to tip though the verifier accepts it; empty where
+    it is not.
+
+    Arguments:
+        plan: of any robot; of those whose legs are not their file's nothing is said.
+        share: push that every stance has to bear, as a share of the weight; 0 for none.
+        group: the verifier's word on the plan's margins, where it is known.
+    """
+    course = plan.problem
+    if not course.robot.source.own or course.uncarried or share <= 0.0:
+        return ""
+    if group is None:
+        from .margins import borne_share, margin_group, verdict_yields_m  # Clarabel, of this alone
+
+        if borne_share(plan, (share,), verdict_yields_m(plan)):
+            return ""
+        group = margin_group(plan)
+    least_n = share * course.weight_n
+    push_n = group.figures["push_n"]
+    if push_n >= least_n:
+        return ""
+    return (
+        f"margin: {group.where} at frame {group.figures['push_frame']} bear a push of "
+        f"{round(push_n, 2):g} N, "
+        f"expected {round(least_n, 2):g} N or more, {100.0 * share:.2g} % of the weight"
+    )

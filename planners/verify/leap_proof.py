@@ -31,8 +31,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
-from .explanation import Explanation, Relaxation
-from .proof import proof_report
+from .certificate import proof_report
+from .explain import Explanation, Relaxation
 
 MOST_GRIP = 3.0
 """An explanation looks no further."""

@@ -33,14 +33,28 @@ from ..problem.contact import LINEAR
 from ..terrain.certainty import Certainty
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
-from .defects import plan_defect
-from .further_groups import further_groups
-from .geometry import contact_frames, cross, exact_and_linear, length, patch_distances
-from .ground import certainty_under, off_terrain
+from .bodies import further_groups
+from .geometry import (
+    certainty_under,
+    contact_frames,
+    counts_of,
+    cross,
+    exact_and_linear,
+    length,
+    off_sole,
+    off_terrain,
+    patch_distances,
+    sole_points,
+)
 from .half_spaces import beyond, bowed, reach_rows, relative_rows
-from .joints import check_whole_body
-from .postures import posture_report, refused, violation, worst_groups
-from .soles import counts_of, off_sole, sole_points
+from .postures import (
+    check_whole_body,
+    plan_defect,
+    posture_report,
+    refused,
+    violation,
+    worst_groups,
+)
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
 DRAWS = 200

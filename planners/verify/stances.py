@@ -15,9 +15,16 @@ from ..answer.plan import Plan
 from ..answer.report import GROUPS
 from ..files.arrays import Array, cached_arrays, locked
 from ..problem import Contact, Problem
-from .geometry import contact_frames, cross, length, patch_distances
+from .geometry import (
+    contact_frames,
+    counts_of,
+    cross,
+    length,
+    off_sole,
+    patch_distances,
+    sole_points,
+)
 from .half_spaces import beyond, reach_rows, relative_rows, row_counts
-from .soles import counts_of, off_sole, sole_points
 
 LARGEST_UNIT_M = 1.0
 """Violations are measured in the problem's scales, but in no more than this length and the robot's

@@ -20,11 +20,10 @@ from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..files.arrays import LARGEST, Array
 from ..physics import GRAVITY_M_S2
-from .trajectory_limits import GROUPS as GROUPS
-from .trajectory_limits import WalkLimits as WalkLimits
-from .trajectory_measurements import Flags, TrajectoryMeasurements
-from .trajectory_series import Rows, Series
-from .trajectory_whole_body import nothing, whole_body
+from .moving_body import nothing, whole_body
+from .trajectory_measurements import GROUPS as GROUPS
+from .trajectory_measurements import Flags, Rows, Series, TrajectoryMeasurements
+from .trajectory_measurements import WalkLimits as WalkLimits
 
 APART_M = 0.01
 """Between samples a swinging foot is looked at this often along its way [m]."""

@@ -18,7 +18,7 @@ from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.formats.trajectory_file import read_trajectory, write_trajectory
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
 from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
-from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
+from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 from stancekit.runner.acceptance import Accepted
 from tests.forgeries import stances, walks
 from tests.forgeries.crawl import crawl

@@ -31,9 +31,9 @@ from stancekit.planners.robot.meshes import Shape
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.moving_body import WholeBodyMeasurements
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
-from stancekit.planners.verify.trajectory_whole_body import WholeBodyMeasurements
 
 from .stepping import dressed, stepping
 

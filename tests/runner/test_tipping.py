@@ -22,7 +22,7 @@ from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.tipping import LEAST_PUSH, tipping
+from stancekit.planners.verify.geometry import LEAST_PUSH, tipping
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.prepared import Prepared
 from stancekit.runner.run import Runner

@@ -31,9 +31,9 @@ from ...robot.kinematics import rotation_of
 from ...robot.leg import Leg
 from ...terrain.heightfield import HeightField
 from ...terrain.obstacles import Obstacles
+from ...verify.moving_body import WholeBodyMeasurements
 from ...verify.trajectories import check_trajectory, with_body
 from ...verify.trajectory_measurements import TrajectoryMeasurements
-from ...verify.trajectory_whole_body import WholeBodyMeasurements
 from ..charts import CHARTS
 from ..constraints.dynamics import LegLoads, dynamics, torque
 from ..constraints.feet import Overlaps, apart, reach

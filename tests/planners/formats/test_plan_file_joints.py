@@ -25,7 +25,7 @@ from stancekit.planners.robot.inverse_kinematics import descend
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.joints import LIMIT_RAD, REACHED_M
+from stancekit.planners.verify.postures import LIMIT_RAD, REACHED_M
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
 

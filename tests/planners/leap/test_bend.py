@@ -24,7 +24,7 @@ from stancekit.planners.leap.numbers import LeapGiven
 from stancekit.planners.leap.scp import FRICTION_SHARE, reserved
 from stancekit.planners.motion.leap_motion import LeapBody
 from stancekit.planners.problem.leap import LeapLimits
-from stancekit.planners.verify.leap_whole_body import LeapBodyMeasurements
+from stancekit.planners.verify.leaps import LeapBodyMeasurements
 from tests.refusals import assert_names
 
 pytest.importorskip("pinocchio")

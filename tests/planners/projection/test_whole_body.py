@@ -27,7 +27,7 @@ from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.joints import joint_report
+from stancekit.planners.verify.postures import joint_report
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")

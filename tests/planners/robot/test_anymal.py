@@ -21,7 +21,7 @@ from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.single_body import anymal, legged_anymal
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
+from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 from tests.refusals import refuses
 
 pytest.importorskip("pinocchio")

@@ -21,7 +21,7 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 pytest.importorskip("pinocchio")
 from stancekit.planners.motion.joints import plan_angles
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.verify.joints import joint_report
+from stancekit.planners.verify.postures import joint_report
 from tests.refusals import assert_names, refuses
 
 ROBOT = hexapod()

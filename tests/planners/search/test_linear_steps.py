@@ -17,7 +17,7 @@ from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.micp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_plan, explain
-from stancekit.planners.verify.multipliers import Multipliers
+from stancekit.planners.verify.lagrangian import Multipliers
 from stancekit.planners.verify.stances import Schedule
 from tests.planners.oracle import OraclePrograms
 from tests.refusals import refuses

@@ -17,7 +17,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_certificate
-from stancekit.planners.verify.multipliers import multiplier_count, multiplier_shapes
+from stancekit.planners.verify.lagrangian import multiplier_count, multiplier_shapes
 from stancekit.planners.verify.stances import Schedule
 from tests.refusals import assert_names
 

@@ -12,7 +12,7 @@ import pytest
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.verify import check_certificate, check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
+from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 from tests.forgeries import judge_walks, links, stances
 from tests.forgeries.crawl import crawl
 from tests.forgeries.walks import KINDS

@@ -7,7 +7,7 @@ import pytest
 
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.ground import off_terrain
+from stancekit.planners.verify.geometry import off_terrain
 
 
 def square(z=0.0, friction=0.5, tilt=0.0, half=1.0):

@@ -17,8 +17,7 @@ from stancekit.planners.leap.numbers import LeapGiven
 from stancekit.planners.leap.scp import reserved
 from stancekit.planners.motion.leap_motion import LeapBody
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.planners.verify.leap_whole_body import LeapBodyMeasurements, with_body
-from stancekit.planners.verify.leaps import check_leap
+from stancekit.planners.verify.leaps import LeapBodyMeasurements, check_leap, with_body
 from tests.refusals import assert_names, refuses
 
 pytest.importorskip("pinocchio")

@@ -21,8 +21,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_certificate, check_certificates, explain
 from stancekit.planners.verify.certificate import forest_of
 from stancekit.planners.verify.geometry import cut
-from stancekit.planners.verify.lagrangian import least_lagrangians
-from stancekit.planners.verify.multipliers import multiplier_count
+from stancekit.planners.verify.lagrangian import least_lagrangians, multiplier_count
 from stancekit.planners.verify.stances import Schedule
 from tests.refusals import assert_names
 

@@ -14,8 +14,7 @@ from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.geometry import patch_distances
-from stancekit.planners.verify.ground import off_terrain
+from stancekit.planners.verify.geometry import off_terrain, patch_distances
 from stancekit.planners.verify.plans import ground_group
 
 

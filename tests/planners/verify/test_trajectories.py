@@ -23,8 +23,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories
 from stancekit.planners.verify.trajectories import GROUPS, WalkLimits, check_trajectory
-from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
-from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
+from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY, TrajectoryMeasurements
 from tests.refusals import assert_names
 
 G = 9.81

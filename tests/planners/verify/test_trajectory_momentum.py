@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.verify.trajectories import MomentumMeasurements
-from stancekit.planners.verify.trajectory_series import Series
+from stancekit.planners.verify.trajectory_measurements import Series
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.3, 2.0, 50.0])

@@ -19,8 +19,8 @@ from stancekit.planners.problem.contact import at_point
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_plan, explain
+from stancekit.planners.verify.certificate import Forest
 from stancekit.planners.verify.margins import stance_margins
-from stancekit.planners.verify.tree import Forest
 from stancekit.planners.verify.wrench_held import least_held
 from tests.refusals import assert_names
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.verify.explain import _change
-from stancekit.planners.verify.explanation import Relaxation
+from stancekit.planners.verify.explain import Relaxation, _change
 from stancekit.views.playground.page_parts import from_behind
 from stancekit.views.playground.tables import explained
 
