@@ -18,9 +18,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from ..files.arrays import Array
-from .energy import Evaluation, MapEnergy
+from .energy import Evaluation, MapEnergy, nearest_similarity, published_similarity
 from .quadrature import QuadratureGrid, SeparableSolver
-from .similarity import nearest_similarity, published_similarity
 
 Solve = Callable[[Array], Array]
 """From the right side of the global step, shape (3, nx, ny, nz), to its displacement."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..terrain.heightfield import HeightField
-from .similarity import determinant, singular_values
+from .energy import determinant, singular_values
 from .spline_map import SplineMap
 
 FINER = 6

@@ -18,8 +18,7 @@ import numpy as np
 from ...arguments import cached_property
 from ...files.arrays import Array
 from ...terrain.heightfield import HeightField
-from ...warp.pushforward import polar_function
-from ...warp.spline_map import SplineMap
+from ...warp.spline_map import SplineMap, polar_function
 from ..transcription.taylor import ExpansionPoint, SnappedMap, TaylorMap
 
 

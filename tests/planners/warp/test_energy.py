@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from stancekit.planners.terrain.reference import reference_terrain
-from stancekit.planners.warp.conformal import gauss_newton, point_blocks, residual_slopes
-from stancekit.planners.warp.energy import MapEnergy, shear
-from stancekit.planners.warp.gradient import descend
-from stancekit.planners.warp.local_global import accelerated, published
-from stancekit.planners.warp.quadrature import QuadratureGrid
-from stancekit.planners.warp.similarity import (
+from stancekit.planners.warp.conformal import descend, gauss_newton, point_blocks, residual_slopes
+from stancekit.planners.warp.energy import (
+    MapEnergy,
     cofactor,
     determinant,
     nearest_similarity,
     published_similarity,
     rotation,
+    shear,
     singular_values,
 )
+from stancekit.planners.warp.local_global import accelerated, published
+from stancekit.planners.warp.quadrature import QuadratureGrid
 
 HILL = reference_terrain("hill")
 GRID = QuadratureGrid.of_band(HILL.domain_m, 2.3, (8, 8, 3), 2)

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.warp.pushforward import nearest_rotation, polar_function
-from stancekit.planners.warp.similarity import (
+from stancekit.planners.warp.energy import (
     nearest_similarity,
     published_similarity,
     rotation,
     singular_values,
 )
+from stancekit.planners.warp.spline_map import nearest_rotation, polar_function
 
 RNG = np.random.default_rng(0)
 JACOBIANS = RNG.standard_normal((600, 3, 3))
