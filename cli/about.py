@@ -32,7 +32,7 @@ class About:
 
     def run(self) -> int:
         """Look, measure, print."""
-        from stancekit.runner.computer import about
+        from stancekit.runner.acceptance import about
 
         with progress("about") as bar:
             record = about(measure=self.measure, progress=bar)

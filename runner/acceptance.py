@@ -8,17 +8,25 @@ trusts).
 
 from __future__ import annotations
 
+import os
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from ctypes.util import find_library
 from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
+from packaging.requirements import Requirement
 
 from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import to_json
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.formats.crossing_file import is_crossing_file, read_crossing
@@ -28,6 +36,7 @@ from stancekit.planners.formats.trajectory_file import is_trajectory, read_traje
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem.leap import is_leap_file
 from stancekit.planners.robot import Robot
+from stancekit.planners.robot.actuators import ActuatorModel
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.search.friction_margin import slippery
@@ -40,6 +49,214 @@ from stancekit.planners.verify.postures import joint_report
 from stancekit.planners.verify.trajectories import check_trajectory
 
 from .worlds.world import Ground, World
+
+TOOLS = ("dev",)
+"""Extras for working on the package, which no command needs."""
+
+
+def about(
+    *, measure: bool, progress: Callable[[int, int, str], None] = lambda done, total, stage: None
+) -> dict[str, Any]:
+    """Describe the installation and the machine, as a report of a bug needs them.
+
+    Arguments:
+        measure: whether to measure the speed, which takes some seconds.
+        progress: called with the steps done, their number, and the name of the next.
+
+    Returns:
+        Plain values by name; solves_s [s] is None where nothing was measured.
+    """
+    record: dict[str, Any] = {
+        "stancekit": version("stancekit"),
+        "folder": str(Path(__file__).parent.parent),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "core": versions(None),
+        "extras": {extra: versions(extra) for extra in extras()},
+        "gl": gl(),
+        "cores": cores(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0,
+        "solves_s": None,
+    }
+    if measure:
+        from stancekit.planners.equilibrium.yardstick import yardstick
+
+        progress(0, 1, "1,000 cold solves")
+        record["solves_s"] = yardstick()
+        progress(1, 1, "done")
+    return record
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def load() -> float:
+    """Processes that wanted a processor in the last minute, for each that there is; NaN where
+    nobody says.
+    """
+    return os.getloadavg()[0] / cores() if hasattr(os, "getloadavg") else float("nan")
+
+
+def extras() -> list[str]:
+    """The extras that commands need, by the package's own metadata."""
+    from importlib.metadata import metadata
+
+    return [
+        name for name in metadata("stancekit").get_all("Provides-Extra") or [] if name not in TOOLS
+    ]
+
+
+def versions(extra: str | None) -> dict[str, str | None]:
+    """The version of every package of an extra, or of the core for None; None for one that is not
+    installed.
+
+    Packages that an extra has no use for on this platform are left out, and so are those of extras
+    that it includes.
+    """
+    result: dict[str, str | None] = {}
+    for text in requires("stancekit") or []:
+        need = Requirement(text)
+        mine = (
+            need.marker is None
+            if extra is None
+            else need.marker is not None and "extra" in str(need.marker)
+        )
+        if not mine or need.name == "stancekit":
+            continue
+        if need.marker is not None and not need.marker.evaluate({"extra": extra or ""}):
+            continue
+        try:
+            result[need.name] = version(need.name)
+        except PackageNotFoundError:
+            result[need.name] = None
+    return result
+
+
+def gl() -> str:
+    """The library that MuJoCo's renderer draws films with here, empty where there is none."""
+    chosen = os.environ.get("MUJOCO_GL", "")
+    if chosen or sys.platform != "linux":
+        return chosen or "of the system"
+    return find_library("EGL") or find_library("OSMesa") or ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointNeeds:
+    """Torque requirements of J joints, shape (J,) each.
+
+    Arguments:
+        peak_nm, rms_nm: largest torque over the motion, and its root mean square [Nm].
+        stall_nm, continuous_nm: stall and continuous torque of the actuators [Nm]. continuous_nm,
+            and heat, the largest thermal load during the motion, are NaN if the continuous torque
+            is not known.
+    """
+
+    joints: tuple[str, ...]
+    peak_nm: Array
+    rms_nm: Array
+    stall_nm: Array
+    continuous_nm: Array
+    heat: Array
+
+    @classmethod
+    def of(
+        cls,
+        joints: Sequence[str],
+        actuators: Sequence[ActuatorModel],
+        torques_nm: Array,
+        period_s: float,
+    ) -> Self:
+        """Torque requirements of joints over a motion.
+
+        Arguments:
+            torques_nm: torques of the joints, shape (T, J) [Nm].
+            period_s: time between two rows of ``torques_nm`` [s].
+        """
+        stall = np.array([each.stall_nm for each in actuators])
+        continuous = np.array(
+            [np.nan if each.continuous_nm is None else each.continuous_nm for each in actuators]
+        )
+        constants = np.array(
+            [np.nan if each.thermal_s is None else each.thermal_s for each in actuators]
+        )
+        return cls(
+            joints=tuple(joints),
+            peak_nm=np.abs(torques_nm).max(axis=0),
+            rms_nm=np.sqrt(np.mean(torques_nm**2, axis=0)),
+            stall_nm=stall,
+            continuous_nm=continuous,
+            heat=thermal_load((torques_nm / continuous) ** 2, constants, period_s),
+        )
+
+    @property
+    def share_of_stall(self) -> Array:
+        """Peak torque as a share of the stall torque."""
+        return self.peak_nm / self.stall_nm
+
+    @property
+    def share_of_continuous(self) -> Array:
+        """Mean torque, by its square, as a share of the continuous one; NaN where it is not
+        known.
+        """
+        return self.rms_nm / self.continuous_nm
+
+    def said(self, joint: int) -> str:
+        """Needs of one joint, in words."""
+        heat = (
+            f", {self.heat[joint]:.2g} times the heat that it bears"
+            if self.heat[joint] > 1.0
+            else ""
+        )
+        return f"{self.peak_nm[joint]:.3g} Nm at most and {self.rms_nm[joint]:.3g} Nm (RMS){heat}"
+
+    @property
+    def line(self) -> str:
+        """The joint that needs the largest share, for people."""
+        peak = int(np.argmax(self.share_of_stall))
+        result = f"{self.peak_nm[peak]:.3g} Nm at most, {self.share_of_stall[peak]:.0%} of {self.joints[peak]}'s stall"
+        if np.isnan(self.heat).all():
+            return (
+                f"{result}; {self.rms_nm.max():.3g} Nm (RMS), what it bears for long is not known"
+            )
+        worst = int(np.nanargmax(self.heat))
+        rms, share = f"{self.rms_nm[worst]:.3g} Nm (RMS)", f"{self.share_of_continuous[worst]:.0%}"
+        return (
+            f"{result}; {rms}, {share} of {self.joints[worst]}'s continuous torque, "
+            f"{self.heat[worst]:.2f} of the heat "
+            "that it bears"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready, by joint."""
+        columns = {
+            "peak_nm": self.peak_nm,
+            "rms_nm": self.rms_nm,
+            "of_stall": self.share_of_stall,
+            "of_continuous": self.share_of_continuous,
+            "heat": self.heat,
+        }
+        return {
+            joint: {
+                name: None if np.isnan(column[i]) else float(column[i])
+                for name, column in columns.items()
+            }
+            for i, joint in enumerate(self.joints)
+        }
+
+
+def thermal_load(squares: Array, constants_s: Array, period_s: float) -> Array:
+    """The largest load on the way from cold, shape (J,): of (τ / τ_c)², shape (T, J), so long
+    apart.
+    """
+    decay = np.exp(-period_s / constants_s)
+    load = worst = np.zeros(squares.shape[1])
+    for row in squares:
+        load = decay * load + (1.0 - decay) * row
+        worst = np.maximum(worst, load)
+    return np.where(np.isnan(constants_s), squares.mean(axis=0), worst)
+
 
 S = TypeVar("S", bound=Plan | Trajectory | LeapPlan | Crossing)
 

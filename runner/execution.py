@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.files.arrays import Array, check_numbers
 from stancekit.planners.robot.kinematics import Kinematics
 
-from .record import Record, Trace
+from .log import Record, Trace
 from .safety.guard import SafeWorld
 
 

@@ -25,6 +25,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from .acceptance import Accepted, check_fits, check_joints, check_stands
 from .control.tracker import Target, Tracker
 from .execution import Execution
+from .log import Record
 from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
 from .motion.other_forces import LoadTransfer, MeanForces
@@ -39,7 +40,6 @@ from .motion.time_parametrization import (
     TimedMotion,
     expected,
 )
-from .record import Record
 from .safety.guard import SafeWorld
 from .settings import RunSettings
 from .worlds.drives import Drives

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from .computer import load
+from .acceptance import JointNeeds, load
 from .control.friction import FrictionInterval, estimated
 from .control.leg_odometry import odometry_error_m
 from .execution import Execution
-from .needs import JointNeeds
+from .log import Record
 from .prepared import BodyFrom, PlannedMotion, Prepared, body_from
-from .record import Record
 from .safety.ending import Ended
 from .safety.guard import SafeWorld
 from .settings import RunSettings

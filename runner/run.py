@@ -33,7 +33,7 @@ from .acceptance import Accepted
 from .control.leg_odometry import LegOdometry
 from .control.silent_feet import SilentFeet
 from .control.tracker import Target
-from .log import FORMAT, LOADED, Log, state_json
+from .log import FORMAT, LOADED, Log, Record, state_json
 from .motion.soft_start import rise_m, soft_motion, soft_start
 from .prepared import (
     PlannedMotion,
@@ -43,7 +43,6 @@ from .prepared import (
     body_from,
     prepare,
 )
-from .record import Record
 from .report import RunReport
 from .safety.ending import Ended, end
 from .safety.estop import on_signals, watched

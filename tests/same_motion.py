@@ -15,8 +15,8 @@ from stancekit.planners.motion.motion import Motion, Samples, stacked
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.body_feedback import BodyFeedback
 from stancekit.runner.control.tracker import Target
+from stancekit.runner.log import Record
 from stancekit.runner.prepared import Tracked
-from stancekit.runner.record import Record
 from stancekit.runner.run import Runner, Until
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world

@@ -25,8 +25,8 @@ from stancekit.planners.motion.motion import Motion, Samples
 from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.runner.execution import Execution
+from stancekit.runner.log import TOUCH_N
 from stancekit.runner.motion.stream import streamed
-from stancekit.runner.record import TOUCH_N
 
 from .camera import Camera, best_view
 from .film import film_frames

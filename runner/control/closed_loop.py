@@ -35,8 +35,8 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.patch import Solid
 
 from ..acceptance import Accepted
+from ..log import Record
 from ..prepared import Prepared, Resumption, Tracked
-from ..record import Record
 from ..run import Runner
 from ..worlds.world import State
 from .estimation import deviation_m, estimate_standing, measured_com_m

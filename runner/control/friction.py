@@ -25,7 +25,7 @@ from scipy.special import log_ndtr
 
 from stancekit.planners.files.arrays import Array
 
-from ..record import Record
+from ..log import Record
 
 BLOCK_S = 0.05
 """What a foot feels is looked at in blocks of this length."""

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
-from ..record import TOUCH_N, Record
+from ..log import TOUCH_N, Record
 from ..worlds.world import State
 from .tracker import Target
 

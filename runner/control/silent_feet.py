@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import TOUCH_N
+from ..log import TOUCH_N
 from ..worlds.world import State
 from .tracker import Target
 

@@ -25,8 +25,8 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.terrain.patch import Solid
 
+from ..log import Record
 from ..prepared import Tracked
-from ..record import Record
 from ..run import Runner
 from ..worlds.world import State
 from .estimation import measured_com_m, nearest_on

@@ -23,7 +23,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface
 
-from ..record import TOUCH_N
+from ..log import TOUCH_N
 from ..worlds.world import State
 from .tracker import Target
 

@@ -12,7 +12,7 @@ from stancekit.planners.motion.motion import Motion
 from stancekit.planners.robot.actuators import ActuatorModel
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
-from ..needs import JointNeeds
+from ..acceptance import JointNeeds
 from ..worlds.drives import Drives
 from .redundancy import RedundancyResolution
 

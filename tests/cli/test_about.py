@@ -10,7 +10,7 @@ from stancekit.cli.about import DOCUMENTED_S, About
 from stancekit.cli.main import run
 from stancekit.planners.equilibrium import yardstick
 from stancekit.planners.errors import install_command
-from stancekit.runner import computer
+from stancekit.runner import acceptance
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,9 +19,9 @@ def test_it_says_what_is_missing_and_the_command_for_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(yardstick, "yardstick", lambda: 2.0 * DOCUMENTED_S)
-    monkeypatch.setattr(computer, "extras", lambda: ["viz"])
+    monkeypatch.setattr(acceptance, "extras", lambda: ["viz"])
     monkeypatch.setattr(
-        computer, "versions", lambda extra: {"numpy": "2.0"} if extra is None else {"mcap": None}
+        acceptance, "versions", lambda extra: {"numpy": "2.0"} if extra is None else {"mcap": None}
     )
     assert run(About()) == 0
     said = capsys.readouterr().out

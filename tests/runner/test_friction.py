@@ -12,7 +12,7 @@ import pytest
 from stancekit.planners.files.arrays import Array
 from stancekit.runner.control.friction import FrictionEstimator, FrictionInterval
 from stancekit.runner.control.tracker import Target
-from stancekit.runner.record import Record
+from stancekit.runner.log import Record
 from stancekit.runner.worlds.world import State
 from tests.runner.at_rest import at_rest
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.robot.actuators import ActuatorModel
-from stancekit.runner.needs import JointNeeds, thermal_load
+from stancekit.runner.acceptance import JointNeeds, thermal_load
 
 SERVO = ActuatorModel(stall_nm=10.0, continuous_nm=2.0, no_load_rad_s=3.0, thermal_s=50.0)
 
