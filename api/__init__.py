@@ -79,7 +79,7 @@ if TYPE_CHECKING:
     from .planners.warp.conformal import MapFit as MapFit
     from .postures import robot as robot
     from .postures import solve as solve
-    from .runner.control.loop_report import LoopReport as LoopReport
+    from .runner.control.closed_loop import LoopReport as LoopReport
     from .runner.report import RunReport as RunReport
     from .runner.settings import RunSettings as RunSettings
     from .samples import sample as sample

@@ -21,9 +21,8 @@ from stancekit.planners.problem.leap import is_leap_file
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.verify.geometry import LEAST_PUSH
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.closed_loop import ClosedLoop
-from stancekit.runner.control.loop_report import LoopReport
-from stancekit.runner.control.replanning import Policy
+from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
+from stancekit.runner.control.envelope_choice import Policy
 from stancekit.runner.log import Log, McapLog
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner

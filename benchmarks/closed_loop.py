@@ -53,8 +53,7 @@ from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve,
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.closed_loop import ClosedLoop
-from stancekit.runner.control.loop_report import LoopReport
+from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
 from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world

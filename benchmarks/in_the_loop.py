@@ -49,8 +49,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.runner.control.closed_loop import ClosedLoop
-from stancekit.runner.control.envelope_choice import SelectorPolicy
-from stancekit.runner.control.replanning import Observation
+from stancekit.runner.control.envelope_choice import Observation, SelectorPolicy
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world
 

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from stancekit.planners.problem import Problem
     from stancekit.planners.robot.actuators import Actuators
     from stancekit.runner.acceptance import Accepted
+    from stancekit.runner.control.closed_loop import LoopReport
     from stancekit.runner.control.envelope_choice import SelectorPolicy
-    from stancekit.runner.control.loop_report import LoopReport
     from stancekit.runner.report import RunReport
     from stancekit.runner.safety.ending import Ended
     from stancekit.runner.safety.latch import Source

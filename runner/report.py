@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from .acceptance import JointNeeds, load
+from .control.estimation import odometry_error_m
 from .control.friction import FrictionInterval, estimated
-from .control.leg_odometry import odometry_error_m
 from .execution import Execution
 from .log import Record
 from .prepared import BodyFrom, PlannedMotion, Prepared, body_from

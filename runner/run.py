@@ -30,8 +30,8 @@ from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 
 from .acceptance import Accepted
-from .control.leg_odometry import LegOdometry
-from .control.silent_feet import SilentFeet
+from .control.estimation import LegOdometry
+from .control.friction import SilentFeet
 from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, Record, state_json
 from .motion.soft_start import rise_m, soft_motion, soft_start

@@ -14,9 +14,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,15 +38,69 @@ from ..acceptance import Accepted
 from ..log import Record
 from ..prepared import Prepared, Resumption, Tracked
 from ..run import Runner
+from ..safety.ending import Ended
 from ..worlds.world import State
+from .envelope_choice import Policy, Replanner
 from .estimation import deviation_m, estimate_standing, measured_com_m
-from .friction import FrictionEstimator
-from .loop_report import LoopReport
+from .friction import FrictionEstimator, FrictionInterval
 from .loop_settings import LoopSettings
-from .replanning import Policy, Replanner
 from .slip_recovery import Shares, SlipDetector, SlipRecovery
 from .surfaces import EmptyStep, found_offsets, without
 from .tracker import Target, Tracker
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopReport:
+    """Report on the run of a policy.
+
+    Arguments:
+        succeeded: to its end, with the centre of mass where it should be.
+        message: why not.
+        ended: how the robot was left.
+        plans: made and run.
+        replans: of these, because of a deviation.
+        frames: key frames reached, of all but the first.
+        friction: as feet felt it.
+        planned_share: of the course's friction, that the last plan counts on.
+        surfaces: what feet found otherwise than planned, empty for nothing.
+        com_final_m: distance of the centre of mass from the last plan's end [m].
+        deviation_m: farthest that body or feet were off the plan [m].
+        seconds: of motion [s].
+        plan_s: spent on planning [s].
+        wall_s: by the clock [s].
+    Source:
+        None: planned against measured.
+
+    Example:
+        >>> import stancekit
+        >>> report = stancekit.run("walls", policy="lift")  # doctest: +SKIP
+        >>> stancekit.LoopReport.__name__
+        'LoopReport'
+    """
+
+    succeeded: bool
+    message: str
+    ended: Ended
+    plans: int
+    replans: int
+    frames: int
+    friction: FrictionInterval
+    planned_share: float
+    surfaces: str
+    com_final_m: float
+    deviation_m: float
+    seconds: float
+    plan_s: float
+    wall_s: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as JSON-ready values; a number that is not finite becomes None."""
+        numbers = {
+            n: None if isinstance(v, float) and not np.isfinite(v) else v
+            for n, v in self.__dict__.items()
+        }
+        return numbers | {"ended": self.ended.to_json(), "friction": self.friction.to_json()}
+
 
 Answer = TypeVar("Answer")
 

@@ -17,9 +17,9 @@ from stancekit.motions import policy_of
 from stancekit.planners.formats.plan_file import write_boxes
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
+from stancekit.runner.control.closed_loop import LoopReport
+from stancekit.runner.control.envelope_choice import Observation
 from stancekit.runner.control.friction import FrictionInterval
-from stancekit.runner.control.loop_report import LoopReport
-from stancekit.runner.control.replanning import Observation
 from stancekit.runner.safety.ending import Ended
 from tests.refusals import refuses
 

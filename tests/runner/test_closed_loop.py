@@ -21,11 +21,10 @@ from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.runner.control.closed_loop import ClosedLoop
+from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
+from stancekit.runner.control.envelope_choice import Observation
 from stancekit.runner.control.estimation import nearest_on
-from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.control.loop_settings import LoopSettings
-from stancekit.runner.control.replanning import Observation
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world

@@ -18,12 +18,12 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.envelope_choice import (
     EnvelopeOrLift,
+    Observation,
     SelectorPolicy,
     about,
     chosen,
     triangular,
 )
-from stancekit.runner.control.replanning import Observation
 from tests.refusals import refuses
 
 LEARNED = expert_envelopes("wall")

@@ -20,7 +20,7 @@ from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.leg_odometry import leg_odometry, odometry_error_m
+from stancekit.runner.control.estimation import leg_odometry, odometry_error_m
 from stancekit.runner.log import Record
 from stancekit.runner.motion.time_parametrization import joint_profile
 from stancekit.runner.report import RunReport

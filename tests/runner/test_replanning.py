@@ -19,8 +19,8 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.runner.control.envelope_choice import Replanner
 from stancekit.runner.control.loop_settings import LoopSettings
-from stancekit.runner.control.replanning import Replanner
 from stancekit.runner.settings import RunSettings
 from tests.refusals import refuses
 

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-from stancekit.runner.control.silent_feet import SILENT_S, SilentFeet
+from stancekit.runner.control.friction import SILENT_S, SilentFeet
 from tests.runner.test_friction import PERIOD_S, felt
 
 PERIODS = round(SILENT_S / PERIOD_S)

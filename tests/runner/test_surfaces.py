@@ -22,8 +22,7 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.polygon import Surface
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.closed_loop import ClosedLoop
-from stancekit.runner.control.loop_report import LoopReport
+from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
 from stancekit.runner.control.surfaces import MISSING_M, EmptyStep, found_offsets, without
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings

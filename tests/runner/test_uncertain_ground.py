@@ -22,7 +22,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.certainty import Certainty
 from stancekit.runner.control.foot_placement import GIVES_M, ContactFeedback, FootPlacement
-from stancekit.runner.control.silent_feet import SILENT_S, SilentFeet
+from stancekit.runner.control.friction import SILENT_S, SilentFeet
 from stancekit.runner.execution import _not_found
 from stancekit.runner.motion.soft_start import rise_m
 from stancekit.runner.run import simulate
