@@ -151,8 +151,7 @@ def _check_motion(
     from stancekit.planners.formats.motion_file import FileCheck, read_motion
     from stancekit.planners.physics import GRAVITY_M_S2
     from stancekit.planners.verify.motions import check_motion
-    from stancekit.runner.export.mjcf import read_keys
-    from stancekit.runner.export.moved import scene_of
+    from stancekit.runner.export.formats import read_keys, scene_of
 
     if (terrain is None) == (course is None):
         surplus = "neither" if terrain is None else "both"

@@ -21,8 +21,7 @@ from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_json, read_text, shown
 from stancekit.planners.files.writing import alone_in, check_writable, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
-from stancekit.runner.export.formats import FORMATS, beside, moved_of
-from stancekit.runner.export.moved import Subject
+from stancekit.runner.export.formats import FORMATS, Subject, beside, moved_of
 from stancekit.runner.motion.time_parametrization import RATE_HZ
 
 from .walks import walk

@@ -32,8 +32,7 @@ from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.report import Report
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.verify.motions import check_motion, nearest
-from stancekit.runner.export.formats import FORMATS, moved_of
-from stancekit.runner.export.moved import scene_of
+from stancekit.runner.export.formats import FORMATS, moved_of, scene_of
 from stancekit.runner.worlds.world import Terrain
 
 SLIP_M, DEEP_M, BEYOND_RAD, BESIDE_M = 0.04, 0.03, 0.05, 0.06

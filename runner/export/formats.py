@@ -2,22 +2,263 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.plan import LeapPlan, MotionTable, Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import checked
+from stancekit.planners.files.arrays import Array, checked
 from stancekit.planners.files.writing import check_writable, replaced, write_bytes
 from stancekit.planners.formats.motion_file import csv_of, joint_trajectory_bytes, npz_of
 from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Motion, table_of
 from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.physics import GRAVITY_M_S2
+from stancekit.planners.robot.legged import walking_robot
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
 
 from ..motion.stream import joint_motion
 from ..motion.time_parametrization import RATE_HZ
-from .moved import Moved, Subject, scene_of
+from ..worlds.mujoco import MujocoWorld, mujoco_module
+from ..worlds.simulated_body import SimulatedBody
+from ..worlds.world import Ground, Terrain
+
+Subject = Plan | Trajectory | LeapPlan | Crossing
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moved:
+    """A motion on its way out: its table, who moves, over what, and at which moments key frames are
+    reached [s].
+
+    Arguments:
+        without: why there are no joints, empty where there are.
+    """
+
+    table: MotionTable
+    robot: Robot | None
+    terrain: Terrain
+    gravity_m_s2: float
+    keys_s: tuple[float, ...] = ()
+    without: str = ""
+
+
+def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
+    """Robot that moves, the names of its limbs, the terrain, and the mass of all."""
+    match subject:
+        case Plan():
+            course = subject.problem
+            chosen = tuple(course.patch(p, subject.choice) for p in range(len(course.footholds)))
+            return (
+                course.robot,
+                course.robot.limb_names,
+                course.terrain or chosen,
+                course.gravity_m_s2,
+            )
+        case Trajectory():
+            ground = Ground(heights=subject.terrain, friction=subject.friction)
+            try:
+                robot: Robot | None = walking_robot(subject.robot)
+            except InvalidInput:
+                robot = None
+            return robot, subject.robot.limb_names, ground, GRAVITY_M_S2
+        case LeapPlan():
+            leap = subject.problem
+            patches = tuple(leap.patch(j, subject.choice) for j in range(len(leap.footholds)))
+            return leap.robot, leap.robot.limb_names, patches, GRAVITY_M_S2
+        case Crossing():
+            return (
+                subject.robot,
+                subject.robot.limb_names,
+                subject.terrain,
+                subject.first.gravity_m_s2,
+            )
+
+
+def mjcf_of(moved: Moved) -> str:
+    """The file's text.
+
+    Raises InvalidInput without MuJoCo, and for a robot that it cannot hold.
+    """
+    assert moved.robot is not None
+    world = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2)
+    spec = world.scene(moved.terrain)
+    _embed(spec, world.body)
+    model = spec.compile()
+    spec.modelname = moved.robot.name
+    qpos, qvel = states(model, moved.table, world.body.base)
+    stiffness, damping = world.drives.stiffness_nm_rad, world.drives.damping_nms_rad
+    table = moved.table
+    assert table.angles_rad is not None
+    assert table.rates_rad_s is not None
+    assert table.torques_nm is not None
+    targets = table.angles_rad + (table.torques_nm + damping * table.rates_rad_s) / stiffness
+    names = _key_names(table.time_s, moved.keys_s)
+    keys = zip(
+        names, table.time_s.tolist(), qpos.tolist(), qvel.tolist(), targets.tolist(), strict=True
+    )
+    lines = [
+        f'    <key name="{name}" time="{time_s!r}" qpos="{_text(q)}" qvel="{_text(v)}" ctrl="{_text(target)}"/>'
+        for name, time_s, q, v, target in keys
+    ]
+    head, end, _ = str(spec.to_xml()).rpartition("</mujoco>")
+    return "\n".join([f"{head}  <keyframe>", *lines, "  </keyframe>", f"{end}\n"])
+
+
+def _text(numbers: list[float]) -> str:
+    """Numbers to the last bit; MuJoCo's own writer keeps six digits."""
+    return " ".join(map(repr, numbers))
+
+
+def _key_names(times_s: Array, keys_s: tuple[float, ...]) -> list[str]:
+    """Name of each row: by its number, and those at which a plan's key frame is reached by that,
+    too.
+    """
+    names = [f"row {k}" for k in range(len(times_s))]
+    for frame, time_s in enumerate(keys_s):
+        names[int(np.abs(times_s - time_s).argmin())] += f", frame {frame}"
+    return names
+
+
+def states(model: Any, table: MotionTable, base: str) -> tuple[Array, Array]:
+    """qpos and qvel of every row, shape (T, nq), (T, nv): turning velocities of the base are in its
+    own frame.
+    """
+    known = table.known()
+    if not {"angles_rad", "rates_rad_s", "origin_m"} <= set(known):
+        raise InvalidInput("motion: expected joints and the body's place, got none")
+    rows = len(table.time_s)
+    qpos, qvel = np.tile(model.qpos0, (rows, 1)), np.zeros((rows, model.nv))
+    root = int(model.body(base).jntadr[0])
+    at, speed = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
+    qpos[:, at : at + 7] = np.concatenate([known["origin_m"], known["quaternion"]], axis=1)
+    qvel[:, speed : speed + 3] = np.gradient(known["origin_m"], table.time_s, axis=0)
+    qvel[:, speed + 3 : speed + 6] = np.einsum("tji,tj->ti", table.rotation, known["turning_rad_s"])
+    for k, name in enumerate(table.joints):
+        joint = model.joint(name)
+        qpos[:, int(joint.qposadr[0])] = known["angles_rad"][:, k]
+        qvel[:, int(joint.dofadr[0])] = known["rates_rad_s"][:, k]
+    return qpos, qvel
+
+
+def _embed(spec: Any, body: SimulatedBody) -> None:
+    """Put the shapes of the robot's hulls into the file in place of the names of theirs."""
+    for mesh in spec.meshes:
+        content = body.hulls.get(mesh.file)
+        if content is not None:
+            lines = [line.split() for line in content.decode().splitlines()]
+            mesh.uservert = [float(x) for line in lines if line[0] == "v" for x in line[1:]]
+            mesh.file = ""
+
+
+def read_keys(path: Path) -> MotionTable:
+    """The key frames of an MJCF file as a motion, by their times: joints and body, and nothing of
+    contacts and forces.
+
+    The body is what the first free joint moves. Raises InvalidInput for a file that MuJoCo does not
+    read, without key frames, or without a free joint.
+    """
+    mujoco = mujoco_module()
+    if not path.is_file():
+        raise InvalidInput(f"{path}: expected a file, found nothing there")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InvalidInput(
+            f"{path}: expected MuJoCo's MJCF: {' '.join(str(error).split())[:200]}"
+        ) from None
+    if model.nkey < 2:
+        raise InvalidInput(f"{path}: expected two key frames or more, got {model.nkey}")
+    free = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]
+    if not free:
+        raise InvalidInput(f"{path}: expected a body with a free joint, got none")
+    order = np.argsort(model.key_time, kind="stable")
+    qpos, qvel, times = model.key_qpos[order], model.key_qvel[order], model.key_time[order]
+    turning = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    joints = [i for i in range(model.njnt) if int(model.jnt_type[i]) in turning]
+    at = int(model.jnt_qposadr[free[0]])
+    try:
+        return MotionTable(
+            joints=tuple(model.joint(i).name for i in joints),
+            limbs=(),
+            time_s=times,
+            angles_rad=qpos[:, model.jnt_qposadr[joints]],
+            rates_rad_s=qvel[:, model.jnt_dofadr[joints]] if qvel.any() else None,
+            origin_m=qpos[:, at : at + 3],
+            quaternion=qpos[:, at + 3 : at + 7],
+            source=str(path),
+        )
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+
+
+def _reference_of(moved: Moved) -> dict[str, Any]:
+    """The arrays by name.
+
+    Raises InvalidInput without MuJoCo.
+    """
+    assert moved.robot is not None
+    mujoco, table = mujoco_module(), moved.table
+    world = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2)
+    model = world.scene(moved.terrain).compile()
+    data = mujoco.MjData(model)
+    qpos, qvel = states(model, table, world.body.base)
+    bodies = range(1, model.nbody)
+    place, turn = np.zeros((len(qpos), len(bodies), 3)), np.zeros((len(qpos), len(bodies), 4))
+    moving, turning = np.zeros_like(place), np.zeros_like(place)
+    velocity = np.zeros(6)
+    for row, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        place[row], turn[row] = data.xpos[1:], data.xquat[1:]
+        for k, body in enumerate(bodies):
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
+            turning[row, k], moving[row, k] = velocity[:3], velocity[3:]
+    hinges = [i for i in range(model.njnt) if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE]
+    names = [model.joint(i).name for i in hinges]
+    order = [table.joints.index(name) for name in names]
+    known = table.known()
+    fps = (
+        round(table.rate_hz) if abs(table.rate_hz - round(table.rate_hz)) < 1e-6 else table.rate_hz
+    )
+    arrays: dict[str, Array] = {
+        "joint_pos": known["angles_rad"][:, order],
+        "joint_vel": known["rates_rad_s"][:, order],
+        "body_pos_w": place,
+        "body_quat_w": turn,
+        "body_lin_vel_w": moving,
+        "body_ang_vel_w": turning,
+        "tau": known["torques_nm"][:, order],
+        "contact": known["contact"],
+        "force": known["forces_n"],
+    }
+    words = {
+        "joint_names": names,
+        "body_names": [model.body(body).name for body in bodies],
+        "limb_names": table.limbs,
+    }
+    return {
+        "fps": np.array([fps]),
+        **arrays,
+        **{name: np.array(word) for name, word in words.items()},
+    }
+
+
+def reference_bytes(moved: Moved) -> bytes:
+    """The file's content."""
+    held = io.BytesIO()
+    np.savez(held, **_reference_of(moved))
+    return held.getvalue()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,13 +271,11 @@ class Format:
 
 
 def _reference(moved: Moved, path: Path) -> None:
-    from .reference import reference_bytes
 
     write_bytes(path, reference_bytes(moved))
 
 
 def _mujoco(moved: Moved, path: Path) -> None:
-    from .mjcf import mjcf_of
 
     write_bytes(path, mjcf_of(moved).encode())
 

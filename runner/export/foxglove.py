@@ -19,7 +19,7 @@ from stancekit.planners.errors import not_installed
 from stancekit.planners.files.arrays import Array
 
 if TYPE_CHECKING:
-    from .moved import Moved
+    from .formats import Moved
 
 NANO = 1_000_000_000
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -21,8 +21,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify.motions import check_motion, nearest
-from stancekit.runner.export.formats import moved_of
-from stancekit.runner.export.moved import Moved
+from stancekit.runner.export.formats import Moved, moved_of
 from tests.refusals import assert_names, refuses
 
 
