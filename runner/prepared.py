@@ -28,9 +28,7 @@ from .execution import Execution
 from .log import Record
 from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
-from .motion.other_forces import LoadTransfer, MeanForces
-from .motion.redundancy import RedundancyResolution, resolved
-from .motion.stream import timed_gait, timed_plan, unhurried_plan
+from .motion.redundancy import LoadTransfer, MeanForces, RedundancyResolution, resolved
 from .motion.time_parametrization import (
     BLIND,
     LIMIT_SHARE,
@@ -39,6 +37,9 @@ from .motion.time_parametrization import (
     JointProfile,
     TimedMotion,
     expected,
+    timed_gait,
+    timed_plan,
+    unhurried_plan,
 )
 from .safety.guard import SafeWorld
 from .settings import RunSettings

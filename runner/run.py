@@ -34,7 +34,7 @@ from .control.estimation import LegOdometry
 from .control.friction import SilentFeet
 from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, Record, state_json
-from .motion.soft_start import rise_m, soft_motion, soft_start
+from .motion.time_parametrization import rise_m, soft_motion, soft_start
 from .prepared import (
     PlannedMotion,
     Prepared,

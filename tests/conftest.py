@@ -249,9 +249,13 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
     """
     from stancekit.planners.motion.plan_motion import PlanMotion
     from stancekit.runner import prepared
-    from stancekit.runner.motion import stream
+    from stancekit.runner.motion import time_parametrization
 
-    resolve, parametrize, collide = stream.resolved, stream.parametrize, prepared.motion_bodies
+    resolve, parametrize, collide = (
+        time_parametrization.resolved,
+        time_parametrization.parametrize,
+        prepared.motion_bodies,
+    )
 
     def body(kinematics: Any) -> tuple[Any, ...]:
         return kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, kinematics.near_rad
@@ -286,8 +290,8 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
         return once(collide, key, plan, targets, kinematics)
 
     for module, name, kept in (
-        (stream, "resolved", postures),
-        (stream, "parametrize", paced),
+        (time_parametrization, "resolved", postures),
+        (time_parametrization, "parametrize", paced),
         (prepared, "motion_bodies", collision),
     ):
         monkeypatch.setattr(module, name, kept)

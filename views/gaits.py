@@ -26,7 +26,7 @@ from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.runner.execution import Execution
 from stancekit.runner.log import TOUCH_N
-from stancekit.runner.motion.stream import streamed
+from stancekit.runner.motion.time_parametrization import streamed
 
 from .camera import Camera, best_view
 from .film import film_frames

@@ -20,7 +20,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.patch import contact_frames
 from stancekit.runner.execution import Execution
-from stancekit.runner.motion.stream import streamed
+from stancekit.runner.motion.time_parametrization import streamed
 
 from .camera import Camera, best_view
 from .legend import Entry, draw_legend, force_entry

@@ -21,8 +21,7 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.verify.margins import support_region
 from stancekit.runner.execution import Execution
 from stancekit.runner.log import Trace
-from stancekit.runner.motion.stream import streamed
-from stancekit.runner.motion.time_parametrization import RATE_HZ
+from stancekit.runner.motion.time_parametrization import RATE_HZ, streamed
 
 from .camera import Camera, best_view
 from .legend import Entry, draw_legend, force_entry

@@ -25,8 +25,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
 
-from ..motion.stream import joint_motion
-from ..motion.time_parametrization import RATE_HZ
+from ..motion.time_parametrization import RATE_HZ, joint_motion
 from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulated_body import SimulatedBody
 from ..worlds.world import Ground, Terrain

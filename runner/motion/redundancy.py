@@ -11,8 +11,10 @@ chosen anew, between the postures that the plan has at both its ends.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from itertools import pairwise
 from typing import Self
 
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
-from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.motion.motion import Motion, Samples, smooth
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import JOINTS
 from stancekit.planners.robot.chain import rotation_of
@@ -29,6 +31,79 @@ from stancekit.planners.robot.drawn_legs import link_lengths, outward_rad
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg_ik import NEAR, clearance_of, posture_cost
 from stancekit.planners.terrain.patch import Solid
+
+MIDDLES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Places in a control period at which forces are looked at, as shares of it before its end."""
+
+
+class LoadTransfer:
+    """A motion that begins at rest, taken up by a robot whose feet carry other forces.
+
+    Their load moves evenly from the feet that carry it now to those that shall: both sets of forces
+    balance the same posture and are within cones, and so is everything between them.
+
+    Arguments:
+        forces_n: those of now, shape (N, 3) [N]; 0 of a robot that hangs in a stand.
+        within_s: how long that takes [s], no longer than the motion is at rest; infinite for a
+            robot that never carries itself.
+    """
+
+    def __init__(
+        self, motion: Motion, forces_n: Array | float = 0.0, within_s: float = math.inf
+    ) -> None:
+        self._motion, self.solids = motion, motion.solids
+        self._forces, self._within_s = np.asarray(forces_n), within_s
+
+    @property
+    def duration_s(self) -> float:
+        """Duration [s]."""
+        return self._motion.duration_s
+
+    @property
+    def knots_s(self) -> Array:
+        """Times of the knots, as in ``Motion`` [s]."""
+        return self._motion.knots_s
+
+    def at(self, times_s: float | Array) -> Samples:
+        """Sample that should be reached at a time; the ends are held."""
+        sample = self._motion.at(times_s)
+        part = smooth(np.clip(np.asarray(times_s) / self._within_s, 0.0, 1.0))[..., None, None]
+        mixed = self._forces + part * (sample.forces_n - self._forces)
+        return replace(sample, forces_n=np.where(part < 1.0, mixed, sample.forces_n))
+
+
+class MeanForces:
+    """A dynamic motion whose forces are, at every time, their means over the control period that
+    ends then, as a tracker commands them: feet lift and land within periods, and at full force. One
+    that carries during any part of a period stands in it.
+
+    Arguments:
+        period_s: of control [s].
+    """
+
+    def __init__(self, motion: Motion, period_s: float) -> None:
+        self._motion, self._period_s, self.solids = motion, period_s, motion.solids
+
+    @property
+    def duration_s(self) -> float:
+        """Duration [s]."""
+        return self._motion.duration_s
+
+    @property
+    def knots_s(self) -> Array:
+        """Times of the knots, as in ``Motion`` [s]."""
+        return self._motion.knots_s
+
+    def at(self, times_s: float | Array) -> Samples:
+        """Sample that should be reached at a time; the ends are held."""
+        sample = self._motion.at(times_s)
+        forces, foothold = np.zeros_like(sample.forces_n), np.array(sample.foothold)
+        for share in MIDDLES:
+            within = self._motion.at(np.asarray(times_s) - share * self._period_s)
+            forces += within.forces_n / len(MIDDLES)
+            foothold = np.where(foothold < 0, within.foothold, foothold)
+        return replace(sample, forces_n=forces, foothold=foothold)
+
 
 ROUGH = 10
 """The shift of the centre of mass, which depends on the postures, is looked at at every tenth

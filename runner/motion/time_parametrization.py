@@ -9,29 +9,139 @@ second profile checks it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion, feet_motion, plans_of
 from stancekit.planners.motion.joints import STRAY_M
+from stancekit.planners.motion.leap_motion import LeapRun
 from stancekit.planners.motion.motion import Motion, Samples, between, stacked
 from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
+from stancekit.planners.physics import GRAVITY_M_S2
+from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.chain import continued
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.terrain.patch import Solid
 
 from ..control.foot_placement import ContactFeedback
 from ..control.tracker import Target, Tracker
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
+from ..worlds.world import Ground, Solids, Terrain
 from .actuator_limits import check_actuators
 from .redundancy import RedundancyResolution, resolved
+
+SLACK_M = 0.006
+"""So deep a foot may be in a surface on the path: what it stands on, and what it is off by, is no
+collision."""
+TOUCHING_M, RISES = 0.001, 40
+"""A foot that is no deeper in the terrain touches it; and how often a robot is put higher."""
+LEVEL = 0.5
+"""Upward part of the normal of a surface that a robot is put higher for; none is lifted out of a wall."""
+SAMPLES = 40
+STILL_RAD = 1e-4
+PEAK = 1.875
+"""Greatest velocity of a quintic from 0 to 1 in unit time."""
+
+
+def soft_motion(
+    start_rad: Array, goal_rad: Array, speed_rad_s: float, rate_hz: float
+) -> Iterator[Array]:
+    """Joint angles from start to goal, no joint faster than this, at rest at both ends, shape (J,)
+    each.
+    """
+    change = np.asarray(goal_rad) - start_rad
+    longest = float(np.abs(change).max())
+    if longest <= STILL_RAD:
+        return
+    periods = max(1, int(np.ceil(PEAK * longest / speed_rad_s * rate_hz)))
+    for k in range(1, periods + 1):
+        s = k / periods
+        yield start_rad + s * s * s * (10.0 - 15.0 * s + 6.0 * s * s) * change
+
+
+def soft_start(
+    kinematics: Kinematics,
+    solids: Solids,
+    pose: tuple[Array, Array],
+    measured_rad: Array,
+    first_rad: Array,
+    normals: Array,
+    clearance_m: float,
+) -> list[Array]:
+    """The joint angles to go to, one after the other, the last ``first_rad``.
+
+    Arguments:
+        pose: position, shape (3,) [m], and rotation of the body, shape (3, 3).
+        normals: of the surfaces that the feet stand on, shape (N, 3). Goes straight where no foot
+            enters a surface; else over a pose whose feet are off by clearance_m.
+
+    Raises:
+        InvalidInput: with the limb's name where both paths are blocked.
+    """
+    depth, limb = _deepest(kinematics, solids, pose, [measured_rad, first_rad])
+    if depth <= SLACK_M:
+        return [first_rad]
+    above = kinematics.feet(first_rad) + clearance_m * normals @ pose[1]
+    off, _ = kinematics.reach(above, first_rad, first_rad)
+    around, _ = _deepest(kinematics, solids, pose, [measured_rad, off, first_rad])
+    if around <= SLACK_M:
+        return [off, first_rad]
+    raise InvalidInput(
+        f"soft start: limb {limb}: its foot would go {1e3 * depth:.0f} mm into a surface on the "
+        "way from the measured "
+        "pose to the first one: bring the robot closer to it, or check its calibration"
+    )
+
+
+def rise_m(terrain: Terrain, feet_m: Array, radii_m: Array) -> float:
+    """Height by which a robot has to be put higher for no foot to be in the terrain [m].
+
+    Arguments:
+        feet_m: centres of the feet, shape (N, 3).
+        radii_m: of the feet, shape (N,).
+    """
+    solids: Solids = (
+        (terrain,)
+        if isinstance(terrain, Ground)
+        else [each.solid for each in terrain if each.normal[2] > LEVEL]
+    )
+    rise = 0.0
+    for _ in range(RISES if solids else 0):
+        feet = feet_m + np.array([0.0, 0.0, rise])
+        deepest = max(float((radii_m - solid.distance(feet)).max()) for solid in solids)
+        if deepest <= TOUCHING_M:
+            return rise
+        rise += deepest
+    return 0.0
+
+
+def _deepest(
+    kinematics: Kinematics, solids: Solids, pose: tuple[Array, Array], path: Sequence[Array]
+) -> tuple[float, str]:
+    """Largest depth of feet in surfaces, and the foot [m]; negative where all are outside."""
+    position, rotation = pose
+    worst = np.full(len(kinematics.robot.limbs), -np.inf)
+    for start, goal in pairwise(path):
+        for s in np.linspace(0.0, 1.0, SAMPLES):
+            feet = position + kinematics.feet(start + s * (goal - start)) @ rotation.T
+            for solid in solids:
+                worst = np.maximum(worst, kinematics.radii_m - solid.distance(feet))
+    index = int(np.argmax(worst))
+    return float(worst[index]), kinematics.robot.limb_names[index]
+
 
 ACCELERATION_RAD_S2 = 120.0
 LIMIT_SHARE = 0.9
@@ -391,3 +501,203 @@ def check_static(
             f"{beyond[row, joint]:.3g} rad "
             "beyond its limit"
         )
+
+
+log = logging.getLogger(__name__)
+M = TypeVar("M", PlanMotion, GaitMotion, LeapRun, CrossingMotion)
+JointMotion = (
+    TimedMotion[PlanMotion]
+    | TimedMotion[GaitMotion]
+    | TimedMotion[LeapRun]
+    | TimedMotion[CrossingMotion]
+)
+
+
+def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Motion:
+    """The motion of a plan, a walk, a leap or a crossing as ``run`` streams it where nothing disturbs it, ``RATE_HZ``
+    rows per second.
+
+    Of body and feet alone, on the same path and timed by the same rule, where joints are not known
+    or ``run`` would refuse them. The robot's own drives are taken.
+    """
+    try:
+        return joint_motion(subject)
+    except InvalidInput as error:
+        log.info("the motion is shown without its joints: %s", error)
+    return feet_motion(subject)
+
+
+def joint_motion(
+    subject: Plan | Trajectory | LeapPlan | Crossing, rate_hz: float = RATE_HZ
+) -> JointMotion:
+    """The motion of a plan, a walk, a leap or a crossing with its joints, as ``run`` streams it, so
+    many rows per second.
+
+    Raises InvalidInput where joints are not known or ``run`` would refuse them.
+    """
+    match subject:
+        case Plan():
+            kinematics = Kinematics(
+                subject.problem.robot, gravity_m_s2=subject.problem.gravity_m_s2
+            )
+            drives, can = _of_file(kinematics)
+            motion, wished = unhurried_plan(subject, kinematics, can)
+            timed = timed_plan(motion, wished, kinematics, can, drives)
+            return _at_rate(timed, kinematics, drives, rate_hz, balanced=False)
+        case Trajectory():
+            robot = walking_robot(subject.robot)
+            kinematics = Kinematics(robot, gravity_m_s2=GRAVITY_M_S2)
+            drives, can = _of_file(kinematics)
+            walk = GaitMotion(subject, robot.source.foot_radii_m)
+            walked = timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
+            return _at_rate(walked, kinematics, drives, rate_hz, balanced=True)
+        case Crossing():
+            kinematics = Kinematics(subject.robot, gravity_m_s2=subject.first.gravity_m_s2)
+            drives, can = _of_file(kinematics)
+            climbs = []
+            for plan in plans_of(subject):
+                motion, wished = unhurried_plan(plan, kinematics, can)
+                climbs.append(timed_plan(motion, wished, kinematics, can, drives).motion)
+            return _timed(CrossingMotion(subject, climbs), kinematics, drives, can, rate_hz)
+        case LeapPlan():
+            if not subject.problem.robot.source.own:
+                raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
+            kinematics = Kinematics(subject.problem.robot, gravity_m_s2=GRAVITY_M_S2)
+            drives, can = _of_file(kinematics)
+            return _timed(LeapRun(subject), kinematics, drives, can, rate_hz)
+
+
+L = TypeVar("L", LeapRun, CrossingMotion)
+
+
+def _timed(
+    motion: L, kinematics: Kinematics, drives: Drives, can: WorldCapabilities, rate_hz: float
+) -> TimedMotion[L]:
+    """A motion that was judged with its joints, and runs at its own pace."""
+    profile = joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives)
+    most = _most(kinematics)
+    uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
+    velocity, acceleration, torque = (
+        uses[name][0] for name in ("velocity", "acceleration", "torque")
+    )
+    return TimedMotion(
+        motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque
+    )
+
+
+def _at_rate(
+    timed: TimedMotion[M], kinematics: Kinematics, drives: Drives, rate_hz: float, *, balanced: bool
+) -> TimedMotion[M]:
+    """Convert a motion to this number of rows per second.
+
+    Arguments:
+        balanced: as of ``joint_profile``.
+    """
+    if rate_hz == RATE_HZ:
+        return timed
+    wished = timed.profile.wished
+    profile = joint_profile(
+        timed.motion, kinematics, rate_hz, balanced=balanced, drives=drives, wished=wished
+    )
+    return replace(timed, profile=profile)
+
+
+def unhurried_plan(
+    plan: Plan,
+    kinematics: Kinematics,
+    can: WorldCapabilities,
+    timing: Timing = Timing(),
+    *,
+    shared: bool = True,
+) -> tuple[PlanMotion, RedundancyResolution]:
+    """A plan's motion whose phases last as long as joints need, and the postures that joints are
+    drawn to.
+
+    Arguments:
+        shared: forces are shared anew among the limbs of every stance, with a reserve of friction.
+
+    Raises:
+        InvalidInput: where all limbs lift at once.
+    """
+    forces_n = distribute_forces(plan, kinematics) if shared else None
+    standing_n = standing_forces(plan, kinematics) if shared else None
+    motion = PlanMotion(plan, timing, forces_n, standing_n=standing_n)
+    wished = resolved(motion, kinematics)
+    longer = unhurried(motion, wished, can.velocity_rad_s, _most(kinematics))
+    motion = PlanMotion(plan, timing, forces_n, longer, standing_n)
+    return motion, wished.retimed(motion.knots_s)
+
+
+def timed_plan(
+    motion: PlanMotion,
+    wished: RedundancyResolution,
+    kinematics: Kinematics,
+    can: WorldCapabilities,
+    drives: Drives,
+    *,
+    hung: bool = False,
+) -> TimedMotion[PlanMotion]:
+    """A plan's motion slowed down to what joints can do.
+
+    Raises InvalidInput as ``parametrize`` does.
+    """
+    return parametrize(
+        motion.plan,
+        kinematics,
+        can,
+        motion.timing,
+        forces_n=motion.forces_n,
+        hung=hung,
+        drives=drives,
+        longer=motion.longer,
+        standing_n=motion.standing_n,
+        wished=wished,
+    )
+
+
+def timed_gait(
+    motion: GaitMotion,
+    wished: RedundancyResolution,
+    kinematics: Kinematics,
+    can: WorldCapabilities,
+    drives: Drives,
+    *,
+    hung: bool = False,
+) -> TimedMotion[GaitMotion]:
+    """A gait's motion as it is planned.
+
+    Raises InvalidInput where joints cannot do it: it cannot be slowed down.
+
+    What a robot's own joints can accelerate follows from their torques; servos are given a limit of
+    their own.
+    """
+    profile = joint_profile(
+        motion, kinematics, hung=hung, balanced=True, drives=drives, wished=wished
+    )
+    check_static(profile, kinematics, can, LIMIT_SHARE, drives)
+    most = _most(kinematics)
+    uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
+    for name, (use, joint) in uses.items():
+        if use > 1.0:
+            raise InvalidInput(
+                f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that "
+                "it may have; a gait "
+                "runs as planned, or not at all: plan one that steps less high or less far"
+            )
+    velocity, acceleration, torque = (
+        uses[name][0] for name in ("velocity", "acceleration", "torque")
+    )
+    return TimedMotion(
+        motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque
+    )
+
+
+def _most(kinematics: Kinematics) -> float:
+    """The greatest acceleration of joints [rad/s²]."""
+    return ACCELERATION_RAD_S2 if kinematics.drawn else np.inf
+
+
+def _of_file(kinematics: Kinematics) -> tuple[Drives, WorldCapabilities]:
+    """The drives of a robot as its file says, and what they can do."""
+    drives = Drives.of(kinematics.robot, kinematics.servo, kinematics.model)
+    return drives, WorldCapabilities.of_drives(drives, RATE_HZ, senses=False)

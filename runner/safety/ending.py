@@ -15,7 +15,7 @@ from typing import Any, Literal
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 
-from ..motion.soft_start import soft_motion
+from ..motion.time_parametrization import soft_motion
 from ..worlds.world import Stoppable
 from .guard import SafeWorld
 from .latch import Stopped

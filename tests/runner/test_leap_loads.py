@@ -7,7 +7,7 @@ import pytest
 
 from stancekit.planners.formats.leap_file import read_leap
 from stancekit.planners.motion.leap_motion import LeapRun
-from stancekit.runner.motion.other_forces import MeanForces
+from stancekit.runner.motion.redundancy import MeanForces
 from stancekit.runner.worlds import make_world
 
 pytest.importorskip("pinocchio")

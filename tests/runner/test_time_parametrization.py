@@ -19,14 +19,16 @@ from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_
 from stancekit.planners.robot.legged import robot_of
 from stancekit.planners.robot.robot_file import Servo, hexapod_urdf
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.runner.motion.soft_start import PEAK, soft_motion, soft_start
 from stancekit.runner.motion.time_parametrization import (
     ACCELERATION_RAD_S2,
+    PEAK,
     RATE_HZ,
     JointProfile,
     expected,
     joint_profile,
     parametrize,
+    soft_motion,
+    soft_start,
 )
 from stancekit.runner.worlds.capabilities import WorldCapabilities
 from stancekit.runner.worlds.drives import Drives

@@ -24,7 +24,7 @@ from stancekit.planners.terrain.certainty import Certainty
 from stancekit.runner.control.foot_placement import GIVES_M, ContactFeedback, FootPlacement
 from stancekit.runner.control.friction import SILENT_S, SilentFeet
 from stancekit.runner.execution import _not_found
-from stancekit.runner.motion.soft_start import rise_m
+from stancekit.runner.motion.time_parametrization import rise_m
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from tests.refusals import assert_names

@@ -7,7 +7,7 @@ import stancekit
 from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.motion.leap_motion import LeapMotion
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.runner.motion.stream import joint_motion
+from stancekit.runner.motion.time_parametrization import joint_motion
 from stancekit.views.leaps import UNJUDGED, LeapView, draw_leap
 from stancekit.views.page import page
 from tests.refusals import refuses

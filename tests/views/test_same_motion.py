@@ -18,8 +18,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.problem.leap_classes import leap_from_keys
-from stancekit.runner.motion.stream import streamed
-from stancekit.runner.motion.time_parametrization import TimedMotion
+from stancekit.runner.motion.time_parametrization import TimedMotion, streamed
 from stancekit.views.gaits import GaitView
 from stancekit.views.plans import PlanView
 from tests.same_motion import compared

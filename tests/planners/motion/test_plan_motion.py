@@ -18,7 +18,7 @@ from stancekit.planners.search.pieces import with_pause
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.patch import Solid, Solids
-from stancekit.runner.motion.other_forces import LoadTransfer
+from stancekit.runner.motion.redundancy import LoadTransfer
 from tests.refusals import refuses
 
 

@@ -24,7 +24,7 @@ from stancekit.planners.formats.motion_file import csv_of, read_motion
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.runner.export.formats import FORMATS, Moved, beside, moved_of
-from stancekit.runner.motion.stream import streamed
+from stancekit.runner.motion.time_parametrization import streamed
 from tests.refusals import refuses
 
 
