@@ -17,7 +17,7 @@ from .prepared import BodyFrom, PlannedMotion, Prepared, body_from
 from .safety.ending import Ended
 from .safety.guard import SafeWorld
 from .settings import RunSettings
-from .worlds.replay import ReplayWorld
+from .worlds.hardware import ReplayWorld
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -27,7 +27,7 @@ from stancekit.planners.robot.robot_file import joint_names
 
 from ..motion.time_parametrization import RATE_HZ, joint_motion
 from ..worlds.mujoco import MujocoWorld, mujoco_module
-from ..worlds.simulated_body import SimulatedBody
+from ..worlds.simulation import SimulatedBody
 from ..worlds.world import Ground, Terrain
 
 Subject = Plan | Trajectory | LeapPlan | Crossing

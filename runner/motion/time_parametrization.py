@@ -37,9 +37,8 @@ from stancekit.planners.terrain.patch import Solid
 
 from ..control.foot_placement import ContactFeedback
 from ..control.tracker import Target, Tracker
-from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
-from ..worlds.world import Ground, Solids, Terrain
+from ..worlds.world import Ground, Solids, Terrain, WorldCapabilities
 from .actuator_limits import check_actuators
 from .redundancy import RedundancyResolution, resolved
 

@@ -21,11 +21,17 @@ from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
 
-from ..worlds.capabilities import WorldCapabilities
-from ..worlds.contract import check_state, check_world
 from ..worlds.drives import Drives
-from ..worlds.dry_run import NullWorld
-from ..worlds.world import Actuator, State, Terrain, World
+from ..worlds.hardware import NullWorld
+from ..worlds.world import (
+    Actuator,
+    State,
+    Terrain,
+    World,
+    WorldCapabilities,
+    check_state,
+    check_world,
+)
 from .heartbeat import HeartbeatMonitor
 from .latch import Source, StopLatch, Stopped
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .registry import (
+    from .world import (
         WORLDS,
         Imperfections,
         SoftContact,
@@ -39,6 +39,6 @@ if not TYPE_CHECKING:  # or a checker would take any name for one that there is
         """A name of ``__all__`` (PEP 562)."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from . import registry
+        from . import world
 
-        return getattr(registry, name)
+        return getattr(world, name)

@@ -12,9 +12,8 @@ import numpy as np
 from stancekit.planners.errors import not_installed
 from stancekit.planners.files.arrays import Array, cross
 
-from .contact import points
-from .simulated_body import simulated_body
-from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld
+from .settings import points
+from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, simulated_body
 from .world import Ground, State, Terrain
 
 

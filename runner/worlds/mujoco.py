@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from stancekit.planners.errors import not_installed
 from stancekit.planners.files.arrays import Array, cross
 
-from .contact import points
-from .simulated_body import simulated_body
-from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld
+from .settings import points
+from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, simulated_body
 from .world import Ground, State, Terrain
 
 CONTACT_S, CONTACT_DAMPING = 0.004, 1.0

@@ -6,8 +6,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections import deque
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Self
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -16,13 +21,265 @@ from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
+from stancekit.planners.robot.leg import Leg
+from stancekit.planners.robot.meshes import Shape
+from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, link_inertia
 from stancekit.planners.robot.robot_file import Servo
+from stancekit.planners.robot.robot_model import RobotModel
 
-from .capabilities import WorldCapabilities
-from .contact import SimulationSetup, SoftContact
 from .drives import Drives, Imperfections
-from .settings import WorldSettings
-from .world import LatchedWorld, State, Terrain, WorldKind
+from .settings import SimulationSetup, SoftContact, WorldSettings
+from .world import LatchedWorld, State, Terrain, WorldCapabilities, WorldKind
+
+SPECK = 1e-6
+"""Share of the robot's mass that a root without one gets: simulators take what weighs nothing for
+what never moves."""
+SPECK_M = 0.1
+"""Its radius of gyration."""
+LEAST = 1e-6
+"""Share of a link's largest principal moment: the smallest that it may have."""
+ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+NEAR = 2
+"""Joints between two links of a leg whose shapes, where no SRDF says anything of them, are taken to
+overlap."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SimulatedBody:
+    """Description of a body that a simulator loads.
+
+    Arguments:
+        urdf: text, of links with masses and convex shapes.
+        hulls: the contents of the OBJ files that it names.
+        base: the root link, whose pose is the body's.
+        joints: the legs', in the model's order.
+        feet: the links that are feet, and tips_m: their centres in them, shape (N, 3) [m].
+        apart: pairs of links that never collide with each other.
+        missing: meshes that are not there or cannot be read, which collide with nothing.
+    """
+
+    urdf: str
+    hulls: Mapping[str, bytes]
+    base: str
+    joints: tuple[str, ...]
+    feet: tuple[str, ...]
+    tips_m: Array
+    apart: tuple[tuple[str, str], ...]
+    missing: tuple[str, ...]
+
+
+def simulated_body(
+    model: RobotModel, *, mass_share: float = 1.0, rotors_kg_m2: Array | None = None
+) -> SimulatedBody:
+    """The body of a model.
+
+    Arguments:
+        mass_share: of all masses and inertias, for robots heavier than their files say.
+        rotors_kg_m2: of every joint, shape (J,), added to the inertia of the link that it turns,
+            about every axis so that a simulator takes it for a body's; for those that know no
+            inertia of rotors.
+
+    Raises:
+        InvalidInput: for a model whose legs have joints that slide, and for links with masses or
+            inertias that no body has.
+    """
+    if sliding := [joint.name for leg in model.legs for joint in leg.joints if joint.slides]:
+        raise InvalidInput(
+            f"robot {model.name}: expected joints that turn, got {sliding[0]}, which slides"
+        )
+    root = deepcopy(model.tree)
+    for unseen in ("visual", "transmission", "gazebo", "material"):
+        for parent in list(root.iter()):
+            for element in parent.findall(unseen):
+                parent.remove(element)
+    joints = tuple(name for leg in model.legs for name in leg.joint_names)
+    for joint in root.findall("joint"):
+        if joint.get("name") not in joints:
+            joint.set("type", "fixed")
+        for again in joint.findall("axis")[1:]:  # of which the first counts
+            joint.remove(again)
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    hulls, missing = _hulled(links, [shape for shape in model.shapes if shape.collides])
+    for leg in model.legs:
+        _shape_foot(links[leg.foot], leg, model)
+    children = {joint.find("child").get("link") for joint in root.findall("joint")}  # type: ignore[union-attr]
+    base = next(name for name in links if name not in children)
+    _check_weights(root, model)
+    _weigh(links, base, model.body.mass_kg, mass_share)
+    turned = dict[str, str]()
+    for joint in root.findall("joint"):
+        turned[joint.get("name", "")] = joint.find("child").get("link", "")  # type: ignore[union-attr]
+    for name, rotor in zip(
+        joints, () if rotors_kg_m2 is None else rotors_kg_m2, strict=rotors_kg_m2 is not None
+    ):
+        _add_rotor(links[turned[name]], float(rotor))
+    return SimulatedBody(
+        urdf=ElementTree.tostring(root, encoding="unicode"),
+        hulls=hulls,
+        base=base,
+        joints=joints,
+        feet=tuple(leg.foot for leg in model.legs),
+        tips_m=np.array([_tip(model, leg) for leg in model.legs]),
+        apart=_apart(model, set(links)),
+        missing=missing,
+    )
+
+
+def _apart(model: RobotModel, links: set[str]) -> tuple[tuple[str, str], ...]:
+    """Pairs that never collide: the SRDF's; without one those of a leg with no more than one
+    joint's link between.
+    """
+    pairs = {
+        (a, b)
+        for a, b in (
+            sorted(pair) for pair in model.disabled_pairs if len(pair) == 2 and pair <= links
+        )
+    }
+    if not model.disabled_pairs:
+        place = {
+            name: (mount.leg, mount.joint) for name, mount in model.mounts.items() if name in links
+        }
+        pairs |= {
+            (a, b)
+            for a, b in combinations(sorted(place), 2)
+            if (place[a][0] == place[b][0] or None in (place[a][0], place[b][0]))
+            and abs(place[a][1] - place[b][1]) <= NEAR
+        }
+    return tuple(sorted(pairs))
+
+
+def _tip(model: RobotModel, leg: Leg) -> Array:
+    """The foot's centre in the frame of its link, shape (3,) [m]."""
+    mount = model.mounts[leg.foot]
+    return np.asarray(mount.rotation.T @ (leg.chain.tip_m - mount.origin_m))
+
+
+def _hulled(
+    links: Mapping[str, Element], shapes: list[Shape]
+) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """Put hulls in the place of meshes.
+
+    Returns their files by name, and the meshes that are not to be had.
+    """
+    hulls, missing = dict[str, bytes](), dict[str, None]()
+    for name, link in links.items():
+        meshes = [shape for shape in shapes if shape.link == name and shape.kind == "mesh"]
+        for shape, (collision, mesh) in zip(meshes, list(_meshes(link)), strict=True):
+            if shape.corners_m is None:
+                missing[mesh.get("filename", "")] = None
+                link.remove(collision)
+                continue
+            mesh.attrib.pop("scale", None)
+            for part in shape.parts_m[1:]:
+                copied = deepcopy(collision)
+                link.append(copied)
+                _named(copied, _hull(part), hulls)
+            _named(collision, _hull((shape.corners_m, *shape.parts_m)[bool(shape.parts_m)]), hulls)
+    return hulls, tuple(missing)
+
+
+def _meshes(link: Element) -> Iterator[tuple[Element, Element]]:
+    for collision in link.findall("collision"):
+        geometry = collision.find("geometry")
+        if geometry is not None and len(geometry) and geometry[0].tag == "mesh":
+            yield collision, geometry[0]
+
+
+def _named(collision: Element, content: bytes, hulls: dict[str, bytes]) -> None:
+    """Let a collision's mesh be a new file with this content."""
+    file = f"hull_{len(hulls)}.obj"
+    hulls[file] = content
+    for mesh in collision.iter("mesh"):
+        mesh.set("filename", file)
+
+
+def _hull(corners: Array) -> bytes:
+    """A convex hull as an OBJ file."""
+    from scipy.spatial import ConvexHull
+
+    middle = corners.mean(axis=0)
+    lines = ["v " + " ".join(f"{x:.9g}" for x in corner) for corner in corners]
+    for a, b, c in ConvexHull(corners).simplices:
+        out = (
+            np.dot(np.cross(corners[b] - corners[a], corners[c] - corners[a]), corners[a] - middle)
+            > 0.0
+        )
+        lines.append(
+            "f " + " ".join(str(corner + 1) for corner in ((a, b, c) if out else (a, c, b)))
+        )
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _shape_foot(link: Element, leg: Leg, model: RobotModel) -> None:
+    """A foot that is a ball by what its link looks like alone collides, too."""
+    shapes = [shape for shape in model.shapes if shape.link == leg.foot]
+    if leg.radius_m <= 0.0 or any(shape.collides for shape in shapes):
+        return
+    collision = SubElement(link, "collision")
+    SubElement(collision, "origin", {"xyz": " ".join(f"{x:.12g}" for x in _tip(model, leg))})
+    SubElement(SubElement(collision, "geometry"), "sphere", {"radius": f"{leg.radius_m:.12g}"})
+
+
+def _check_weights(root: Element, model: RobotModel) -> None:
+    """Raise InvalidInput, with the link, for masses and inertias that no robot has: that is not the
+    robot then.
+    """
+    for link, why in body_doubts(root, model.legs, model.shapes, model.mounts):
+        raise InvalidInput(
+            f"robot {model.name}: {link}: expected what a body can weigh, got: {why}"
+        )
+    total = sum(link_inertia(link)[0] for link in root.findall("link"))
+    if abs(total - model.body.mass_kg) > SPECK * model.body.mass_kg:
+        raise InvalidInput(
+            f"robot {model.name}: expected links of {model.body.mass_kg:.6g} kg in all, as it was "
+            "planned for, got "
+            f"{total:.6g}"
+        )
+
+
+def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float) -> None:
+    """Scale all masses, make inertias ones that bodies have, and give the root, and links that are
+    there to have two joints at one place, a speck of mass where they have less.
+    """
+    for link in links.values():
+        if (mass := link.find("inertial/mass")) is not None and share != 1.0:
+            mass.set("value", repr(share * float(mass.get("value", "0"))))
+        if (inertia := link.find("inertial/inertia")) is not None:
+            inertia_given = share * _inertia(inertia)
+            _set_inertia(inertia, inertia_given + _rounded_off(inertia_given) * np.eye(3))
+    for link in (links[base], *(link for link in links.values() if link.get(BETWEEN))):
+        mass = link.find("inertial/mass")
+        if mass is None or float(mass.get("value", "0")) < SPECK * mass_kg:
+            for inertial in link.findall("inertial"):
+                link.remove(inertial)
+            inertial = SubElement(link, "inertial")
+            SubElement(inertial, "mass", {"value": repr(SPECK * mass_kg)})
+            _set_inertia(SubElement(inertial, "inertia"), SPECK * mass_kg * SPECK_M**2 * np.eye(3))
+
+
+def _add_rotor(link: Element, rotor_kg_m2: float) -> None:
+    if (inertia := link.find("inertial/inertia")) is not None:
+        _set_inertia(inertia, _inertia(inertia) + rotor_kg_m2 * np.eye(3))
+
+
+def _rounded_off(inertia: Array) -> float:
+    """Shortfall of an inertia's principal moments where no body has them: files round the moments
+    of thin bodies off.
+    """
+    small, middle, large = np.linalg.eigvalsh(inertia)
+    lacks = max(large - small - middle, LEAST * large - small)
+    return float(lacks) if lacks > 0.0 else 0.0
+
+
+def _inertia(element: Element) -> Array:
+    xx, xy, xz, yy, yz, zz = (float(element.get(key, "0")) for key in ENTRIES)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _set_inertia(element: Element, inertia: Array) -> None:
+    for key, value in zip(ENTRIES, inertia[np.triu_indices(3)], strict=True):
+        element.set(key, repr(float(value)))
+
 
 PHYSICS_S = 1e-3
 RATE_HZ = 200.0

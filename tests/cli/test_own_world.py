@@ -23,7 +23,7 @@ SERVOS = '''
 from dataclasses import dataclass
 import numpy as np
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.runner.worlds.capabilities import WorldCapabilities
+from stancekit.runner.worlds.world import WorldCapabilities
 from stancekit.runner.worlds.world import LatchedWorld, State
 
 @dataclass

@@ -18,8 +18,7 @@ from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import Servo, joint_names
 from stancekit.planners.terrain import Patch
 from stancekit.runner.safety.guard import Limits
-from stancekit.runner.worlds.capabilities import WorldCapabilities
-from stancekit.runner.worlds.world import LatchedWorld, State
+from stancekit.runner.worlds.world import LatchedWorld, State, WorldCapabilities
 
 FREQUENCY_RAD_S = 60.0
 PATIENT = Limits(silent_s=5.0)

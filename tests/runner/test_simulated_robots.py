@@ -21,7 +21,7 @@ from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.control.tracker import LoopStiffness
 from stancekit.runner.worlds import Imperfections, make_world
-from stancekit.runner.worlds.simulated_body import simulated_body
+from stancekit.runner.worlds.simulation import simulated_body
 from stancekit.runner.worlds.world import Ground, State, World
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses

@@ -18,7 +18,7 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import SoftContact, WorldSettings, make_world
-from stancekit.runner.worlds.contact import SimulationSetup
+from stancekit.runner.worlds.settings import SimulationSetup
 from stancekit.runner.worlds.world import Ground, State, Terrain, World
 from tests.refusals import assert_names, refuses
 

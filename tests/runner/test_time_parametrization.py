@@ -30,8 +30,8 @@ from stancekit.runner.motion.time_parametrization import (
     soft_motion,
     soft_start,
 )
-from stancekit.runner.worlds.capabilities import WorldCapabilities
 from stancekit.runner.worlds.drives import Drives
+from stancekit.runner.worlds.world import WorldCapabilities
 from tests.emulators.memory_world import MemoryWorld
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses

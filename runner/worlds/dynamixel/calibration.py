@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.robot_file import JOINTS, Servo
 
-from ..setup_file import SetupFile, own
+from ..world import SetupFile, own
 from .control_table import (
     CENTRE_TICK,
     LATENCY_MS,

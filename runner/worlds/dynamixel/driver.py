@@ -24,11 +24,10 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.robot_file import Servo, joint_names
 
-from ..capabilities import WorldCapabilities
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import WorldSettings
-from ..world import State, Terrain
+from ..world import State, Terrain, WorldCapabilities
 from . import control_table as table
 from .bus import ServoBus, listed, signed, unsigned
 from .calibration import Calibration, ServoTicks

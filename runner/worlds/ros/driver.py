@@ -25,11 +25,10 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.robot_file import Servo, joint_names
 
-from ..capabilities import WorldCapabilities
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import EstopCheck, WorldSettings
-from ..world import State, Terrain
+from ..world import State, Terrain, WorldCapabilities
 from .follow import Follower
 from .robot import POLL_S, RosRobot
 from .setup import RosSetup

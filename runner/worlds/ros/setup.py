@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
-from ..setup_file import SetupFile, own
+from ..world import SetupFile, own
 
 FORMAT: Final = "stancekit/ros/1"
 Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]

@@ -299,7 +299,7 @@ def test_a_frame_with_a_placeholder_for_its_inertia_is_no_doubt(tmp_path: Path) 
     assert 'name="frame"' in made
     model = model_of(made, where="made")
     assert "frame" not in said(model)
-    from stancekit.runner.worlds.simulated_body import simulated_body
+    from stancekit.runner.worlds.simulation import simulated_body
 
     assert 'name="frame"' in simulated_body(model).urdf
 
@@ -315,7 +315,7 @@ def test_a_sensor_whose_slight_inertia_no_body_has_is_no_doubt(times: float, dou
     )
     model = model_of(quadruped().replace("</robot>", camera), where="made")
     assert ("camera: moments of inertia that no body has" in said(model)) == doubted
-    from stancekit.runner.worlds.simulated_body import simulated_body
+    from stancekit.runner.worlds.simulation import simulated_body
 
     if doubted:
         with refuses("link camera"):
