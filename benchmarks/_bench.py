@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from stancekit.envs.data.ledger import software
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
-from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # tests.emulators

@@ -32,7 +32,7 @@ import tyro
 from _bench import ROOT, Lines, Options, launch, realtime
 from _device_runs import ended, forked, planned, rows, running, said, wait
 
-from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.dynamixel.control_table import nominal
 from tests.emulators.devices import start_of
 
 HERE = ROOT / "tests" / "emulators" / "robotis"

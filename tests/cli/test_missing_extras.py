@@ -14,7 +14,7 @@ import pytest
 import stancekit
 from stancekit.configs import config_path
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.dynamixel.control_table import nominal
 
 ROOT = Path(__file__).parents[2]
 WORDING = re.compile(

@@ -31,7 +31,7 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.log import read_log
-from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.dynamixel.control_table import nominal
 from stancekit.runner.worlds.ros.setup import same_names
 
 

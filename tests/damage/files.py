@@ -36,7 +36,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.log import McapLog, read_log
-from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.dynamixel.control_table import nominal
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.planners.robot.small_urdfs import quadruped
 

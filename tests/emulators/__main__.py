@@ -49,7 +49,7 @@ class Bus:
         angles, link = [float(angle) for angle in self.position.split(",") if angle], self.link
         servos = {"ids": range(1, 1 + len(angles)), "firmware": self.firmware, "seed": self.seed}
         if self.plan is not None:
-            from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
+            from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 
             names, start = start_of(self.plan)
             calibration = (

@@ -23,7 +23,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators import __main__ as emulators
 from tests.emulators.devices import DeviceProcess, short, start_of

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stancekit.runner.worlds.dynamixel.calibration import Calibration
-from stancekit.runner.worlds.dynamixel.control_table import RAD, TICKS
+from stancekit.runner.worlds.dynamixel.control_table import RAD, TICKS, Calibration
 
 
 def spoiled(calibration: Calibration, rng: np.random.Generator) -> tuple[Calibration, str]:

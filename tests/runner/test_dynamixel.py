@@ -24,7 +24,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel import port as servo_port
-from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.devices import bus_process
 from tests.emulators.fast_time import FastTime
@@ -221,7 +221,7 @@ def test_a_host_that_paused_finds_its_servos_stopped(
 
 HOST = """
 import sys, numpy as np
-from stancekit.runner.worlds.dynamixel.calibration import Calibration
+from stancekit.runner.worlds.dynamixel.control_table import Calibration
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.planners.robot import hexapod
 world = DynamixelWorld(hexapod(), Calibration.from_yaml(sys.argv[1]))

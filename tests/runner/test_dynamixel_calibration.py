@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.runner.worlds.dynamixel.calibration import (
+from stancekit.runner.worlds.dynamixel.control_table import (
     Calibration,
     JointServo,
     ServoTicks,

@@ -18,9 +18,9 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel import port as servo_port
-from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.diagnosis import MeasurementJudge
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
-from stancekit.runner.worlds.dynamixel.judge import MeasurementJudge
 from tests.emulators.fast_time import FastTime
 from tests.emulators.servo_bus import FAULTS, EmulatedBus
 from tests.refusals import refuses

@@ -374,7 +374,7 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
     pytest.importorskip("dynamixel_sdk")
     pytest.importorskip("roslibpy")
     from stancekit.runner.worlds import make_world
-    from stancekit.runner.worlds.dynamixel.calibration import nominal
+    from stancekit.runner.worlds.dynamixel.control_table import nominal
     from stancekit.runner.worlds.ros.setup import same_names
 
     course, joints = accepted.plan.problem, joint_names(accepted.plan.problem.robot)

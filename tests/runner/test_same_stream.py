@@ -25,7 +25,7 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.dynamixel import port
-from stancekit.runner.worlds.dynamixel.calibration import ServoTicks, nominal
+from stancekit.runner.worlds.dynamixel.control_table import ServoTicks, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
 from tests.emulators.memory_world import PATIENT

@@ -37,7 +37,7 @@ from stancekit.runner.safety.estop import SIGNALS
 from stancekit.runner.safety.guard import SafeWorld
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.memory_world import PATIENT, MemoryWorld
 from tests.emulators.servo_bus import EmulatedBus

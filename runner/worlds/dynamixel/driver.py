@@ -30,9 +30,8 @@ from ..settings import WorldSettings
 from ..world import State, Terrain, WorldCapabilities
 from . import control_table as table
 from .bus import ServoBus, listed, signed, unsigned
-from .calibration import Calibration, ServoTicks
-from .diagnosis import BABBLE, blame, late, unanswered
-from .judge import Doubt, MeasurementJudge
+from .control_table import Calibration, ServoTicks
+from .diagnosis import BABBLE, Doubt, MeasurementJudge, blame, late, unanswered
 
 ROUNDS = 3
 """Number of times that a setting that did not arrive is written."""
