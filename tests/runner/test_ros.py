@@ -17,8 +17,8 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import Servo
-from stancekit.runner.worlds.ros.clock import stamp_of
 from stancekit.runner.worlds.ros.driver import RosWorld
+from stancekit.runner.worlds.ros.joint_states import stamp_of
 from stancekit.runner.worlds.ros.setup import RosJoint, RosSetup, same_names
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 from tests.emulators.rosbridge import EPOCH_S, RosBridge

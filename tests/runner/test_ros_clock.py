@@ -2,7 +2,7 @@
 
 import pytest
 
-from stancekit.runner.worlds.ros.clock import RobotClock, stamp_of, version_of
+from stancekit.runner.worlds.ros.joint_states import RobotClock, stamp_of, version_of
 
 PERIOD_S = 0.02
 OFF_S = 1.7e9

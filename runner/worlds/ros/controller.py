@@ -16,8 +16,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import LARGEST, Array
 from stancekit.planners.files.documents import shown
 
-from .clock import RobotClock, stamp_of
-from .joint_states import JointStates
+from .joint_states import JointStates, RobotClock, stamp_of
 from .setup import Mapping
 
 REMEMBERED_S, REMEMBERED = 1.0, 25

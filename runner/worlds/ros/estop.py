@@ -12,8 +12,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import shown
 
 from ..settings import EstopCheck
-from .bridge import RosLink
-from .graph import RosGraph
+from .bridge import RosGraph, RosLink
 
 BOOL = "std_msgs/Bool"
 LISTEN_S = 3.0

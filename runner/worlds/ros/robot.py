@@ -17,13 +17,11 @@ from stancekit.planners.files.arrays import Array
 
 from ...safety.latch import StopLatch
 from ..settings import EstopCheck
-from .bridge import RosLink
-from .clock import version_of
+from .bridge import RosGraph, RosLink
 from .controller import ControllerState
 from .estop import Estop
 from .goal import Goals, standstill, trajectory
-from .graph import RosGraph
-from .joint_states import JointStates
+from .joint_states import JointStates, version_of
 from .setup import Mapping, RosSetup
 
 RUNNING = ("running", "active")
