@@ -19,11 +19,11 @@ from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.execution import Execution
 from stancekit.views.gaits import GaitView, draw_motion
 from stancekit.views.leaps import LeapView, draw_leap
+from stancekit.views.page import View
 from stancekit.views.plans import PlanView, draw_execution, draw_plan
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save
 from stancekit.views.video import Frame
-from stancekit.views.view import View
 
 
 @checked

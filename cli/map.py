@@ -141,8 +141,8 @@ class MapTerrain:
         if self.out is not None:
             standing.save(self.out)
         if self.picture is not None:
+            from stancekit.views.maps import draw_standing_map
             from stancekit.views.sheet import save
-            from stancekit.views.standing_maps import draw_standing_map
 
             save(draw_standing_map(standing), self.picture)
         if self.json:

@@ -36,7 +36,7 @@ class Replay:
     def run(self) -> int:
         """Read, and tell."""
         from stancekit.runner.log import read_log
-        from stancekit.views.tracking_plot import differences, draw_tracking, tracked
+        from stancekit.views.gait_plot import differences, draw_tracking, tracked
 
         if self.picture is not None:
             from stancekit.views.sheet import check_picture

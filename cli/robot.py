@@ -123,8 +123,8 @@ def _drawn(model: RobotModel, workspaces: list[Workspace | None], picture: Path)
     from stancekit.planners.robot.meshes import unseen
     from stancekit.planners.robot.robot_model import Remark
     from stancekit.views.links import TRIANGLES
-    from stancekit.views.robot_picture import draw_robot
     from stancekit.views.sheet import save
+    from stancekit.views.still import draw_robot
 
     save(draw_robot(model, [each for each in workspaces if each is not None]), picture)
     return [Remark(kind="doubt", text=text) for text in unseen(model.shapes, TRIANGLES)]

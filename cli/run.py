@@ -407,8 +407,8 @@ class RunMotion:
         """Draw and print; the exit code."""
         if self.picture is not None and self.log is not None:
             from stancekit.runner.log import read_log
+            from stancekit.views.gait_plot import draw_tracking
             from stancekit.views.sheet import save
-            from stancekit.views.tracking_plot import draw_tracking
 
             save(draw_tracking(read_log(self.log)), self.picture)
         try:

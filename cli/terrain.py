@@ -79,13 +79,13 @@ class ShowTerrain:
         check_drawn(picture=self.picture, html=self.html)
         footholds = self._found()
         if self.picture is not None:
-            from stancekit.views.footholds import draw_footholds
             from stancekit.views.sheet import save
+            from stancekit.views.terrain import draw_footholds
 
             save(draw_footholds(footholds), self.picture)
         if self.html is not None:
-            from stancekit.views.footholds import foothold_motion
             from stancekit.views.page import write_page
+            from stancekit.views.terrain import foothold_motion
 
             write_page(self.html, foothold_motion(footholds))
         axes = dict(zip("xyz", self.file.asked().axes, strict=True)) if self._is_file else {}

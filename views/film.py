@@ -22,8 +22,19 @@ from PIL import Image
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import Array
 
-from .camera import Camera
-from .scene import Animation, Colour, DrawnBody, Facet, Layer, Path, Scene, Sheet, borders, fans
+from .scene import (
+    Animation,
+    Camera,
+    Colour,
+    DrawnBody,
+    Facet,
+    Layer,
+    Path,
+    Scene,
+    Sheet,
+    borders,
+    fans,
+)
 from .shapes import Box, Capsule, Faces, Mesh, Sphere, triangles_of
 from .sheet import DEFAULT_STYLE, Size, headline, sheet, to_rgb
 from .still import GLASS, is_glass, normals_of

@@ -28,11 +28,10 @@ from stancekit.runner.execution import Execution
 from stancekit.runner.log import TOUCH_N
 from stancekit.runner.motion.time_parametrization import streamed
 
-from .camera import Camera, best_view
 from .film import film_frames
-from .legend import Entry, draw_legend, force_entry
+from .page import View
 from .robots import RobotShape, bent, faded, single_body
-from .scene import UP, Animation, Colour, DrawnBody, Label, Path, Scene, Sheet
+from .scene import UP, Animation, Camera, Colour, DrawnBody, Label, Path, Scene, Sheet, best_view
 from .shapes import dashes, disc, lines_told, polyline, unit
 from .sheet import (
     ACCENT,
@@ -50,9 +49,8 @@ from .sheet import (
     to_rgb,
 )
 from .still import Still
-from .terrain import block, grid_on_ground
+from .terrain import Entry, block, draw_legend, force_entry, grid_on_ground
 from .video import Frame
-from .view import View
 
 FILM_PX = (1280, 720)
 MARGIN = 0.08

@@ -22,11 +22,10 @@ from stancekit.planners.terrain.patch import contact_frames
 from stancekit.runner.execution import Execution
 from stancekit.runner.motion.time_parametrization import streamed
 
-from .camera import Camera, best_view
-from .legend import Entry, draw_legend, force_entry
+from .page import GOAL, REAL, View, outline, window
 from .plans import LONGEST, MARGIN_M
 from .robots import cone, cone_body
-from .scene import Animation, Colour, DrawnBody, Label, Layer, Path, Scene
+from .scene import Animation, Camera, Colour, DrawnBody, Label, Layer, Path, Scene, best_view
 from .shapes import Mesh, Sphere, polyline
 from .sheet import (
     ACCENT,
@@ -41,8 +40,7 @@ from .sheet import (
     sheet,
 )
 from .still import Still
-from .terrain import SCALE, patches
-from .view import GOAL, REAL, View, outline, window
+from .terrain import SCALE, Entry, draw_legend, force_entry, patches
 
 FPS, CLIMBS, LEAPS = 25.0, 4.0, 0.25
 """Numbers of films: pictures per second, and how many times their pace key frames are shown, and

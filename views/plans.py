@@ -23,10 +23,9 @@ from stancekit.runner.execution import Execution
 from stancekit.runner.log import Trace
 from stancekit.runner.motion.time_parametrization import RATE_HZ, streamed
 
-from .camera import Camera, best_view
-from .legend import Entry, draw_legend, force_entry
+from .page import GOAL, REAL, View, outline, window
 from .robots import RobotShape, climber, cone, cone_body
-from .scene import Animation, Colour, DrawnBody, Label, Layer, Path, Scene
+from .scene import Animation, Camera, Colour, DrawnBody, Label, Layer, Path, Scene, best_view
 from .shapes import Mesh, Sphere, dashed, lines_told, polyline, ring
 from .sheet import (
     ACCENT,
@@ -42,8 +41,7 @@ from .sheet import (
     sheet,
 )
 from .still import Still
-from .terrain import ICE, ICE_EDGE, ICY, SCALE, patches, tint
-from .view import GOAL, REAL, View, outline, window
+from .terrain import ICE, ICE_EDGE, ICY, SCALE, Entry, draw_legend, force_entry, patches, tint
 
 SUPPORT = "#2a7f62"
 LONGEST = 0.6

@@ -22,10 +22,8 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.terrain import Patch
 
-from .camera import Camera, best_view
-from .legend import Entry, draw_legend, force_entry, mark_com
 from .robots import RobotShape, ball, cone, cone_body, hexapod, limb_of_three
-from .scene import UP, Arrow, DrawnBody, Facet, Label, Layer, Path, Scene
+from .scene import UP, Arrow, Camera, DrawnBody, Facet, Label, Layer, Path, Scene, best_view
 from .shapes import Box, dashed, unit
 from .sheet import (
     ACCENT,
@@ -43,7 +41,7 @@ from .sheet import (
     sheet,
 )
 from .still import Still
-from .terrain import plane, stone
+from .terrain import Entry, draw_legend, force_entry, mark_com, plane, stone
 
 COMPONENTS = ("$p_x$", "$p_y$", "$p_z$", "$f_n$", "$f_y$", "$f_z$")
 

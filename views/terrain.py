@@ -5,19 +5,295 @@ fields as blocks.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import to_hex, to_rgb, to_rgba
 from matplotlib.colors import to_rgb as rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Ellipse, FancyArrow, Rectangle, Wedge
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.footholds import Footholds, TerrainPatch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.polygon import clipped
 
-from .scene import Colour, DrawnBody, Facet, Layer, Path, Scene, Sheet
-from .shapes import hull, polyline, thinned
-from .sheet import INK
+from .scene import Animation, Camera, Colour, DrawnBody, Facet, Layer, Path, Scene, Sheet
+from .shapes import hull, polyline, ring, thinned
+from .sheet import ACCENT, DEFAULT_STYLE, INK, QUIET, SIZE_PX, Size, headline, plain_axes, sheet
+from .still import Still
+
+STONE, STONE_EDGE = "#d9d4c9", "#b5aea0"
+GOOD, GOOD_EDGE = "#58a695", "#125a50"
+UNSURE = "#d99a2b"
+UNSURE_SD_M = 0.005
+"""A foothold whose height has this standard deviation is all amber: 2 cm of touch-down are four of
+them [m]."""
+OFF_M = 0.003
+"""Footholds are drawn so far off their surface [m]."""
+AXES, AXIS = ("#c0392b", "#27803b"), 0.15
+"""Colours of the world's x and y, drawn from the terrain's least corner, and their length, in
+extents of the terrain."""
+LEGEND = ((GOOD, "foothold"), (STONE, "surface"))
+
+
+@DEFAULT_STYLE
+def draw_footholds(found: Footholds, *, size_px: Size = SIZE_PX) -> Figure:
+    """The terrain with its footholds, seen from above aside.
+
+    Raises InvalidInput below 300 pixels.
+    """
+    figure = sheet(size_px)
+    refused = ", ".join(
+        f"{name} {area:.3g}" for name, area in found.refused_m2.items() if area > 1e-3
+    )
+    x, y = (
+        f"{axis} {a:.4g} to {b:.4g} m"
+        for axis, (a, b) in zip("xy", found.extent_m[:2], strict=True)
+    )
+    sizes = f"{len(found.pieces)} patches, {found.area_m2:.4g} m²{_sure(found)}"
+    subtitle = f"{sizes}; {x} (red), {y} (green); not: {refused or 'nothing'}"
+    headline(figure, f"footholds of {found.name}", subtitle)
+    Still(_foothold_scene(found), _camera(found)).paint(plain_axes(figure, 20.0, 20.0, 90.0))
+    return figure
+
+
+def _foothold_scene(found: Footholds) -> Scene:
+    """Surfaces and footholds as facets."""
+    surfaces = [_facet(patch, STONE, STONE_EDGE, Layer.TERRAIN, 0.0) for patch in found.surfaces]
+    good = [
+        _facet(piece.patch, _colour(piece), GOOD_EDGE, Layer.SPACE, OFF_M) for piece in found.pieces
+    ]
+    low, high = found.extent_m.T
+    corner, arms = np.append(low[:2], high[2]), AXIS * float(np.ptp(found.extent_m[:2]))
+    axes = [
+        Path(pieces_m=np.array([[corner, corner + arms * np.eye(3)[k]]]), colour=colour, width=2.0)
+        for k, colour in enumerate(AXES)
+    ]
+    return Scene(facets=[*surfaces, *good], paths=axes)
+
+
+def foothold_motion(found: Footholds) -> Animation:
+    """Animation of the footholds, for a page that can be turned."""
+    scene = _foothold_scene(found)
+    outlines = [
+        ring(piece.patch.vertices_m + 2.0 * OFF_M * piece.patch.normal) for piece in found.pieces
+    ]
+    moment = Scene(paths=[Path(pieces_m=np.concatenate(outlines), colour=GOOD_EDGE, width=1.2)])
+    title = f"footholds of {found.name}: {len(found.pieces)} patches, {found.area_m2:.4g} m²{_sure(found)}"
+    amber = ((UNSURE, f"known to {1e3 * UNSURE_SD_M:g} mm or worse"),) if _sure(found) else ()
+    return Animation(
+        fixed=scene,
+        moments=[moment],
+        step_s=1.0,
+        camera=_camera(found),
+        title=title,
+        legend=(*LEGEND, *amber),
+    )
+
+
+def _sure(found: Footholds) -> str:
+    """Words for the certainty of heights, empty where they are exact."""
+    deviations = [piece.height_sd_m for piece in found.pieces if piece.height_sd_m is not None]
+    return f", sd of height {1e3 * float(np.median(deviations)):.2g} mm" if deviations else ""
+
+
+def _colour(piece: TerrainPatch) -> str:
+    """Green where a foothold's height is exact, amber where it is not known to ``UNSURE_SD_M``,
+    between them else.
+    """
+    share = min((piece.height_sd_m or 0.0) / UNSURE_SD_M, 1.0)
+    red, green, blue = (
+        (1.0 - share) * a + share * b for a, b in zip(to_rgb(GOOD), to_rgb(UNSURE), strict=True)
+    )
+    return to_hex((red, green, blue))
+
+
+def _facet(patch: Patch, colour: str, edge: str, layer: Layer, off_m: float) -> Facet:
+    return Facet(
+        corners_m=patch.vertices_m + off_m * patch.normal,
+        normal=patch.normal,
+        colour=colour,
+        edge=edge,
+        width=0.5,
+        layer=layer,
+    )
+
+
+def _camera(found: Footholds) -> Camera:
+    corners: Array = np.concatenate(
+        [patch.vertices_m for patch in (*found.surfaces, *(piece.patch for piece in found.pieces))]
+    )
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return Camera(
+        target_m=0.5 * (low + high),
+        azimuth_rad=np.deg2rad(-60.0),
+        elevation_rad=np.deg2rad(38.0),
+        distance_m=1.8 * float(np.linalg.norm(high - low)) + 1e-3,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A sign and its words.
+
+    Arguments:
+        sign: arrow, cone, ball, path, box, ice, dot or line.
+        length: of an arrow, in 0.01 inch.
+    """
+
+    text: str
+    sign: str = ""
+    colour: Colour = INK
+    fill: Colour = "white"
+    length: float = 0.0
+
+
+def force_entry(newtons_a_unit: float, longest: float) -> Entry:
+    """The longest arrow of a round force.
+
+    Arguments:
+        newtons_a_unit: of an arrow of 0.01 inch of paper.
+    """
+    power = 10.0 ** np.floor(np.log10(longest * newtons_a_unit))
+    newtons = max(
+        step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * newtons_a_unit
+    )
+    return Entry(
+        text=f"contact force, {newtons:g} N",
+        sign="arrow",
+        colour=ACCENT,
+        length=newtons / newtons_a_unit,
+    )
+
+
+def draw_legend(
+    figure: Figure, bottom: float, entries: Sequence[Entry], friction: ScalarMappable | None = None
+) -> None:
+    """Write the entries in one line at the foot of the figure, and the scale of friction.
+
+    Arguments:
+        bottom: distance of the line from the lower edge of the figure, in 0.01 inch.
+        entries: signs with their words, from left to right.
+        friction: the colours of friction; None for no scale.
+    """
+    width, height = 100.0 * figure.get_figwidth(), 100.0 * figure.get_figheight()
+    axes = plain_axes(figure, 0.0, bottom, height - bottom - 50.0)
+    axes.set(xlim=(0.0, width), ylim=(0.0, 50.0))
+    x = 30.0
+    for entry in entries:
+        x += _draw_sign(axes, entry, x)
+        axes.text(
+            x,
+            25.0,
+            entry.text,
+            size=10.5,
+            color=INK,
+            va="center_baseline",
+            parse_math="$" in entry.text,
+        )
+        x += 7.75 * len(entry.text) + 21.0
+    if friction is not None:
+        _draw_friction(figure, bottom, friction)
+
+
+def mark_com(axes: Axes, at: tuple[float, float], radius: float) -> None:
+    """The sign of a centre of mass."""
+    axes.add_patch(Circle(at, radius, fc="white", ec=INK, lw=1.3, zorder=6))
+    for start in (0.0, 180.0):
+        axes.add_patch(Wedge(at, radius, start, start + 90.0, fc=INK, lw=0, zorder=7))
+
+
+def _draw_sign(axes: Axes, entry: Entry, x: float) -> float:
+    """The sign at x; returns the room that it takes."""
+    colour = entry.colour
+    match entry.sign:
+        case "arrow":
+            head = min(15.0, 0.6 * entry.length)
+            axes.add_patch(
+                FancyArrow(
+                    x,
+                    25.0,
+                    entry.length - head,
+                    0.0,
+                    width=4.5,
+                    head_width=14.0,
+                    head_length=head,
+                    fc=colour,
+                    lw=0,
+                )
+            )
+            return entry.length + 10.0
+        case "cone":
+            axes.fill([x, x + 26.0, x + 26.0], [25.0, 37.0, 13.0], color=colour, alpha=0.12, lw=0)
+            axes.plot([x + 26.0, x, x + 26.0], [37.0, 25.0, 13.0], color=colour, alpha=0.4, lw=0.9)
+            rim = Ellipse(
+                (x + 26.0, 25.0),
+                9.0,
+                24.0,
+                fc=to_rgba(colour, 0.15),
+                ec=to_rgba(colour, 0.6),
+                lw=0.9,
+            )
+            axes.add_patch(rim)
+            return 40.0
+        case "ball":
+            mark_com(axes, (x + 12.0, 25.0), 6.5)
+            axes.add_patch(
+                Circle((x + 12.0, 25.0), 12.0, fill=False, ec=colour, lw=1.0, ls=(0, (3, 2)))
+            )
+            return 32.0
+        case "path":
+            axes.plot(
+                [x, x + 30.0],
+                [25.0, 25.0],
+                "-o",
+                color=colour,
+                ms=5.0,
+                lw=1.6,
+                mec="white",
+                mew=0.8,
+            )
+            return 42.0
+        case "box" | "ice":
+            axes.add_patch(Rectangle((x, 16.0), 24.0, 18.0, fc=entry.fill, ec=colour, lw=1.5))
+            if entry.sign == "ice":
+                axes.plot([x + 7.0, x + 17.0], [18.5, 31.5], color="white", lw=2.0)
+            return 33.0
+        case "dot":
+            axes.add_patch(Circle((x + 6.0, 25.0), 6.0, fc=colour, ec="white", lw=1.0))
+            return 18.0
+        case "line":
+            axes.plot([x, x + 24.0], [25.0, 25.0], color=colour, alpha=0.6, lw=1.0)
+            return 32.0
+    return 0.0
+
+
+def _draw_friction(figure: Figure, bottom: float, friction: ScalarMappable) -> None:
+    """The scale of colours that stand for friction, at the right."""
+    width, height = 100.0 * figure.get_figwidth(), 100.0 * figure.get_figheight()
+    axes = figure.add_axes(
+        ((width - 210.0) / width, (bottom + 22.0) / height, 180.0 / width, 12.0 / height)
+    )
+    bar = figure.colorbar(friction, cax=axes, orientation="horizontal")
+    ends = float(np.max(friction.get_clim()))
+    bar.set_ticks([0.0, 0.5 * ends, ends], labels=["0", f"{0.5 * ends:.2g}", f"{ends:.2g}"])
+    bar.outline.set_visible(False)
+    axes.tick_params(length=0, pad=3, labelsize=10, labelcolor=QUIET)
+    axes.text(
+        -0.05,
+        0.5,
+        "friction μ",
+        size=10.5,
+        color=INK,
+        ha="right",
+        va="center",
+        transform=axes.transAxes,
+    )
+
 
 ICE, ICE_EDGE, ICY = "#d3ebfa", "#5ba7d6", 0.05
 """Colours of ice, and the friction below which a surface is called that."""

@@ -320,7 +320,7 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
     pytest.importorskip("mujoco")
     pytest.importorskip("mcap")
     from stancekit.runner.worlds import make_world
-    from stancekit.views.tracking_plot import draw_tracking
+    from stancekit.views.gait_plot import draw_tracking
 
     path, course = tmp_path / "run.mcap", accepted.plan.problem
     with McapLog(path) as log:

@@ -18,11 +18,10 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.views import film
-from stancekit.views.camera import Camera
 from stancekit.views.film import check_film, rendered
 from stancekit.views.gaits import GaitView
 from stancekit.views.robots import cone
-from stancekit.views.scene import Animation, Arrow, DrawnBody, Facet, Scene
+from stancekit.views.scene import Animation, Arrow, Camera, DrawnBody, Facet, Scene
 from stancekit.views.shapes import Box, Capsule, Sphere, disc, hull, mesh_of, plate, triangles_of
 from stancekit.views.video import write_video
 from tests.refusals import assert_names, refuses

@@ -23,9 +23,9 @@ from stancekit.views import page as page_module
 from stancekit.views.gaits import GaitView
 from stancekit.views.page import check_page, page, write_page
 from stancekit.views.plans import PlanView
+from stancekit.views.scene import Stage, quaternion
 from stancekit.views.shapes import along
 from stancekit.views.sheet import ACCENT
-from stancekit.views.stage import Stage, quaternion
 from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 from tests.refusals import assert_names, refuses
 

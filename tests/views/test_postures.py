@@ -24,9 +24,9 @@ from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.terrain import Patch
-from stancekit.views.camera import Camera
 from stancekit.views.comparison import ComparisonBar, draw_comparison
 from stancekit.views.postures import draw_posture
+from stancekit.views.scene import Camera
 from stancekit.views.sheet import save, to_rgb
 from tests.refusals import assert_names, refuses
 

@@ -9,8 +9,8 @@ import pytest
 
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.views.robot_picture import draw_robot
 from stancekit.views.sheet import to_rgb
+from stancekit.views.still import draw_robot
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.runner.log import Message, Recorded
-from stancekit.views.tracking_plot import draw_tracking, tracked
+from stancekit.views.gait_plot import draw_tracking, tracked
 from tests.refusals import refuses
 
 JOINTS = ["a1", "a2", "a3", "b1", "b2"]

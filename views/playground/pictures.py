@@ -14,13 +14,13 @@ from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
 
+from ..page import GOAL
 from ..plans import PlanView, ghosts
 from ..robots import RobotShape, climber
 from ..scene import DrawnBody, Label, Path, Scene
 from ..shapes import Sphere, dashed
 from ..sheet import ACCENT, INK, friction_colours
 from ..terrain import Piece, pieces_within, surfaces
-from ..view import GOAL
 
 STEP_M = 0.25
 AROUND_M = 0.75

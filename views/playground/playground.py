@@ -21,8 +21,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.robot.kinematics import Kinematics
 
 from ..plans import PlanView
-from ..scene import Scene
-from ..stage import Stage
+from ..scene import Scene, Stage
 from .answer import SceneAnswer, quick_answer
 from .controls import Controls
 from .page_parts import BAD, GOOD, called, from_behind, let_camera, named_in, set_up, told

@@ -29,13 +29,12 @@ from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.problem.walk import Walk
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
-from ..scene import DrawnBody, Label, Scene
+from ..page import GOAL
+from ..scene import DrawnBody, Label, Scene, Stage
 from ..scene import Path as Line
 from ..shapes import Sphere
 from ..sheet import INK, leg_colour
-from ..stage import Stage
 from ..terrain import block, grid_on_ground, on_ground
-from ..view import GOAL
 from .controls import Controls
 from .page_parts import (
     BAD,
