@@ -49,8 +49,8 @@ from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStagePlanner
-from stancekit.views.playground.answer import patient_answer
-from stancekit.views.playground.between_scenario import BetweenScenario
+from stancekit.views.playground.page_parts import patient_answer
+from stancekit.views.playground.scenario import BetweenScenario
 
 HALF_M = 1.2
 """Half of a ground's width across the way [m]."""

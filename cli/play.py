@@ -16,9 +16,8 @@ from .options import OptionalInt, OptionalText
 from .solve import Between
 
 if TYPE_CHECKING:
-    from stancekit.views.playground.scenario import Scenario
+    from stancekit.views.playground.scenario import Scenario, WalkScenario
     from stancekit.views.playground.serving import Page
-    from stancekit.views.playground.walk_scenario import WalkScenario
 
 
 @dataclass
@@ -115,7 +114,7 @@ class Play:
 
         Raises InvalidInput.
         """
-        from stancekit.views.playground.walk_scenario import WalkScenario
+        from stancekit.views.playground.scenario import WalkScenario
 
         arguments: dict[str, Any] = {}
         for key, value in (("start", self.between.start), ("goal", self.between.goal)):
@@ -132,9 +131,8 @@ class Play:
         Raises InvalidInput.
         """
         from stancekit.planners.terrain.import_options import SUFFIXES
-        from stancekit.views.playground.between_scenario import BetweenScenario
-        from stancekit.views.playground.fixed_scenario import FixedScenario
         from stancekit.views.playground.keys_scenario import KeysScenario
+        from stancekit.views.playground.scenario import BetweenScenario, FixedScenario
 
         suffix = Path(self.course).suffix.lower()
         if suffix in SUFFIXES and self.between.start is not None and self.between.goal is not None:

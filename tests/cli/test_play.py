@@ -18,8 +18,8 @@ from stancekit.cli.play import Play
 from stancekit.cli.solve import Between
 from stancekit.planners.errors import install_command
 from stancekit.planners.problem.course_file import read_course
-from stancekit.views.playground.fixed_scenario import FixedScenario
 from stancekit.views.playground.keys_scenario import KeysScenario
+from stancekit.views.playground.scenario import FixedScenario
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main", "play"]
 

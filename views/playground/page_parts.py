@@ -5,14 +5,275 @@ robots in a menu.
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import WHOLE_BODY, acceptance_word
+from stancekit.planners.equilibrium.programs import programs_of_this_thread
+from stancekit.planners.errors import InvalidInput, PlanningFailed, StancekitError
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.candidates import NoPlace
+from stancekit.planners.robot.chain import rotation_of
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.search.plan_course import LayOut, plan_course
+from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.verify import Report, explain
+
+from ..plans import between
+from ..sheet import leg_colour
+from .scenario import BetweenScenario, Grip, Scenario, Slider
+
+SHARES = (0.8, 1.0)
+"""Shares of the friction, that a plan is looked for with while the scene is changed."""
+QUICK_S, QUICK_NODES, QUICK_STEPS = 0.15, 20, 6
+"""Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
+share."""
+PATIENT_S = 60.0
+"""Time for all of an answer when nobody changes it any more: that of ``stancekit plan``."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneAnswer:
+    """Answer about a scene.
+
+    Arguments:
+        course: what is asked for; None where it makes no sense.
+        plan: accepted by the verifier as far as its contacts go.
+        status: None where the question makes no sense; undecided where no way was found for a course.
+        message: why there is no plan, or what is wrong with it; empty where nothing is.
+        report: on all of the plan, once it was judged.
+        patient: whether all was looked at.
+        seconds: CPU time of the layout and of the search.
+    """
+
+    course: Problem | None = None
+    status: Status | None = None
+    plan: Plan | None = None
+    message: str = ""
+    report: Report[Plan] | None = None
+    patient: bool = False
+    share: float = 1.0
+    seconds: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def accepted(self) -> bool:
+        """Tell whether the verifier accepted all of a plan."""
+        return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
+
+
+def quick_answer(scenario: Scenario) -> SceneAnswer:
+    """A fast answer for the display, which looks at contacts alone; undecided if it would take
+    longer. Raises nothing.
+    """
+    planner = TwoStagePlanner(
+        time_limit_s=QUICK_S,
+        max_nodes=QUICK_NODES,
+        cuts=False,
+        steps=QUICK_STEPS,
+        programs=programs_of_this_thread(),
+    )
+    return _planned(
+        scenario,
+        partial(
+            plan_course,
+            planner=planner,
+            shares=SHARES,
+            presses=(),
+            limits=None,
+            stated=not isinstance(scenario, BetweenScenario),
+        ),
+    )
+
+
+def patient_answer(scenario: Scenario) -> SceneAnswer:
+    """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
+    where no plan over the layout that is asked for is accepted, one over another. Raises
+    nothing.
+    """
+
+    def plan(question: LayOut) -> Answer[Plan]:
+        planner = TwoStagePlanner(time_limit_s=PATIENT_S, programs=programs_of_this_thread())
+        deadline = time.perf_counter() + PATIENT_S
+        return plan_course(
+            question,
+            planner,
+            layouts=scenario.layouts,
+            stated=not isinstance(scenario, BetweenScenario),
+            deadline=deadline,
+        )
+
+    return _planned(scenario, plan, patient=True)
+
+
+def _planned(
+    scenario: Scenario, plan: Callable[[LayOut], Answer[Plan]], *, patient: bool = False
+) -> SceneAnswer:
+    """The answer that a way to plan gives, with the time that it took."""
+    begin = time.process_time()
+    try:
+        course = scenario.course()
+        laid = time.process_time()
+        outcome = plan(scenario.course)
+    except StancekitError as error:
+        nowhere = isinstance(scenario, BetweenScenario) and isinstance(
+            error, NoPlace | PlanningFailed
+        )
+        return SceneAnswer(
+            status=Status.UNDECIDED if nowhere else None,
+            message=str(error),
+            patient=patient,
+            seconds=(time.process_time() - begin, 0.0),
+        )
+    seconds = (laid - begin, time.process_time() - laid)
+    return _answer(outcome, course, seconds, patient=patient)
+
+
+def _answer(
+    outcome: Answer[Plan], asked: Problem, seconds: tuple[float, float], *, patient: bool = False
+) -> SceneAnswer:
+    """The answer that an outcome is.
+
+    Arguments:
+        asked: the scene's own course, where the outcome is not of a problem.
+    """
+    message, report = outcome.message, outcome.report
+    if outcome.certificate is not None and outcome.problem is not None:
+        message = explain(outcome.certificate).message
+        if outcome.sets is not None:
+            message += f", over the {outcome.sets} sets of its legs"
+    elif report is not None and not report.accepted:
+        message = report.message + (f"; {report.failures}" if report.failures else "")
+    share = (
+        1.0
+        if outcome.solution is None
+        else float(outcome.solution.provenance.get("friction_share", 1.0))
+    )
+    if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
+        message = (
+            f"laid out in another way than asked for, over which no plan was accepted: {layout}"
+        )
+    return SceneAnswer(
+        course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
+        status=outcome.status,
+        plan=outcome.solution,
+        message=message,
+        report=report,
+        patient=patient,
+        share=share,
+        seconds=seconds,
+    )
+
+
+GRIP_M = 0.16
+"""Length of the arrows of a grip."""
+FAR_M = 1e3
+
+
+class Controls:
+    """Controls with which a page changes a scene. on_slid(key, value), on_dragged(key, position_m):
+    called in order.
+    """
+
+    def __init__(
+        self,
+        server: Any,
+        on_slid: Callable[[str, float], None],
+        on_dragged: Callable[[str, Array], None],
+    ) -> None:
+        self._server, self._on_slid, self._on_dragged = server, on_slid, on_dragged
+        self._sliders = dict[str, Any]()
+        self._grips = dict[str, Any]()
+        self._labels = dict[str, Any]()
+        self._held = set[str]()
+        self._folder = server.gui.add_folder("Scene")
+
+    def update(self, sliders: Sequence[Slider], grips: Sequence[Grip]) -> None:
+        """Show what may be changed now; what somebody holds stays where they hold it."""
+        for key in set(self._sliders) - {slider.key for slider in sliders}:
+            self._sliders.pop(key).remove()
+        for slider in sliders:
+            self._slide(slider)
+        for key in set(self._grips) - {grip.key for grip in grips}:
+            self._grips.pop(key).remove()  # with the label, which is its child
+            self._labels.pop(key)
+        for grip in grips:
+            self._grip(grip)
+
+    def let_go(self) -> None:
+        """Nobody holds anything any more: a tab was closed."""
+        self._held.clear()
+
+    def _slide(self, slider: Slider) -> None:
+        known = self._sliders.get(slider.key)
+        kind: Any = int if slider.whole else float
+        low, high = kind(min(slider.low, slider.value)), kind(max(slider.high, slider.value))
+        if known is None:
+            with self._folder:
+                known = self._server.gui.add_slider(
+                    slider.title,
+                    min=low,
+                    max=high,
+                    step=kind(slider.step),
+                    initial_value=kind(slider.value),
+                    hint=slider.hint or None,
+                )
+
+            async def slid(event: Any, key: str = slider.key) -> None:
+                if event.client is not None:  # else it was set here
+                    self._on_slid(key, float(event.target.value))
+
+            known.on_update(slid)
+            self._sliders[slider.key] = known
+        elif abs(known.value - slider.value) > 1e-9:
+            known.max, known.min = max(known.max, high), min(known.min, low)
+            known.value = kind(slider.value)
+
+    def _grip(self, grip: Grip) -> None:
+        known = self._grips.get(grip.key)
+        if known is None:
+            name = f"/grips/{grip.key}"
+            known = self._server.scene.add_transform_controls(
+                name,
+                scale=GRIP_M,
+                active_axes=grip.axes,
+                disable_rotations=True,
+                disable_sliders=sum(grip.axes) < 2,
+                depth_test=False,
+                line_width=3.0,
+                position=tuple(grip.position_m.tolist()),
+            )
+            self._labels[grip.key] = self._server.scene.add_label(
+                f"{name}/label", grip.label, anchor="top-center", position=(0.0, 0.0, -0.03)
+            )
+
+            async def dragged(event: Any, key: str = grip.key) -> None:
+                if event.phase == "start":
+                    self._held.add(key)
+                elif event.phase == "end":
+                    self._held.discard(key)
+                place = np.array(event.target.position, dtype=np.float64)
+                if np.all(np.isfinite(place)) and event.phase != "start":
+                    self._on_dragged(key, np.clip(place, -FAR_M, FAR_M))
+
+            known.on_update(dragged)
+            self._grips[grip.key] = known
+        elif grip.key not in self._held:
+            place = tuple(round(float(value), 6) for value in grip.position_m)
+            if float(np.abs(np.array(known.position) - place).max()) > 1e-6:
+                known.position = place
+        if self._labels[grip.key].text != grip.label:
+            self._labels[grip.key].text = grip.label
+
 
 FOV_RAD = 0.75
 BRAND = (39, 64, 127)
@@ -100,3 +361,250 @@ def called(robots: Sequence[str]) -> dict[str, str]:
         name if short.count(name) == 1 else robot: robot
         for name, robot in zip(short, robots, strict=True)
     }
+
+
+TIGHT = 0.95
+"""A limit that is used this far is marked."""
+CARRIES_N = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimbLoad:
+    """Load of one limb.
+
+    Arguments:
+        cone: of its friction cone, torque: of a joint's limit, both as shares; NaN where unknown.
+        torque_nm: of the joint that has the least in hand [Nm].
+    """
+
+    name: str
+    force_n: float
+    cone: float
+    torque_nm: float = float("nan")
+    torque: float = float("nan")
+    in_air: bool = False
+
+
+def loads(plan: Plan, now: Samples, solver: Kinematics | None) -> list[LimbLoad]:
+    """Loads of every limb at a time.
+
+    Arguments:
+        solver: of the plan's robot; without it no torque is known.
+    """
+    loads_of_limbs = list[LimbLoad]()
+    torques, shares = _torques(plan, now, solver)
+    for i, name in enumerate(plan.problem.robot.limb_names):
+        force = now.forces_n[i]
+        loads_of_limbs.append(
+            LimbLoad(
+                name=name,
+                force_n=float(np.linalg.norm(force)),
+                cone=cone_share(force, now.normals[i], float(now.friction[i])),
+                torque_nm=torques[i],
+                torque=shares[i],
+                in_air=not now.stands[i],
+            )
+        )
+    return loads_of_limbs
+
+
+def cone_share(force_n: Array, normal: Array, friction: float) -> float:
+    """|tangential force| / (μ · normal force), 1 at the border of the cone; NaN for a force that is
+    none.
+    """
+    pressed = float(force_n @ normal)
+    aside = float(np.linalg.norm(force_n - pressed * normal))
+    if pressed < CARRIES_N:
+        return float("nan")
+    return aside / max(friction * pressed, 1e-9) if aside > 1e-6 * pressed else 0.0
+
+
+def margins(plan: Plan) -> tuple[float, int, str]:
+    """The largest share of a friction cone that any stance uses, its key frame, and its limb."""
+    course, worst = plan.problem, (0.0, 0, "")
+    for stance, forces in zip(course.stances, plan.forces_n, strict=True):
+        for i in stance.limbs:
+            patch = course.patch(int(course.holds[stance.frame, i]), plan.choice)
+            share = cone_share(forces[i], patch.normal, patch.friction)
+            if share > worst[0]:
+                worst = (share, stance.frame, course.robot.limb_names[i])
+    return worst
+
+
+def _torques(
+    plan: Plan, now: Samples, solver: Kinematics | None
+) -> tuple[list[float], list[float]]:
+    """For each limb the torque of the joint that is nearest to its limit [Nm], and its share of the
+    joint's limit.
+    """
+    count = len(plan.problem.robot.limbs)
+    if solver is None:
+        return [float("nan")] * count, [float("nan")] * count
+    angles = now.angles_rad
+    if angles is None:
+        near = None if plan.joints_rad is None else between(plan.joints_rad, now.frame)
+        angles = solver.solve(
+            now.com_m, now.rotation_rad, now.toes_m, normals=now.normals, seed=near
+        ).angles
+    torque = np.abs(solver.torques(angles, rotation_of(now.rotation_rad), now.forces_n))
+    share = torque / solver.torque_nm
+    worst = [solver.joints_of(i)[int(share[solver.joints_of(i)].argmax())] for i in range(count)]
+    return [float(torque[j]) for j in worst], [float(share[j]) for j in worst]
+
+
+def solver_of(course: Problem) -> Kinematics | None:
+    """The legs of a course's robot; None where they are not known, or pinocchio is not
+    installed.
+    """
+    try:
+        return Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
+    except InvalidInput:
+        return None
+
+
+def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
+    """The verdict as HTML.
+
+    Arguments:
+        number: of the change that it answers.
+        drawn_ms: since that change.
+    """
+    colour, title, text = _words(answer)
+    took = (
+        f"judged in {sum(answer.seconds):.1f} CPU-s"
+        if answer.patient
+        else f"drawn after {drawn_ms:.0f} ms"
+    )
+    return said(
+        colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient
+    )
+
+
+def _words(answer: SceneAnswer) -> tuple[str, str, str]:
+    """Colour, title and sentence."""
+    if answer.course is None:
+        return BAD, "No course", answer.message
+    if answer.status is Status.INFEASIBLE:
+        return BAD, "No plan, and that is proved" if answer.patient else "No plan", answer.message
+    if answer.accepted:
+        assert answer.report is not None
+        title, *_ = acceptance_word(answer.report.unchecked).capitalize().partition(":")
+        return GOOD, title, " ".join(filter(None, (_accepted(answer.report), answer.message)))
+    if answer.plan is not None and not answer.patient:
+        return (
+            UNSURE,
+            "Contacts hold",
+            "Joints, torques and bodies are judged once nothing is changed.",
+        )
+    if answer.plan is not None:
+        return BAD, "Not accepted", answer.message
+    more = "" if answer.patient else "; the search goes on when nothing is changed"
+    return UNSURE, "Undecided", f"{answer.message}{more}"
+
+
+def _accepted(report: Report[Plan]) -> str:
+    """Line on what was judged, and what could not be."""
+    done = ["contacts", *(name for name in WHOLE_BODY if report.group(name).verdict == "holds")]
+    finding = report.message.removeprefix(acceptance_word(report.unchecked)).lstrip(":; ")
+    words = f"{finding}. Judged: {', '.join(done)}."
+    if len(done) <= len(WHOLE_BODY):
+        words += f" {report.body_message}."
+    return words[0].upper() + words[1:]
+
+
+def limb_table(rows: list[LimbLoad], title: str) -> str:
+    """Forces, shares of cones, and torques of limbs as HTML, with bars against the limits."""
+    cell = 'style="text-align:right;white-space:nowrap;padding:1px 4px"'
+    head = "".join(
+        f'<th style="text-align:{side};font-weight:600;padding:1px 4px;color:{QUIET}">{words}</th>'
+        for side, words in (
+            ("left", "limb"),
+            ("right", "force [N]"),
+            ("left", "of its cone"),
+            ("right", "torque [Nm]"),
+            ("left", "of its limit"),
+        )
+    )
+    lines = []
+    for k, row in enumerate(rows):
+        dot = f'<span style="display:inline-block;width:9px;height:9px;border-radius:5px;background:{leg_colour(k)}">'
+        force = "in the air" if row.in_air else f"{row.force_n:.1f}"
+        torque = "–" if np.isnan(row.torque_nm) else f"{row.torque_nm:.1f}"
+        lines.append(
+            f"<tr><td style='white-space:nowrap;padding:1px 4px'>{dot}</span> "
+            f"{html.escape(row.name)}</td>"
+            f"<td {cell}>{force}</td><td>{_bar(row.cone)}</td><td "
+            f"{cell}>{torque}</td><td>{_bar(row.torque)}</td></tr>"
+        )
+    return (
+        f'<div id="limbs" style="font:12px/1.5 system-ui,sans-serif;margin:4px 2px;'
+        f'font-variant-numeric:tabular-nums"><b>{html.escape(title)}</b>'
+        f'<table style="border-collapse:collapse;width:100%"><tr style="border-bottom:1px solid {RULE}">{head}</tr>'
+        f"{''.join(lines)}</table>"
+        f'<div style="color:{QUIET};font-size:11.5px">{html.escape(explained([row.name for row in rows]))}</div></div>'
+    )
+
+
+SIDES, PLACES = {"L": "left", "R": "right"}, {"F": "front", "M": "middle", "R": "rear", "H": "hind"}
+
+
+def explained(limbs: list[str]) -> str:
+    """The names of limbs in words, seen by the robot, and what the shares of the table are of."""
+    names = [
+        f"{name} {SIDES[name[0]]} {PLACES[name[1]]}"
+        for name in limbs
+        if len(name) == 2 and name[0] in SIDES and name[1] in PLACES
+    ]
+    seen = f"{', '.join(names)}, as the robot looks. " if names else ""
+    return f"{seen}Cone: share of the friction that its force may use. Limit: of the joint with the least torque left."
+
+
+def summary(answer: SceneAnswer) -> str:
+    """The plan in a few numbers, as HTML; empty without one."""
+    plan = answer.plan
+    if plan is None:
+        return ""
+    course = plan.problem
+    share, frame, limb = margins(plan)
+    to_goal = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
+    rows = [
+        ("robot", f"{course.robot.name}, {course.robot.mass_kg:.3g} kg ({course.weight_n:.1f} N)"),
+        (
+            "friction in hand",
+            f"{100 * (1 - share):.0f} % at least" + (f" (frame {frame}, {limb})" if limb else ""),
+        ),
+        ("planned with", f"{100 * answer.share:.0f} % of the friction"),
+        ("ends", f"{to_goal:.0f} mm from the goal, after {course.frames} key frames"),
+    ]
+    if (
+        answer.report is not None
+        and (most := answer.report.group("torque").figures.get("share")) is not None
+    ):
+        rows.insert(2, ("torque in hand", f"{100 * (1 - float(most)):.0f} % at least"))
+    return key_values(rows)
+
+
+def key_values(rows: list[tuple[str, str]]) -> str:
+    """A few numbers with their names, as HTML."""
+    return (
+        '<table id="summary" style="font:12px/1.55 system-ui,sans-serif;margin:2px">'
+        + "".join(
+            f'<tr><td style="color:{QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
+            f"<td>{html.escape(words)}</td></tr>"
+            for name, words in rows
+        )
+        + "</table>"
+    )
+
+
+def _bar(share: float) -> str:
+    """A share of a limit as a bar with its number; NaN is a dash."""
+    if np.isnan(share):
+        return f'<span style="color:{QUIET}">–</span>'
+    colour = BAD if share > 1.0 + 1e-6 else UNSURE if share > TIGHT else GOOD
+    return (
+        f'<div style="display:flex;align-items:center;gap:5px"><div style="flex:1;min-width:34px;height:8px;'
+        f'background:{TROUGH};border-radius:4px;overflow:hidden"><div style="width:{100 * min(share, 1.0):.0f}%;'
+        f'height:100%;background:{colour}"></div></div><span style="width:34px;text-align:right">{100 * share:.0f} %'
+        "</span></div>"
+    )

@@ -27,9 +27,8 @@ from ..page import viser_module, viser_server
 
 if TYPE_CHECKING:
     from .playground import Playground
-    from .scenario import Scenario
+    from .scenario import Scenario, WalkScenario
     from .walk_page import WalkPage
-    from .walk_scenario import WalkScenario
 
 
 ADDED = """

@@ -35,22 +35,25 @@ from ..scene import Path as Line
 from ..shapes import Sphere
 from ..sheet import INK, leg_colour
 from ..terrain import block, grid_on_ground, on_ground
-from .controls import Controls
 from .page_parts import (
     BAD,
     GOOD,
     UNSURE,
+    Controls,
+    LimbLoad,
     called,
+    cone_share,
     from_behind,
+    key_values,
     let_camera,
+    limb_table,
     named_in,
     said,
     set_up,
     told,
 )
-from .player import Player
-from .tables import LimbLoad, cone_share, key_values, limb_table
-from .walk_scenario import WalkScenario
+from .playground import Player
+from .scenario import WalkScenario
 
 ITERATIONS, TOTAL_S = 80, 120.0
 """Most iterations of a solve, and CPU time of all solves of a walk [s]."""

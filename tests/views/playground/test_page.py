@@ -14,8 +14,8 @@ from matplotlib.colors import to_rgb
 from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
-from stancekit.views.playground.answer import quick_answer
 from stancekit.views.playground.keys_scenario import KeysScenario
+from stancekit.views.playground.page_parts import quick_answer
 from stancekit.views.playground.pictures import Pictures
 from stancekit.views.playground.serving import served
 from stancekit.views.scene import UP

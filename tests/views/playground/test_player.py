@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from stancekit.views.playground.player import Player
+from stancekit.views.playground.playground import Player
 
 
 class Handle(SimpleNamespace):

@@ -12,9 +12,9 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
 from stancekit.planners.verify import check_plan
-from stancekit.views.playground.answer import quick_answer
-from stancekit.views.playground.fixed_scenario import FixedScenario
 from stancekit.views.playground.keys_scenario import KeysScenario
+from stancekit.views.playground.page_parts import quick_answer
+from stancekit.views.playground.scenario import FixedScenario
 from tests.refusals import assert_names, refuses
 
 

@@ -10,12 +10,18 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.views.playground import session as session_module
-from stancekit.views.playground.answer import SceneAnswer
+from stancekit.views.playground import pictures as session_module
 from stancekit.views.playground.keys_scenario import KeysScenario
+from stancekit.views.playground.page_parts import (
+    SceneAnswer,
+    cone_share,
+    limb_table,
+    loads,
+    margins,
+    verdict,
+)
+from stancekit.views.playground.pictures import Session
 from stancekit.views.playground.playground import Files, struck
-from stancekit.views.playground.session import Session
-from stancekit.views.playground.tables import cone_share, limb_table, loads, margins, verdict
 from tests.refusals import refuses
 
 PATIENCE_S = 60.0
@@ -35,46 +41,46 @@ def test_of_many_changes_during_one_answer_only_the_newest_is_answered(monkeypat
             last.set()
 
     monkeypatch.setattr(session_module, "quick_answer", slow)
-    session = Session(0, on_answer, judges=False)
-    session.start()
+    pictures = Session(0, on_answer, judges=False)
+    pictures.start()
     assert begun.wait(PATIENCE_S)
     for _ in range(9):
-        session.change(lambda number: number + 1)
+        pictures.change(lambda number: number + 1)
     go_on.set()
     assert last.wait(PATIENCE_S)
-    session.close()
+    pictures.close()
     assert seen == [(0, "0"), (9, "9")]
 
 
 def test_a_slow_edit_keeps_what_others_changed_meanwhile():
     begun, go_on = threading.Event(), threading.Event()
-    session = Session((), lambda *_: None, judges=False)
+    pictures = Session((), lambda *_: None, judges=False)
 
     def slow(scenario):
         begun.set()
         assert go_on.wait(PATIENCE_S)
         return (*scenario, "slow")
 
-    waits = threading.Thread(target=session.change, args=(slow,))
+    waits = threading.Thread(target=pictures.change, args=(slow,))
     waits.start()
     assert begun.wait(PATIENCE_S)
-    session.change(lambda scenario: (*scenario, "quick"))
+    pictures.change(lambda scenario: (*scenario, "quick"))
     go_on.set()
     waits.join(PATIENCE_S)
-    assert session.scenario == ("quick", "slow")
-    assert session.number == 2
+    assert pictures.scenario == ("quick", "slow")
+    assert pictures.number == 2
 
 
 def test_an_edit_that_is_refused_changes_nothing():
-    session = Session(KeysScenario.of("walls"), lambda *_: None, judges=False)
+    pictures = Session(KeysScenario.of("walls"), lambda *_: None, judges=False)
 
     def edit(scenario):
         raise InvalidInput("no")
 
     with pytest.raises(InvalidInput):
-        session.change(edit)
-    assert session.number == 0
-    session.close()
+        pictures.change(edit)
+    assert pictures.number == 0
+    pictures.close()
 
 
 def test_a_scene_at_rest_is_judged_in_another_process_and_a_stale_verdict_is_dropped():
@@ -87,12 +93,12 @@ def test_a_scene_at_rest_is_judged_in_another_process_and_a_stale_verdict_is_dro
         if number == 1 and answer.accepted:
             accepted.set()
 
-    session = Session(KeysScenario.of("walls", frames=2), on_answer, rest_s=0.0)
-    session.start()
+    pictures = Session(KeysScenario.of("walls", frames=2), on_answer, rest_s=0.0)
+    pictures.start()
     assert quick.wait(PATIENCE_S)
-    session.change(lambda scenario: scenario.slid("friction", 0.9))
+    pictures.change(lambda scenario: scenario.slid("friction", 0.9))
     assert accepted.wait(PATIENCE_S)
-    session.close()
+    pictures.close()
     assert answers[0] == (0, False)
     assert answers[-1] == (1, True)
     assert answers.index((1, False)) < answers.index((1, True))
@@ -109,8 +115,7 @@ def test_shares_of_cones_are_those_of_the_definition():
 
 def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch):
     from stancekit.planners.motion.plan_motion import PlanMotion
-    from stancekit.views.playground.answer import patient_answer
-    from stancekit.views.playground.tables import solver_of
+    from stancekit.views.playground.page_parts import patient_answer, solver_of
 
     answer = patient_answer(KeysScenario.of("walls", frames=3))
     plan = answer.plan

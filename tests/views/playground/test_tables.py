@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.verify.explain import Relaxation, _change
-from stancekit.views.playground.page_parts import from_behind
-from stancekit.views.playground.tables import explained
+from stancekit.views.playground.page_parts import explained, from_behind
 
 
 def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():

@@ -13,9 +13,9 @@ import pytest
 from stancekit.planners.formats.trajectory_file import read_trajectory
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.views.playground.scenario import WalkScenario
 from stancekit.views.playground.serving import served_walk
 from stancekit.views.playground.walk_page import WalkPlanning
-from stancekit.views.playground.walk_scenario import WalkScenario
 from tests.emulators.chromium import CHROMIUM, opened
 from tests.emulators.playground import middle_of, pixel_of
 from tests.refusals import assert_names, refuses
