@@ -50,8 +50,8 @@ class Still:
     def __init__(self, scene: Scene, camera: Camera) -> None:
         self.scene, self.camera = scene, camera
         self._faces: list[tuple[tuple[int, float], Array, Any, Any, float]] = []
-        for sheet in scene.sheets:
-            self._sheet(sheet)
+        for each in scene.sheets:
+            self._sheet(each)
         for facet in scene.facets:
             self._facet(facet)
         for body in scene.bodies:

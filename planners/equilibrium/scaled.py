@@ -24,7 +24,7 @@ from ..robot.reach import turned_most
 from .half_spaces import HalfSpaces, RelativeHalfSpaces
 from .layout import Index, Layout, shared
 
-Values = TypeVar("Scaled")
+Values = TypeVar("Values")
 
 
 def of_problem(scaled: Callable[..., Values], course: Problem) -> Values:

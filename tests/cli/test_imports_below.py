@@ -24,47 +24,27 @@ DRAWS, CHOICES, TOOL, LATER = (
     "still turns options into values itself",
 )
 MAY: dict[str, dict[str, tuple[str, ...]]] = {
-    "about": {TOOL: ("runner.computer",)},
-    "bench_against": {TOOL: ("learners.evaluation",)},
-    "bench_envelopes": {
+    "about": {TOOL: ("runner.acceptance",)},
+    "bench": {
         TOOL: (
             "learners.data.executors",
             "learners.evaluation",
+            "learners.evaluation.bench",
             "learners.evaluation.evaluate",
-            "learners.evaluation.experiment",
+            "learners.evaluation.planner_bench",
+            "learners.evaluation.room",
+            "learners.zoo",
         ),
-        DRAWS: ("views.comparison", "views.sheet"),
+        DRAWS: (
+            "views.comparison",
+            "views.sheet",
+        ),
     },
     "bench_gait": {
         TOOL: (
             "learners.evaluation",
             "learners.evaluation.gait_bench",
-            "learners.evaluation.gait_figures",
         )
-    },
-    "bench_planner": {TOOL: ("learners.evaluation", "learners.evaluation.planner_bench")},
-    "bench_room": {
-        TOOL: (
-            "learners.evaluation",
-            "learners.evaluation.env_room",
-            "learners.evaluation.room",
-            "learners.zoo",
-        )
-    },
-    "between": {
-        CHOICES: (
-            "planners.terrain.import_options",
-            "planners.problem.course_file",
-            "planners.terrain.reference",
-        ),
-        LATER: (
-            "planners.problem.alternatives",
-            "planners.problem.course_between",
-            "planners.problem.file_terrain",
-            "planners.robot.reach_file",
-            "planners.robot.robot_file",
-            "planners.terrain.footholds",
-        ),
     },
     "demo": {
         TOOL: (
@@ -77,17 +57,22 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "evaluate": {
         CHOICES: ("planners.projection.project",),
         TOOL: (
+            "learners.evaluation.bench",
             "learners.evaluation.evaluate",
-            "learners.evaluation.leaderboard",
         ),
     },
     "export": {TOOL: ("learners.data.export",)},
-    "fit": {DRAWS: ("learners.selectors.convergence_plot", "views")},
+    "fit": {
+        DRAWS: (
+            "learners.selectors.convergence_plot",
+            "views",
+        )
+    },
     "gait": {CHOICES: ("planners.gait.charts",), LATER: ("planners.formats.trajectory_file",)},
     "gait_answer": {
-        TOOL: ("planners.verify.trajectory_limits",),
+        TOOL: ("planners.verify.trajectory_measurements",),
         DRAWS: (
-            "planners.gait.charts.pushforward",
+            "planners.gait.charts.warped",
             "views.gait_plot",
             "views.gaits",
             "views.page",
@@ -96,35 +81,44 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "main": {TOOL: ("planners.plugins",)},
-    "map": {DRAWS: ("views.sheet", "views.standing_maps")},
-    "names": {TOOL: ("planners.plugins",)},
+    "map": {
+        DRAWS: (
+            "views.maps",
+            "views.sheet",
+        )
+    },
     "options": {
+        TOOL: ("planners.plugins",),
         CHOICES: ("planners.search.methods",),
-        DRAWS: ("views.film", "views.page", "views.sheet"),
+        DRAWS: (
+            "views.film",
+            "views.page",
+            "views.sheet",
+        ),
+        LATER: (
+            "planners.terrain.footholds",
+            "planners.terrain.import_options",
+        ),
     },
     "plan": {
         CHOICES: (
+            "planners.answer.certificate",
+            "planners.answer.plan",
+            "planners.answer.report",
             "planners.leap.finder",
-            "planners.leap.rule",
-            "planners.problem.leap_names",
+            "planners.leap.scp",
+            "planners.problem.leap",
             "planners.relaxation.table",
             "planners.search.methods",
         ),
         LATER: (
-            "learners.leaps.scorer",
-            "planners.formats.answer_file",
-            "planners.projection.whole_body_limits",
-            "planners.search.plan_settings",
+            "learners.leaps.policy",
+            "planners.formats.leap_file",
+            "planners.formats.plan_file",
+            "planners.projection.whole_body",
+            "planners.search.answer",
+            "planners.verify",
         ),
-    },
-    "plan_answer": {
-        CHOICES: (
-            "planners.answer.crossing",
-            "planners.answer.hindrance",
-            "planners.answer.leap_plan",
-            "planners.answer.report",
-        ),
-        LATER: ("planners.formats.leap_file", "planners.verify"),
     },
     "play": {
         CHOICES: (
@@ -133,51 +127,95 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.terrain.reference",
         ),
         TOOL: (
-            "views.playground.between_scenario",
-            "views.playground.fixed_scenario",
             "views.playground.keys_scenario",
+            "views.playground.scenario",
             "views.playground.serving",
-            "views.playground.walk_scenario",
         ),
     },
-    "replay": {TOOL: ("runner.log",), DRAWS: ("views.sheet", "views.tracking_plot")},
+    "replay": {
+        TOOL: ("runner.log",),
+        DRAWS: (
+            "views.gait_plot",
+            "views.sheet",
+        ),
+    },
     "robot": {
         TOOL: (
             "planners.robot.catalogue",
             "planners.robot.robot_file",
             "planners.robot.robot_model",
-            "planners.robot.workspace_cache",
+            "planners.robot.workspace",
         ),
-        DRAWS: ("planners.robot.meshes", "views.links", "views.robot_picture", "views.sheet"),
+        DRAWS: (
+            "planners.robot.meshes",
+            "views.links",
+            "views.sheet",
+            "views.still",
+        ),
     },
     "run": {
         LATER: (
+            "planners.motion.plan_motion",
             "planners.robot.actuators",
             "runner.acceptance",
-            "planners.motion.plan_motion",
             "runner.control.loop_settings",
             "runner.report",
             "runner.settings",
             "runner.worlds",
         ),
-        TOOL: ("runner.log", "runner.safety.estop"),
-        DRAWS: ("views.sheet", "views.tracking_plot"),
+        TOOL: (
+            "runner.log",
+            "runner.safety.estop",
+            "runner.safety.stop_topic",
+        ),
+        DRAWS: (
+            "views.gait_plot",
+            "views.sheet",
+        ),
     },
     "simulate": {
-        LATER: ("planners.motion.plan_motion", "runner.settings", "runner.worlds"),
-    },
-    "solve": {CHOICES: ("planners.search.methods",)},
-    "stops": {TOOL: ("runner.safety.estop", "runner.safety.stop_topic")},
-    "terrain": {DRAWS: ("views.footholds", "views.page", "views.sheet")},
-    "terrain_options": {
         LATER: (
-            "planners.terrain.footholds",
-            "planners.terrain.import_options",
+            "planners.motion.plan_motion",
+            "runner.settings",
+            "runner.worlds",
         )
     },
-    "train": {TOOL: ("learners.training.reinforce", "learners.training.train_config")},
-    "verify": {CHOICES: ("envs.data.pools",)},
-    "warp": {DRAWS: ("views.maps", "views.sheet")},
+    "solve": {
+        CHOICES: (
+            "planners.problem.course_file",
+            "planners.search.methods",
+            "planners.terrain.import_options",
+            "planners.terrain.reference",
+        ),
+        LATER: (
+            "planners.problem.alternatives",
+            "planners.problem.course_between",
+            "planners.problem.terrain_spec",
+            "planners.robot.reach_sets",
+            "planners.robot.robot_file",
+            "planners.terrain.footholds",
+        ),
+    },
+    "terrain": {
+        DRAWS: (
+            "views.page",
+            "views.sheet",
+            "views.terrain",
+        )
+    },
+    "train": {
+        TOOL: (
+            "learners.training.reinforce",
+            "learners.training.train_config",
+        )
+    },
+    "verify": {CHOICES: ("envs.data.ledger",)},
+    "warp": {
+        DRAWS: (
+            "views.maps",
+            "views.sheet",
+        )
+    },
 }
 """By file and reason: the modules that are imported."""
 

@@ -10,7 +10,8 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from stancekit.planners.robot import hexapod, workspace
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot import workspace as sets
 from stancekit.planners.robot.chain import Chain
 from stancekit.planners.robot.hulls import Polytope
 from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinematics, Seeds, descend
@@ -230,7 +231,7 @@ def test_workspaces_are_kept_leg_by_leg_and_read_again(
         np.testing.assert_array_equal(before.ball_m, after.ball_m)
         assert (before.cover, before.unreachable) == (after.cover, after.unreachable)
     made = list[str]()
-    monkeypatch.setattr(workspace, "workspace_of", lambda leg: made.append(leg.name) or first[0])
+    monkeypatch.setattr(sets, "workspace_of", lambda leg: made.append(leg.name) or first[0])
     weak = model_of(robot([leg(name, effort=8.0) for name in list(HIPS)[:2]]))
     assert one.digest != weak.digest
     assert [each.cover for each in workspaces_of(weak)] == [
