@@ -1,1 +1,5 @@
-"""Pictures, pages and films of scenes, answers and runs."""
+"""Pictures, pages and films of scenes, answers and runs.
+
+Read ``scene`` and ``camera`` (what is drawn), ``still``, ``page`` and ``film`` (how), then the kinds:
+``plans``, ``postures``, ``gaits``, ``leaps``, ``terrain``, ``robots``.
+"""

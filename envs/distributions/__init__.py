@@ -1,1 +1,4 @@
-"""Distributions of scenes: posture problems and courses drawn at random."""
+"""Distributions of scenes: posture problems and courses drawn at random.
+
+Read ``stance`` (one scene), ``postures``, ``courses``, then ``cut``.
+"""

@@ -5,6 +5,9 @@ answer was made.
 or of a course alike; ``explain`` says what such a proof gives as its reason. The batches,
 ``check_postures`` and ``check_certificates``, give numbers in place of reports. No solver takes
 part in a verdict on contacts or on a proof, and no code of a planner in anything.
+
+Read ``stances``, ``geometry`` and ``plans`` (plans), ``trajectories``, ``leaps``, ``motions`` (the
+rest), then ``lagrangian``, ``certificate`` and ``flood`` (proofs), ``explain`` (their sentences).
 """
 
 from ..answer.report import GROUPS as GROUPS

@@ -1,1 +1,4 @@
-"""Motions: plans and gaits as functions of time."""
+"""Motions: plans and gaits as functions of time.
+
+Read ``time_parametrization``, then ``redundancy``.
+"""

@@ -3,6 +3,8 @@
 
 What is named here is imported at its first use: the heartbeat monitor needs none of it, and starts
 in a third of the time.
+
+Read ``world`` (what one is), ``simulation``, ``mujoco``, then ``bullet``, ``hardware``.
 """
 
 from __future__ import annotations
