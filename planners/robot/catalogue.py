@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..errors import InvalidInput, not_installed
+from ..errors import InvalidInput, not_installed, package_command
 from ..files.documents import shown
 
 PROVIDERS: dict[str, tuple[str, dict[str, str]]] = {
@@ -89,8 +89,8 @@ def provided(provider: str, robot: str) -> Path:
         raise not_installed("robot", provider, f"the file of {robot}", "catalogue")
     if folder is None:
         raise InvalidInput(
-            f"robot: expected {provider} for the file of {robot}, it is not installed: pip install "
-            f"{provider}"
+            f"robot: expected {provider} for the file of {robot}, it is not installed: "
+            f"{package_command(provider)}"
         )
     return folder
 

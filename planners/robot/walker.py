@@ -25,7 +25,7 @@ from ..files.arrays import Array
 from ..files.documents import YAML, read_yaml
 from .hulls import Polytope
 from .leg_sources import no_legs
-from .limb import Foot, Limb, half_sides
+from .limb import Foot, half_sides
 from .meshes import shape_points, solid_shapes
 from .model import DEEPEST, Limb, Robot
 from .reach_sets import Sets, limbs_over, standing_toes

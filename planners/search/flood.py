@@ -186,7 +186,8 @@ class _Flood:
             if number in self.tops:
                 higher = np.where(out <= 0.0, sunk, -np.inf)
                 above[i:k, j:m] = np.maximum(above[i:k, j:m], higher)
-        return np.maximum(np.where(np.isfinite(ground), ground, -np.inf), above)
+        heights: Array = np.maximum(np.where(np.isfinite(ground), ground, -np.inf), above)
+        return heights
 
     def _raised(self, ground: Array, inside_m: float) -> Array:
         """The lowest centre of mass over every cell about which a ball is above the ground [m]."""

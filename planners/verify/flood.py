@@ -335,7 +335,8 @@ class _Replay:
             ground[part] = np.minimum(ground[part], np.where(away <= SEAM_M, sunk, np.inf))
             if number in self._tops:
                 above[part] = np.maximum(above[part], np.where(away <= ROOM_M, sunk, -np.inf))
-        return np.maximum(np.where(np.isinf(ground), -np.inf, ground), above)
+        heights: Array = np.maximum(np.where(np.isinf(ground), -np.inf, ground), above)
+        return heights
 
     def _above(self, ground: Array, radius: float) -> Array:
         """The lowest that the middle of a ball may be over every cell, for no point of the ground that

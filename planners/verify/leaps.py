@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..answer.certificate import LEAP_BODY
 from ..answer.plan import LEAST_GATHER, MOST_GATHER, NUMBERS, LeapPlan
@@ -22,6 +23,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..motion.leap_motion import LeapBody, gaps
 from ..physics import GRAVITY_M_S2
+from ..robot.joint_limits import speed_doubts
 from ..terrain.obstacles import Obstacles
 from .moving_body import BodyPath, MovingBodyMeasurements
 from .postures import violation
@@ -88,7 +90,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         each.
         """
         solver, rates = self.kinematics, self.rates_rad_s
-        most = np.where(solver.velocity_rad_s > 0.0, solver.velocity_rad_s, np.inf)
+        most = np.where(self._limited, solver.velocity_rad_s, np.inf)
         fast = 0.5 * (rates[1:] + rates[:-1]) / most
         return fast, self.torques_nm / solver.torque_nm
 
@@ -98,6 +100,16 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         fast, strong = self.shares
         drives = np.where(fast * strong > 0.0, np.abs(fast), 0.0)
         return np.asarray(np.abs(strong) + drives)
+
+    @cached_property
+    def _limited(self) -> NDArray[np.bool_]:
+        """Whether a joint's file has a velocity limit for it, shape (J,): what is guessed for key
+        frames is none.
+        """
+        solver = self.kinematics
+        guessed = speed_doubts(solver.model.tree)
+        named = [name not in guessed for name in solver.joints]
+        return np.asarray((solver.velocity_rad_s > 0.0) & named)
 
     @cached_property
     def turned(self) -> Array:
@@ -149,8 +161,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         yield _as_far_as_known(bent, model.limit_doubts)
         fast = _group("joint_speed", speed.values, joints, speed.times_s, limits.joint_speed, legs)
         torque = _group("torque", self.line, joints, times[1:-1], limits.torque, legs)
-        known = self.kinematics.velocity_rad_s > 0.0
-        slow = [name for name, there in zip(joints, known, strict=True) if not there]
+        slow = [name for name, there in zip(joints, self._limited, strict=True) if not there]
         unlimited = [f"no velocity limit of {', '.join(slow)}"] if slow else []
         yield _as_far_as_known(fast, unlimited)
         yield _as_far_as_known(torque, [*unlimited, *model.lines_of(model.torque_doubts)])

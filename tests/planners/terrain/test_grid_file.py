@@ -143,7 +143,12 @@ def written(path, content):
             "expected height_m with a .png, the heights of black and white [m], got none",
         ),
         ("h.stl", b"no", {}, "h.stl: expected a mesh: it is cut off, and it has 2 bytes"),
-        ("h.tif", b"no", {}, ".png, .stl, .obj, .ply, .dae, .off, .glb, .pcd, .xyz, got .tif"),
+        (
+            "h.tif",
+            b"no",
+            {},
+            ".png, .stl, .obj, .ply, .dae, .off, .glb, .xml, .pcd, .xyz, got .tif",
+        ),
         ("h.csv", b"1", {"height_m": (0.0, 1.0)}, "height_m: expected a .png with it"),
     ],
 )
