@@ -1,5 +1,7 @@
 """Limits of a score hold a stated error in each class, whatever the scores are."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -7,12 +9,91 @@ import pytest
 from scipy.stats import binom
 
 from stancekit.learners.surrogates.calibration import (
+    ALARM,
+    BINS,
+    FEWEST,
+    Likeness,
     allowed,
     checked_error,
     threshold,
     thresholds,
 )
 from tests.refusals import refuses
+
+KINDS = ("feasible", "infeasible", "trivial")
+
+
+def rows(rng: np.random.Generator, kind: str, count: int) -> np.ndarray:
+    """Eleven numbers whose means differ between the classes."""
+    mean = {"feasible": 0.0, "infeasible": 0.7, "trivial": 2.0}[kind]
+    return rng.normal(mean, 1.0, size=(count, 11)) * np.linspace(0.1, 3.0, 11)
+
+
+@pytest.fixture(scope="module")
+def likeness() -> Likeness:
+    rng = np.random.default_rng(0)
+    sizes = {"feasible": 2000, "infeasible": 800, "trivial": 400}
+    return Likeness.of({kind: rows(rng, kind, count) for kind, count in sizes.items()})
+
+
+def drawn(rng: np.random.Generator, count: int) -> np.ndarray:
+    shares = rng.dirichlet([1, 1, 1])
+    return np.concatenate(
+        [
+            rows(rng, kind, int(size))
+            for kind, size in zip(KINDS, rng.multinomial(count, shares), strict=True)
+        ]
+    )
+
+
+def test_any_mixture_of_the_classes_is_alike(likeness: Likeness) -> None:
+    rng = np.random.default_rng(1)
+    p = np.array([likeness.unlike(drawn(rng, int(rng.integers(64, 3000))))[0] for _ in range(400)])
+    assert p.min() > ALARM
+    assert (p < 0.05).mean() < 0.08
+
+
+@pytest.mark.parametrize(
+    ("shift", "share"),
+    [
+        (0.8, 0.9),  # 1,152 of 1,200 were told from the classes: a mixture may make up for a part
+        (1.2, 1.0),  # 600 of 600
+    ],
+)
+def test_another_distribution_is_not(likeness: Likeness, shift: float, share: float) -> None:
+    rng = np.random.default_rng(2)
+    p, worst = [], []
+    for _ in range(40):
+        batch = drawn(rng, 400)
+        batch[:, 4] += shift
+        probability, column = likeness.unlike(batch)
+        p.append(probability)
+        worst.append(column)
+    assert np.mean(np.array(p) < ALARM) >= share
+    assert set(worst) == {4}
+
+
+def test_a_number_that_never_changes_is_not(likeness: Likeness) -> None:
+    rng = np.random.default_rng(2)
+    narrow = drawn(rng, 400)
+    narrow[:, 7] = 0.0
+    assert likeness.unlike(narrow)[0] < ALARM
+
+
+def test_few_problems_and_a_stranger_among_many_are_no_alarm(likeness: Likeness) -> None:
+    rng = np.random.default_rng(3)
+    assert likeness.unlike(np.full((FEWEST - 1, 11), 9.0)) == (1.0, 0)
+    batch = drawn(rng, 300)
+    batch[0] = 100.0
+    assert likeness.unlike(batch)[0] > ALARM
+
+
+def test_without_rows_nothing_is_told() -> None:
+    nothing = Likeness.of(
+        {kind: np.zeros((0, 3)) for kind in ("feasible", "infeasible", "trivial")}
+    )
+    assert nothing.counts.shape == (3, 3, BINS)
+    assert nothing.unlike(np.zeros((500, 3))) == (1.0, 0)
 
 
 @pytest.mark.parametrize("count", [1, 50, 600, 737, 738, 2000, 30_000])

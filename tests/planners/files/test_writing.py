@@ -4,6 +4,7 @@ writers.
 
 from __future__ import annotations
 
+import copy
 import os
 import shutil
 import signal
@@ -11,13 +12,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import (
+    SAME,
     TEMPORARY,
     check_writable,
+    first_difference,
     remove_leftovers,
     replaced,
     write_bytes,
@@ -27,6 +31,46 @@ from stancekit.planners.formats.plan_file import check_file, write_plan
 from stancekit.planners.verify import check_plan
 from tests.emulators.faulty_disk import Ended, ended
 from tests.refusals import assert_names, refuses
+
+VALUE: dict[str, Any] = {
+    "name": "walls",
+    "rows": [[1.0, 2.0], [3.0, 4.0]],
+    "robot": {"mass_kg": 10.0, "legs": None},
+}
+
+
+def changed(*path: str | int, to: Any) -> dict[str, Any]:
+    found = copy.deepcopy(VALUE)
+    part: Any = found
+    for step in path[:-1]:
+        part = part[step]
+    part[path[-1]] = to
+    return found
+
+
+def test_equal_values_have_no_difference_and_roundings_are_none() -> None:
+    assert first_difference(VALUE, VALUE) == ""
+    assert first_difference(changed("robot", "mass_kg", to=10.0 * (1.0 + 0.5 * SAME)), VALUE) == ""
+    assert first_difference(changed("rows", to=((1, 2.0), (3.0, 4.0))), VALUE) == ""
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        (changed("name", to="stairs"), "name: expected"),
+        (changed("rows", 1, 0, to=3.0 + 1e-6), "rows[1][0]: expected"),
+        (changed("rows", 0, to=[1.0]), "rows[0]: expected 2, got 1"),
+        (changed("robot", "mass_kg", to="10"), "robot.mass_kg: expected"),
+        (changed("robot", "legs", to=0), "robot.legs: expected"),
+        (changed("robot", "mass_kg", to=True), "robot.mass_kg: expected"),
+        (changed("robot", to=[]), "robot: expected"),
+        (changed("speed", to=1.0), "speed: expected nothing, got 1.0"),
+        ({key: VALUE[key] for key in ("name", "rows")}, "robot: expected this key, got nothing"),
+    ],
+)
+def test_the_first_difference_is_named_by_its_place(said: dict[str, Any], message: str) -> None:
+    assert first_difference(said, VALUE).startswith(message)
+
 
 FULL = "No space left on device"
 
