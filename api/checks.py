@@ -32,10 +32,10 @@ FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
-TOLD_M = 1e-3
+_TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
-EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
+_EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
 """Evidence that an answer of each status has to hold."""
 CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
 
@@ -305,7 +305,7 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
     from stancekit.planners.formats.plan_file import answer_from_json  # slow to import
 
     answer, status = answer_from_json(claim, problem), _status(claim)
-    kind, expected = None if answer is None else type(answer), EVIDENCE[status]
+    kind, expected = None if answer is None else type(answer), _EVIDENCE[status]
     if kind is not expected:
         hint = " (solve with --certificate)" if status == "infeasible" else ""
         message = (
@@ -315,7 +315,7 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
     if isinstance(answer, Plan):
         report = check_plan(answer, tolerance=tolerance)
         message, beyond_m = _bare(report.message), report.figures["exact_reach_m"]
-        if beyond_m > TOLD_M:
+        if beyond_m > _TOLD_M:
             message += f"; {1e3 * beyond_m:.0f} mm out of reach with the exact rotation"
         return {
             "verdict": "accepted" if report.accepted else "refused",
@@ -362,7 +362,7 @@ def _status(claim: Any) -> str:
         "status",
         "infeasible" if "certificate" in claim else "feasible" if "toes_m" in claim else None,
     )
-    checked_choice(status, "status", tuple(EVIDENCE))
+    checked_choice(status, "status", tuple(_EVIDENCE))
     return str(status)
 
 

@@ -35,9 +35,9 @@ FURTHER: Mapping[str, Any] = {
     "tries": Mapping[str, int] | None,
 }
 """Arguments that ``label`` takes by name beside its parameters."""
-USUAL_ROWS = (500, 500)
+_USUAL_ROWS = (500, 500)
 """How many feasible and infeasible ones there are where nothing is said."""
-SCREEN_ERROR = 0.04
+_SCREEN_ERROR = 0.04
 """Share of the rows that may be lost by a screen where nothing is said."""
 BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "progress", *FURTHER)
 """All of them, for messages."""
@@ -61,7 +61,7 @@ def label(
     *,
     robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
-    rows: tuple[int, int] | int = USUAL_ROWS,
+    rows: tuple[int, int] | int = _USUAL_ROWS,
     scenes: None = None,
     seed: int = 0,
     workers: int | Executor = 1,
@@ -75,7 +75,7 @@ def label(
     *,
     robot: Robot | str | Path | None = None,
     terrain: str | Path | None = None,
-    rows: tuple[int, int] | int = USUAL_ROWS,
+    rows: tuple[int, int] | int = _USUAL_ROWS,
     seed: int = 0,
     workers: int | Executor = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -135,7 +135,7 @@ def label(
     if isinstance(problems, str) and is_leap_class(problems):
         asked_of = {"robot": robot, "terrain": terrain} | options
         _check_no_use(asked_of, but=("scenes", "shard_size", "tries"), of=f"leaps of {problems}")
-        if rows is not USUAL_ROWS:
+        if rows is not _USUAL_ROWS:
             raise InvalidInput(f"rows: expected none with leaps of {problems}, got {shown(rows)}")
         return _leaps(problems, folder, options, seed=int(seed), run=run, progress=progress)
     of_leaps = {name: options.pop(name, None) for name in ("scenes", "tries")}
@@ -186,7 +186,7 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
     except ImportError as missing:
         raise not_installed("screen", missing.name, "networks", "rl") from None
 
-    error = SCREEN_ERROR if error is None else error
+    error = _SCREEN_ERROR if error is None else error
     if not 0.0 < error < 1.0:
         raise InvalidInput(f"screen_error: expected a number above 0 and below 1, got {error:g}")
     return surrogate_of(given), float(error)

@@ -32,7 +32,7 @@ FORMAT_NAMES = (*FORMATS, MINARI)
 """Formats that ``to`` may name."""
 LEDGER = "motions.jsonl"
 """In a folder of drawn motions: a line per draw, and what was asked for before them."""
-GOAL_XY_M, DURATION_S, LIMIT_S = (0.8, 0.0), 6.0, 30.0
+_GOAL_XY_M, _DURATION_S, LIMIT_S = (0.8, 0.0), 6.0, 30.0
 """Numbers of drawn walks: where they end, how long they take, and the processor time of looking for
 one."""
 MOST_DRAWS = 10
@@ -358,7 +358,9 @@ def _one(ground: str, folder: Path, to: str, rate_hz: float, robot: str) -> dict
     """The walk over one ground: its line of the ledger."""
     record = {"ground": ground}
     try:
-        attempts = walk(ground, GOAL_XY_M, robot=robot, duration_s=DURATION_S, time_limit_s=LIMIT_S)
+        attempts = walk(
+            ground, _GOAL_XY_M, robot=robot, duration_s=_DURATION_S, time_limit_s=LIMIT_S
+        )
     except InvalidInput as error:
         if str(error).startswith("robot"):
             raise

@@ -18,7 +18,7 @@ from stancekit.planners.robot.model import Robot
 if TYPE_CHECKING:
     from stancekit.envs.distributions.postures import Distribution
 
-MOST_PROBLEMS = 1_000_000
+_MOST_PROBLEMS = 1_000_000
 """Problems drawn into memory at once."""
 
 
@@ -58,7 +58,7 @@ def sample(
         >>> first.legs
         ('RF', 'RR', 'LM')
     """
-    checked_int(count, "count", least=1, most=MOST_PROBLEMS)
+    checked_int(count, "count", least=1, most=_MOST_PROBLEMS)
     return list(drawn(distribution(problems, robot=robot, terrain=terrain), count, rng))
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from stancekit.learners.surrogates.surrogate import Surrogate
 
 
-MOST_ITERATIONS = 10_000
+_MOST_ITERATIONS = 10_000
 
 
 @checked
@@ -77,7 +77,7 @@ def warp(
         >>> stancekit.warp("hill", cells=(8, 8, 3)).report.least_det > 0.0
         True
     """
-    checked_int(iterations, "iterations", least=1, most=MOST_ITERATIONS)
+    checked_int(iterations, "iterations", least=1, most=_MOST_ITERATIONS)
     if any(isinstance(count, bool) or not isinstance(count, int) for count in cells):
         raise InvalidInput(f"cells: expected three whole numbers in [2, 200], got {cells}")
     field = terrain if isinstance(terrain, HeightField) else named_terrain(str(terrain))

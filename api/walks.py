@@ -25,7 +25,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.terrain import Terrain
 
-OF_WALK = (
+_OF_WALK = (
     "start_yaw_rad",
     "end_yaw_rad",
     "friction",
@@ -34,7 +34,7 @@ OF_WALK = (
     "cycle_s",
     "timings",
 )
-OF_SEARCH = (
+_OF_SEARCH = (
     "total_iterations",
     "max_iterations",
     "dynamics",
@@ -47,7 +47,7 @@ OF_SEARCH = (
 """Fields of a ``Walk``; limits and settings of the solves: what ``walk`` takes by their names."""
 LIMITS = {True: 80, False: 200}
 """Iterations of one solve in a portfolio, and in one chart."""
-MOST_SEEDS = 1000
+_MOST_SEEDS = 1000
 
 
 @checked
@@ -123,12 +123,12 @@ def walk(
         "duration_s",
         "chart",
         "time_limit_s",
-        *OF_WALK,
-        *OF_SEARCH,
+        *_OF_WALK,
+        *_OF_SEARCH,
     )
     check_names("walk", task, beside)
-    fields = {name: value for name, value in task.items() if name in OF_WALK}
-    options = {name: value for name, value in task.items() if name in OF_SEARCH}
+    fields = {name: value for name, value in task.items() if name in _OF_WALK}
+    options = {name: value for name, value in task.items() if name in _OF_SEARCH}
     if isinstance(terrain, Walk):
         usual = {"goal_xy_m": goal_xy_m is None, "start_xy_m": tuple(start_xy_m) == (0.0, 0.0)}
         usual |= {
@@ -178,7 +178,7 @@ def search_of(
         settings: fields of ``GaitSettings``, but for those that are None.
     """
     checked_number(time_limit_s, "time_limit_s", above=0.0)
-    checked_int(seeds, "seeds", least=1, most=MOST_SEEDS)
+    checked_int(seeds, "seeds", least=1, most=_MOST_SEEDS)
     checked_int(seed, "seed", least=0)
     check_argument("raw", raw, bool)
     several = chart == "portfolio"

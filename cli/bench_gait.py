@@ -178,7 +178,7 @@ class BenchGait:
         write_text(folder / "table.json", json.dumps(records, indent=1) + "\n")
         if not self.json:
             wide = out if out.is_terminal else Console(width=WIDTH)
-            for made in (success_table(records), _speed_table(records), motion_table(records)):
+            for made in (success_table(records), _speed_table(records), _motion_table(records)):
                 wide.print(made)
             for line in (*_comparisons(rows), *products(records)):
                 out.print(line, highlight=False)
@@ -263,7 +263,7 @@ def _speed_table(records: list[dict[str, Any]]) -> Table:
     )
 
 
-def motion_table(records: list[dict[str, Any]]) -> Table:
+def _motion_table(records: list[dict[str, Any]]) -> Table:
     """Table of what the motions do between the nodes."""
     return _table(
         records,

@@ -62,7 +62,7 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in text)
 
 
-LONGEST_COMPLAINT = 2000
+_LONGEST_COMPLAINT = 2000
 EVERY_S = 10.0
 """Where standard error is no terminal, long work says so often where it is."""
 out = _console()
@@ -104,7 +104,7 @@ def emit(record: Mapping[str, Any]) -> None:
 
 def complain(message: str) -> None:
     """Print one plain line on standard error, cut where it is longer than anybody reads."""
-    cut = message[:LONGEST_COMPLAINT] + (" …" if len(message) > LONGEST_COMPLAINT else "")
+    cut = message[:_LONGEST_COMPLAINT] + (" …" if len(message) > _LONGEST_COMPLAINT else "")
     plain = "".join(
         letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in cut
     )

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
-PROJECTED = ("fix-p", "lift-fix-p", "fix-toes", "scp")
+_PROJECTED = ("fix-p", "lift-fix-p", "fix-toes", "scp")
 
 
 @dataclass
@@ -57,7 +57,7 @@ class Evaluate:
     lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
     """Leave out the lift, which needs no envelope and is compared with the others unless told
     so."""
-    projection: Annotated[tuple[str, ...], PROJECTION] = PROJECTED
+    projection: Annotated[tuple[str, ...], PROJECTION] = _PROJECTED
     """Projections; nlp takes some 30 ms a problem."""
     workers: int = 1
     """Processes. Times of P1 are honest with as many as there are idle cores."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stancekit.learners.data.executors import Executor
     from stancekit.planners.relaxation.envelope import EnvelopeSet
 
-LEAP_SCORES = ("additive", "set")
+_LEAP_SCORES = ("additive", "set")
 """Methods that learn from tries of leaps."""
 SURROGATE = "surrogate"
 """The method that learns feasibility itself."""
@@ -110,7 +110,7 @@ class Fit:
             check_writable(self.picture)
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
-        if self.method in LEAP_SCORES:
+        if self.method in _LEAP_SCORES:
             return self._scores()
         rows = [rows_of(folder, self.part, self.robot, self.terrain) for folder in self.dataset]
         if self.method == SURROGATE:

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from stancekit.planners.gait.method.portfolio import Attempts
     from stancekit.planners.problem.walk import Walk
 
-PHASES = ("feasible", "smooth", "densify")
+_PHASES = ("feasible", "smooth", "densify")
 TURN_RAD = 5e-4
 """Walks that turn by less are not said to turn."""
-WAY_M = 0.05
+_WAY_M = 0.05
 """The ground is looked at so often on the way."""
 
 
@@ -134,7 +134,7 @@ def _phases(plan: Attempts, one: Attempted) -> dict[str, dict[str, float]]:
             "iterations": sum(record.iterations for record in solves if record.phase == phase),
             "solves": sum(record.phase == phase for record in solves),
         }
-        for phase in PHASES
+        for phase in _PHASES
     }
 
 
@@ -195,7 +195,7 @@ def doubt(task: Walk, total_s: float) -> None:
     """
     import numpy as np
 
-    steps = max(2, int(np.linalg.norm(task.goal_xy_m - task.start_xy_m) / WAY_M) + 2)
+    steps = max(2, int(np.linalg.norm(task.goal_xy_m - task.start_xy_m) / _WAY_M) + 2)
     way = task.start_xy_m + np.linspace(0.0, 1.0, steps)[:, None] * (
         task.goal_xy_m - task.start_xy_m
     )

@@ -16,7 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
-DESCRIPTION = """Legged robots learn and plan on hard terrain.
+_DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
 A session, from terrain to a picture:
   stancekit sample wall-3 --count 3 > postures.jsonl
@@ -43,7 +43,7 @@ INTERNAL = 70
 """Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a
 refusal."""
 TRACE = "STANCEKIT_TRACE"
-RARELY = (200_000, 20, 20)
+_RARELY = (200_000, 20, 20)
 """Objects made between two searches for those that only hold each other, and how many searches make
 one of older objects."""
 
@@ -79,7 +79,7 @@ are looked for where a name is none of ours, since to look for them takes as lon
 ``--help``."""
 
 
-BRIEF = r'(?ms)^class {}\b[^\n]*:\n    """(.*?)(?:\n\n|""")'
+_BRIEF = r'(?ms)^class {}\b[^\n]*:\n    """(.*?)(?:\n\n|""")'
 """A class of this name and the first paragraph of its docstring, in the text of a file."""
 
 
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             return
         from .pictures import keep_as_written, share_methods
 
-        gc.set_threshold(*RARELY)  # most of what commands make is modules, which stay
+        gc.set_threshold(*_RARELY)  # most of what commands make is modules, which stay
         if alone:
             share_methods()
         command = parse(arguments)
@@ -135,7 +135,7 @@ def _overview() -> str:
     usage = "usage: stancekit COMMAND [OPTIONS]; stancekit COMMAND --help says more"
     briefs = [f"  {name:9} {brief(name)}" for name in COMMANDS]
     lines = (textwrap.fill(brief, width=80, subsequent_indent=" " * 12) for brief in briefs)
-    return "\n".join([usage, "", DESCRIPTION, "", "Commands:", *lines])
+    return "\n".join([usage, "", _DESCRIPTION, "", "Commands:", *lines])
 
 
 def brief(name: str) -> str:
@@ -143,7 +143,7 @@ def brief(name: str) -> str:
     a second.
     """
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
-    if match := re.search(BRIEF.format(COMMANDS[name]), source):
+    if match := re.search(_BRIEF.format(COMMANDS[name]), source):
         return " ".join(match[1].split())
     raise LookupError(f"{name}.py: expected class {COMMANDS[name]}")
 
@@ -276,7 +276,7 @@ def run(command: Command) -> int:
         return _ended_by(error)
 
 
-OF_GROUND = ".* closed parts narrower than .* are inside out|.*: no ground: |mesh .*: its hull "
+_OF_GROUND = ".* closed parts narrower than .* are inside out|.*: no ground: |mesh .*: its hull "
 """How this package's warnings begin of a ground that was mended, or that is not all of its file."""
 
 
@@ -299,7 +299,7 @@ def _without_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         if not os.environ.get(TRACE):
             warnings.simplefilter("ignore")
-            warnings.filterwarnings("always", OF_GROUND, UserWarning)
+            warnings.filterwarnings("always", _OF_GROUND, UserWarning)
             warnings.showwarning = show
         yield
 

@@ -251,7 +251,7 @@ def wrench_numbers(text: str | None) -> tuple[float, ...] | None:
         ) from None
 
 
-OF_FILES = (
+_OF_FILES = (
     "kind",
     "spacing_m",
     "unit_m",
@@ -389,7 +389,15 @@ def in_options() -> Iterator[None]:
     except InvalidInput as error:
         message = re.sub(r"\bheight_m\b", "--heights-m", str(error))
         names = "|".join(
-            (*OF_FILES, "slope_rad", "clearance_m", "margin_m", "width_m", "roughness_m", "noise_m")
+            (
+                *_OF_FILES,
+                "slope_rad",
+                "clearance_m",
+                "margin_m",
+                "width_m",
+                "roughness_m",
+                "noise_m",
+            )
         )
         text = re.sub(rf"(?<![-\w])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
         raise InvalidInput(text) from None

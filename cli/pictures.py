@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from stancekit.runner.execution import Execution
 
 
-PARSER = "scipy._lib._docscrape"
+_PARSER = "scipy._lib._docscrape"
 """The module whose ``FunctionDoc`` parses and writes docstrings."""
-COPIES = "scipy._lib.array_api_compat._internal"
+_COPIES = "scipy._lib.array_api_compat._internal"
 """The module whose ``clone_module`` copies all names of an array library."""
 
 
@@ -64,15 +64,15 @@ def _names_at_hand(name: str, namespace: dict[str, Any]) -> list[str]:
     return list(objects)
 
 
-INSTEAD: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    PARSER: ("FunctionDoc", lambda _: Unparsed),
-    COPIES: ("clone_module", lambda _: _names_at_hand),
+_INSTEAD: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    _PARSER: ("FunctionDoc", lambda _: Unparsed),
+    _COPIES: ("clone_module", lambda _: _names_at_hand),
 }
 """By module, the name in it that is replaced, and what makes the other object of the first one."""
 
 
 class AsWritten(MetaPathFinder, Loader):
-    """Finds the modules of ``INSTEAD``, and puts the other objects in their places."""
+    """Finds the modules of ``_INSTEAD``, and puts the other objects in their places."""
 
     def __init__(self) -> None:
         self._loaders: dict[str, Loader] = {}
@@ -82,7 +82,7 @@ class AsWritten(MetaPathFinder, Loader):
     ) -> ModuleSpec | None:
         """The module's, loaded by this; none for any other module."""
         if (
-            fullname not in INSTEAD
+            fullname not in _INSTEAD
             or (spec := PathFinder.find_spec(fullname, path)) is None
             or spec.loader is None
         ):
@@ -97,7 +97,7 @@ class AsWritten(MetaPathFinder, Loader):
     def exec_module(self, module: ModuleType) -> None:
         """Load the module, then put the other object in its place."""
         self._loaders[module.__name__].exec_module(module)
-        name, other = INSTEAD[module.__name__]
+        name, other = _INSTEAD[module.__name__]
         if hasattr(module, name):
             vars(module)[name] = other(vars(module)[name])
 
@@ -106,7 +106,7 @@ def keep_as_written() -> None:
     """Have modules of SciPy that are not imported yet leave their docstrings as they are, and
     NumPy's modules alone.
     """
-    if not INSTEAD.keys() & sys.modules.keys() and not any(
+    if not _INSTEAD.keys() & sys.modules.keys() and not any(
         isinstance(each, AsWritten) for each in sys.meta_path
     ):
         sys.meta_path.insert(0, AsWritten())

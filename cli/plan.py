@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from stancekit.planners.search.answer import Planner, PlanSettings
 
 
-def deliver(
+def _deliver(
     answer: Answer[Plan] | Answer[LeapPlan] | Answer[Crossing],
     *,
     plan_file: Path | None,
@@ -523,7 +523,7 @@ class PlanCourse:
 
         answer = self._leap() if is_leap_file(self.course) else self._course()
         pictures = {name: getattr(self, name) for name in ("picture", "video", "html")}
-        return deliver(
+        return _deliver(
             answer,
             plan_file=self.out,
             proof=self.proof,

@@ -43,11 +43,11 @@ if TYPE_CHECKING:
     from stancekit.runner.worlds.settings import EstopCheck
 
 
-BUSY = 1.0
+_BUSY = 1.0
 """A computer with more processes than processors keeps no time."""
 
 
-def run_table(report: RunReport) -> Table:
+def _run_table(report: RunReport) -> Table:
     """The report, for people."""
     word = "dry run, nothing was sent" if report.dry else "run as planned"
     table = _begun(word, report.message, report.ended)
@@ -108,7 +108,7 @@ def run_table(report: RunReport) -> Table:
     median, late = (1e3 * value for value in report.cycle_s)
     if math.isfinite(median):
         table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
-    if report.message and not report.dry and report.load > BUSY:
+    if report.message and not report.dry and report.load > _BUSY:
         table.add_row(
             "computer",
             f"{report.load:.1f} processes for each processor: a run that comes too late may stop "
@@ -169,7 +169,7 @@ def _begun(word: str, message: str, ended: Ended) -> Table:
 
 
 @contextmanager
-def stop_sources(
+def _stop_sources(
     stack: ExitStack,
     stop_file: Path | None,
     stop_topic: str | None,
@@ -357,7 +357,7 @@ class RunMotion:
             if self.try_estop:
                 err.print("--try-estop: press the e-stop and release it; the robot is armed then")
             sources = stack.enter_context(
-                stop_sources(
+                _stop_sources(
                     stack, self.stop_file, self.stop_topic, armed=self.arm, check=self._estop()
                 )
             )
@@ -385,7 +385,7 @@ class RunMotion:
                 show(request.plan, report.execution, video=self.video)
             elif self.video is not None:
                 complain(f"stancekit: no film: {report.message or 'nothing was measured'}")
-            return self._report(report.succeeded, report.to_json(), run_table(report))
+            return self._report(report.succeeded, report.to_json(), _run_table(report))
         return self._report(report.succeeded, *_led(report, policy))
 
     def _request(self) -> Accepted[Any] | Problem:

@@ -95,7 +95,7 @@ def _drawn(observation: Observation, *, rng: np.random.Generator) -> NDArray[np.
     return np.asarray(rng.integers(shape[-1], size=shape[:-1]))
 
 
-IGNORED = ("minari_autoseed",)
+_IGNORED = ("minari_autoseed",)
 """Options of ``reset`` that are for a collector around an environment, which hands them on."""
 
 
@@ -122,7 +122,7 @@ def check_options(options: Any, known: Collection[str] = ()) -> None:
     """Raise InvalidInput for options of ``reset`` that an environment does not have."""
     if options is not None and not isinstance(options, Mapping):
         raise InvalidInput(f"options: expected a mapping or None, got {shown(options)}")
-    strange = [name for name in options or () if name not in known and name not in IGNORED]
+    strange = [name for name in options or () if name not in known and name not in _IGNORED]
     if strange:
         wanted = f"one of {', '.join(known)}" if known else "none"
         raise InvalidInput(f"options: expected {wanted}, got {', '.join(map(str, strange))}")

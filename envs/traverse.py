@@ -48,8 +48,8 @@ from .selection import LearnedSelector, class_envelopes
 
 DRAWS = 50
 """Number of draws of a source that has nothing for some toe, before it is given up."""
-CourseSource = Callable[[np.random.Generator], Problem]
-Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | CourseSource
+_CourseSource = Callable[[np.random.Generator], Problem]
+Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | _CourseSource
 """Sources of courses: names, files and descriptions, also as mappings with a file's keys; or a
 function."""
 Boxes = EnvelopeSet | Sequence[EnvelopeSet | str | Path] | Modes | LearnedSelector | str | Path
@@ -89,7 +89,7 @@ class TraverseWeights:
         check_numbers(self, finite=self.__dataclass_fields__)
 
 
-def path_length_m(course: Problem) -> float:
+def _path_length_m(course: Problem) -> float:
     """Length of the nominal path [m]; 1 where it does not move."""
     length = float(np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1).sum())
     return length if length > 1e-9 else 1.0
@@ -147,9 +147,9 @@ LEAST: Mapping[str, int] = MappingProxyType(
 )
 
 
-def course_source(
+def _course_source(
     courses: Courses, settings: TraverseSettings
-) -> tuple[CourseSource, CourseFeatures]:
+) -> tuple[_CourseSource, CourseFeatures]:
     """Source that draws courses, and the size of their views: horizon, limbs, regions and corners,
     the courses' where None.
 
@@ -197,7 +197,7 @@ class Perturbed:
         return perturbed(self.specs[int(rng.integers(len(self.specs)))], rng, amount=self.amount)
 
 
-def _with_footing(draw: CourseSource, rng: np.random.Generator) -> Problem:
+def _with_footing(draw: _CourseSource, rng: np.random.Generator) -> Problem:
     """Draw a course, again where a scene of a family has nothing for some toe.
 
     Raises PlanningFailed after DRAWS.
@@ -255,7 +255,7 @@ def _limbs(spec: CourseSpec) -> int:
     return len(spec.make_robot().limbs)
 
 
-def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[Planner]:
+def _offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[Planner]:
     """The two-stage planner over the lift, and over each of the envelopes.
 
     Raises InvalidInput.
@@ -268,7 +268,7 @@ def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> S
     ]
 
 
-def check_selectors(planners: Sequence[Planner], source: CourseSource) -> None:
+def _check_selectors(planners: Sequence[Planner], source: _CourseSource) -> None:
     """Raise InvalidInput for a selector that no course has a stance for: it would be asked for
     nothing.
 
@@ -464,15 +464,15 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         check_argument("courses", courses, Courses)
         settings = settings_from(TraverseSettings, options, beside=("courses", "render_mode"))
-        self._draw, self._features = course_source(courses, settings)
+        self._draw, self._features = _course_source(courses, settings)
         programs = settings.programs or Programs()
         planners = settings.planners
         self._planners = tuple(
-            offered_planners(settings.envelopes, programs) if planners is None else planners
+            _offered_planners(settings.envelopes, programs) if planners is None else planners
         )
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
-        check_selectors(self._planners, self._draw)
+        _check_selectors(self._planners, self._draw)
         self._start, self._executor = TwoStagePlanner(programs=programs), settings.executor
         self._horizon, self._weights = settings.horizon, settings.rewards
         self._patience, self._timing = settings.patience, bool(settings.timing)
@@ -597,7 +597,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             "com_m": np.array(standing.com_m),
             "toes_m": np.array(standing.toes_m),
             "terrain_modes": np.array([modes[k] if k < len(modes) else NO_MODE for k in coming]),
-            "reward_progress": weights.progress * tried.progress_m / path_length_m(course),
+            "reward_progress": weights.progress * tried.progress_m / _path_length_m(course),
             "reward_feasible": weights.feasible * (tried.plan is not None),
             "reward_failure": -weights.failure * (tried.failed),
             "reward_effort": -weights.solve * solves - weights.second * seconds,

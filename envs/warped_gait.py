@@ -262,7 +262,7 @@ PATCH, PATCH_M = 24, 4.0
 """Heights along a side of the observed square, and its side [m]."""
 _ROOM = 4.0  # bound on lengths in an observation [m]
 
-OPTIMISER = GaitSettings(max_iterations=50)
+_OPTIMISER = GaitSettings(max_iterations=50)
 """Settings of the optimiser where none are given."""
 
 
@@ -292,7 +292,7 @@ class GaitEnvSettings:
     robot: Robot | str | Path | None = None
     tasks: Tasks | None = None
     charts: Sequence[str] | None = None
-    settings: GaitSettings | Mapping[str, Any] = OPTIMISER
+    settings: GaitSettings | Mapping[str, Any] = _OPTIMISER
     weights: GaitRewardWeights | Mapping[str, float] = GaitRewardWeights()
     timing: bool = False
     pool: int | str | Path | None = None
@@ -333,7 +333,7 @@ class GaitEnvSettings:
         if isinstance(settings, GaitSettings):
             return settings
         return typed(
-            GaitSettings, {"max_iterations": OPTIMISER.max_iterations, **settings}, "settings"
+            GaitSettings, {"max_iterations": _OPTIMISER.max_iterations, **settings}, "settings"
         )
 
 

@@ -62,7 +62,7 @@ R = TypeVar("R")
 Settings = TypeVar("Settings")
 PLAIN = (NoneType, bool, int, float, str)
 """What a message shows itself; of other things it shows the type."""
-WORDS = {
+_WORDS = {
     NoneType: "None",
     bool: "True or False",
     int: "an integer",
@@ -218,7 +218,7 @@ def _expected(hint: Any) -> str:
         )
         return f"something with {', '.join(names)}"
     kind = origin or hint
-    return WORDS.get(kind) or _articled(kind.__name__)
+    return _WORDS.get(kind) or _articled(kind.__name__)
 
 
 def came(value: Any) -> str:

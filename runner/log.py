@@ -218,7 +218,7 @@ TOPICS: dict[str, dict[str, str]] = {
     "verdict": {"succeeded": "boolean", "message": "string"},
 }
 """The topics, and what every message of each has at least, by JSON type."""
-ARRAYS_OF = {"joints": str}
+_ARRAYS_OF = {"joints": str}
 """Content of the arrays of messages; numbers, or rows of them, where it is not said. What was not
 finite is null."""
 KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
@@ -462,11 +462,11 @@ def _check_message(topic: str, content: Any, where: str) -> None:
             raise InvalidInput(f"{where}: {name}: expected {kind}, got {shown(value)}")
         if (
             kind == "array"
-            and ARRAYS_OF.get(name) is str
+            and _ARRAYS_OF.get(name) is str
             and not all(isinstance(item, str) for item in value)
         ):
             raise InvalidInput(f"{where}: {name}: expected texts, got {shown(value)}")
-        if kind == "array" and name not in ARRAYS_OF:
+        if kind == "array" and name not in _ARRAYS_OF:
             table(value, (None,), f"{where}: {name}")
         if kind == "number" and not abs(value) <= LARGEST_TIME:
             raise InvalidInput(

@@ -42,11 +42,11 @@ from .video import Frame, check_video
 
 FINER = 2
 """Rows and columns drawn to a pixel; their mean is what is seen."""
-SHADOW_PX = 1024
+_SHADOW_PX = 1024
 """Pixels of the map that says what the light reaches."""
 POINT_M = 0.0006
 """Half the width of a line of one point, as a share of the distance."""
-EMPTY = """<mujoco><visual><headlight active="0"/></visual>
+_EMPTY = """<mujoco><visual><headlight active="0"/></visual>
 <asset><texture name="sky" type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/></asset>
 <worldbody><light type="directional" castshadow="false" ambient=".78 .78 .78" diffuse="0 0 0" specular="0 0 0"/>
 <light type="directional" dir="{} {} {}" pos="{} {} {}" diffuse=".3 .3 .3" specular=".1 .1 .1"/></worldbody></mujoco>"""
@@ -104,7 +104,7 @@ class _Stage:
             self._camera.light,
             self._camera.target_m + self._camera.distance_m * self._camera.light,
         )
-        self._spec = self._mujoco.MjSpec.from_string(EMPTY.format(*-light, *sun_m))
+        self._spec = self._mujoco.MjSpec.from_string(_EMPTY.format(*-light, *sun_m))
         self._meshes: dict[int, str] = {}
         for ground in motion.fixed.sheets:
             self._add_sheet(ground)
@@ -311,7 +311,7 @@ def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], N
     scene, and returns the picture. Raises InvalidInput without a GL library.
     """
     mujoco, (width, height) = _mujoco(), size_px
-    model.vis.quality.shadowsize = SHADOW_PX
+    model.vis.quality.shadowsize = _SHADOW_PX
     model.vis.global_.offwidth, model.vis.global_.offheight, model.vis.quality.offsamples = (
         *size_px,
         0,

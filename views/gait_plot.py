@@ -37,11 +37,11 @@ from .sheet import (
     sheet,
 )
 
-AXIS_COLOURS = (MEASURE_COLOURS[0], MEASURE_COLOURS[1], MEASURE_COLOURS[4])
-SIZE_IN, HEAD_IN = (12.0, 10.0), 0.9
+_AXIS_COLOURS = (MEASURE_COLOURS[0], MEASURE_COLOURS[1], MEASURE_COLOURS[4])
+SIZE_IN, _HEAD_IN = (12.0, 10.0), 0.9
 TOUCH_N = 1.5
 """A foot that feels more than this touches."""
-REPLANS = ("plan anew", "stand")
+_REPLANS = ("plan anew", "stand")
 """Decisions that are drawn: the rest was planned again, or feet slid and the robot stood."""
 PLANNED: dict[str, Any] = {"linestyle": ":", "linewidth": 0.9}
 
@@ -102,7 +102,7 @@ def draw_tracking(recorded: Recorded) -> Figure:
     joints, time_s = _limbs(plan), tracks["time_s"]
     limbs, begins = list(joints), np.cumsum([0, *map(len, joints.values())])[:-1]
     figure = Figure(figsize=SIZE_IN)
-    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - HEAD_IN / SIZE_IN[1]))
+    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - _HEAD_IN / SIZE_IN[1]))
     aims = targets(recorded, len(limbs))
     top, middle, low, *slid, bottom = figure.subplots(4 if aims is None else 5, 1, sharex=True)
     away = 1e3 * np.abs(tracks["angles_rad"] - tracks["planned_rad"])
@@ -128,17 +128,17 @@ def draw_tracking(recorded: Recorded) -> Figure:
             bottom.plot(
                 aims["time_s"],
                 planned,
-                color=AXIS_COLOURS[axis],
+                color=_AXIS_COLOURS[axis],
                 label="planned" if axis == 2 else None,
                 **PLANNED,
             )
     for each in recorded.of("decision"):
-        if each["what"] in REPLANS and "time_s" in each:
+        if each["what"] in _REPLANS and "time_s" in each:
             for axes in figure.axes:
                 axes.axvline(each["time_s"], color="0.6", linewidth=0.6)
     for axis, name in enumerate("xyz"):
         moved = 1e3 * (tracks["position_m"][:, axis] - tracks["position_m"][0, axis])
-        bottom.plot(time_s, moved, color=AXIS_COLOURS[axis], label=name)
+        bottom.plot(time_s, moved, color=_AXIS_COLOURS[axis], label=name)
     bottom.set_ylabel("body moved\n[mm]")
     bottom.set_xlabel("time [s]")
     for axes in figure.axes:
@@ -243,7 +243,7 @@ TOLERANCE = 1e-4
 LEAST = 1e-9
 """Violations below this are drawn as this."""
 TICKS = (1, 3, 10, 30, 100, 300, 1000)
-SECONDS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
+_SECONDS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 COMPASS = "0° = +y, clockwise"
 """Count of walking directions."""
 COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
@@ -254,7 +254,7 @@ ROOM = 38
 """Letters that fit over a panel at full size."""
 LONG = 60
 """Iterations beyond which the axis is logarithmic."""
-TALL_PX = (1200, 980)
+_TALL_PX = (1200, 980)
 """Size of a plot with two rows of panels."""
 
 
@@ -425,7 +425,7 @@ def draw_directions(
         InvalidInput: without runs.
     """
     methods = _methods(runs)
-    figure = sheet(size_px or (PLOT_PX if len(methods) < 4 else TALL_PX), PLOT_PX)
+    figure = sheet(size_px or (PLOT_PX if len(methods) < 4 else _TALL_PX), PLOT_PX)
     words = (
         "iterations from the centre outward, coloured by the largest violation; red: no success; "
         + COMPASS
@@ -519,8 +519,8 @@ def draw_times(
         at = _radius_of_time([run.seconds for run in failed])
         axes.plot([run.direction_rad for run in failed], at, "x", color=colour, ms=7, mew=2.0)
         longest = max(longest, *medians, *(run.seconds for run in failed))
-    ticks = [tick for tick in SECONDS if tick < longest]
-    ticks.append(next((tick for tick in SECONDS if tick >= longest), longest))
+    ticks = [tick for tick in _SECONDS if tick < longest]
+    ticks.append(next((tick for tick in _SECONDS if tick >= longest), longest))
     _polar(axes, 1.02 * float(_radius_of_time(ticks[-1])), ticks, _radius_of_time, unit=" s")
     axes.legend(
         loc="center left",

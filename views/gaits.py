@@ -52,15 +52,15 @@ from .still import Still
 from .terrain import Entry, block, draw_legend, force_entry, grid_on_ground
 from .video import Frame
 
-FILM_PX = (1280, 720)
+_FILM_PX = (1280, 720)
 MARGIN = 0.08
 """Left and right of the time axis, as a share of the width."""
 
 
 @DEFAULT_STYLE
-def draw_contacts(trajectory: Trajectory, size_px: Size, height: int) -> NDArray[np.uint8]:
+def _draw_contacts(trajectory: Trajectory, size_px: Size, height: int) -> NDArray[np.uint8]:
     """A bar a foot where it stands, at the foot of every frame."""
-    figure = sheet(size_px, FILM_PX)
+    figure = sheet(size_px, _FILM_PX)
     feet, share = trajectory.robot.feet, height / size_px[1]
     axes = figure.add_axes((MARGIN, 0.3 * share, 1.0 - 2.0 * MARGIN, 0.62 * share))
     times_s = trajectory.times_s - trajectory.times_s[0]
@@ -89,7 +89,7 @@ def draw_contacts(trajectory: Trajectory, size_px: Size, height: int) -> NDArray
     return to_rgb(figure)[-height:]
 
 
-def mark_time(pixels: NDArray[np.uint8], height: int, share: float) -> None:
+def _mark_time(pixels: NDArray[np.uint8], height: int, share: float) -> None:
     """A line across the strip at the share of the time that has passed."""
     rows, width = pixels.shape[:2]
     x = round((MARGIN + (1.0 - 2.0 * MARGIN) * share) * width)
@@ -124,7 +124,7 @@ class GaitView(View):
         note: words where there is no report.
     """
 
-    film_px: ClassVar[Size] = FILM_PX
+    film_px: ClassVar[Size] = _FILM_PX
 
     trajectory: Trajectory
     warp: Warp | None = None
@@ -413,10 +413,10 @@ class GaitView(View):
         """
         size = size_px or self.film_px
         foot_px = round(0.22 * size[1])
-        strip, last_s = draw_contacts(self.trajectory, size, foot_px), self.trajectory.duration_s
+        strip, last_s = _draw_contacts(self.trajectory, size, foot_px), self.trajectory.duration_s
         for index, pixels in enumerate(film_frames(film, size, foot_px=foot_px)):
             pixels[-foot_px:] = strip
-            mark_time(pixels, foot_px, min(index * film.step_s / last_s, 1.0))
+            _mark_time(pixels, foot_px, min(index * film.step_s / last_s, 1.0))
             yield pixels
 
     @property

@@ -45,11 +45,11 @@ from .terrain import SCALE, Entry, draw_legend, force_entry, patches
 FPS, CLIMBS, LEAPS = 25.0, 4.0, 0.25
 """Numbers of films: pictures per second, and how many times their pace key frames are shown, and
 leaps."""
-ABOUT_S = 0.6
+_ABOUT_S = 0.6
 """So long before and after a flight is its leap [s]."""
-ABOUT_M = 0.35
+_ABOUT_M = 0.35
 """So much of the terrain is shown about the way [m]."""
-LOOK_S, PUSHES_S = 0.005, 0.02
+LOOK_S, _PUSHES_S = 0.005, 0.02
 """The motion is looked at so often, and drawn so long before a flight as it takes off [s]."""
 UNJUDGED = "joints and bodies are not judged"
 """Words of every picture for a leap whose robot has limbs alone."""
@@ -162,7 +162,7 @@ class LeapView(View):
         mounts = np.array([limb.shoulder_m for limb in self.robot.limbs])
         bodies = (self.path_m[:, None] + mounts).reshape(-1, 3)
         if isinstance(self.subject, Crossing):
-            return np.array([bodies.min(axis=0) - ABOUT_M, bodies.max(axis=0) + ABOUT_M])
+            return np.array([bodies.min(axis=0) - _ABOUT_M, bodies.max(axis=0) + _ABOUT_M])
         points = np.concatenate([*(patch.vertices_m for patch in self.offered), bodies])
         return np.array([points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M])
 
@@ -266,8 +266,8 @@ class LeapView(View):
             return result + self.at(self.measured(self.execution, last))
         shown = [0.0, self.motion.duration_s]
         for k, (begin, end) in enumerate(self.flights_s):
-            shown += [0.6 * begin + 0.4 * end, *([begin - PUSHES_S] if k else [])]
-        full = max(self.flights_s[0][0] - PUSHES_S, 0.0) if self.flights_s else 0.0
+            shown += [0.6 * begin + 0.4 * end, *([begin - _PUSHES_S] if k else [])]
+        full = max(self.flights_s[0][0] - _PUSHES_S, 0.0) if self.flights_s else 0.0
         for time_s in shown:
             result += self.ghost(self.motion.at(time_s))
         return result + self.at(self.motion.at(full))
@@ -276,7 +276,7 @@ class LeapView(View):
         """Pace at which a moment of the motion is shown."""
         if isinstance(self.subject, LeapPlan) and not self.flights_s:
             return LEAPS
-        near = any(begin - ABOUT_S <= time_s < end + ABOUT_S for begin, end in self.flights_s)
+        near = any(begin - _ABOUT_S <= time_s < end + _ABOUT_S for begin, end in self.flights_s)
         return LEAPS if near else CLIMBS
 
     def film_times_s(self, fps: float = FPS) -> Array:

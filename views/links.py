@@ -22,7 +22,7 @@ from .shapes import Faces, Mesh, Sphere, hull
 from .sheet import leg_colour
 
 SHELL, STEEL, RIM = "#aab5c0", "#7b8a99", "#2b3642"
-TINT = 0.3
+_TINT = 0.3
 """Share of its leg's colour that a link has."""
 TRIANGLES = 3000
 """Most triangles of the mesh of one file: a quadruped is drawn with 20,000 to 50,000, and
@@ -93,7 +93,7 @@ class Links:
             [] if trunk is None else [self._body(f"{prefix}base", trunk, base, rotation, SHELL)]
         )
         for i, (leg, q, chain) in enumerate(zip(model.legs, angles, chains, strict=True)):
-            colour = _mixed(STEEL, leg_colour(i), TINT)
+            colour = _mixed(STEEL, leg_colour(i), _TINT)
             turns, places = (part[0] for part in leg.chain.frames(np.asarray(q)[None]))
             joints = [k for k in range(len(leg.joints)) if (i, k) in self.meshes]
             result += [

@@ -49,10 +49,10 @@ COLOURS = ("#e4e7eb", "#2c8173", "#b8407a", "#a9d6c9", "#e6bcd3")
 """Colours of unknown, feasible, infeasible, likely feasible, likely infeasible."""
 WAYS = ("#8a5a44", "#d1495b", "#edae49", "#00798c", "#30638e", "#6f5aa8", "#444b54")
 """Colours of limits, in their order."""
-BEST = (FEASIBLE, LIKELY, UNKNOWN, UNLIKELY, INFEASIBLE)
+_BEST = (FEASIBLE, LIKELY, UNKNOWN, UNLIKELY, INFEASIBLE)
 """From the best verdict to the worst."""
 SIZE_IN = (9.0, 8.4)
-TALL_IN = (8.0, 11.0)
+_TALL_IN = (8.0, 11.0)
 LONG = 1.8
 """Length of a map over its width from which on its panels stand below each other."""
 
@@ -67,7 +67,7 @@ def draw_standing_map(found: StandingMap) -> Figure:
     nx, ny, _ = found.shape
     long = nx > LONG * ny
     room = ConstrainedLayoutEngine(rect=(0.0, 0.0, 0.95, 1.0))  # for the bars on the right
-    figure = Figure(figsize=TALL_IN if long else SIZE_IN, dpi=100, layout=room)
+    figure = Figure(figsize=_TALL_IN if long else SIZE_IN, dpi=100, layout=room)
     axes = figure.subplots(*((4, 1) if long else (2, 2)), sharex=True, sharey=True).ravel()
     half = 0.5 * found.spacing_m
     extent = (
@@ -76,9 +76,9 @@ def draw_standing_map(found: StandingMap) -> Figure:
         y - half,
         y + found.spacing_m * ny - half,
     )
-    rank = np.zeros(len(BEST), dtype=int)
-    rank[list(BEST)] = np.arange(len(BEST))
-    best = np.array(BEST)[rank[found.verdict].min(axis=2)]
+    rank = np.zeros(len(_BEST), dtype=int)
+    rank[list(_BEST)] = np.arange(len(_BEST))
+    best = np.array(_BEST)[rank[found.verdict].min(axis=2)]
     stands = np.isin(found.verdict, (FEASIBLE, LIKELY)).mean(axis=2)
     margin = np.where(np.isnan(found.margin), -np.inf, found.margin).max(axis=2)
     margin[np.isinf(margin)] = np.nan
@@ -161,7 +161,7 @@ def _bar(figure: Figure, axes: Axes, image: AxesImage) -> None:
 
 
 LINE = "#27407f"
-FACETS, LINES, POINTS = 80, 25, 121
+_FACETS, LINES, POINTS = 80, 25, 121
 """Facets of the terrain a side; lines of the map a side; points on one."""
 
 
@@ -210,7 +210,7 @@ def _ground(warp: SplineMap, field: HeightField) -> Still:
     """The terrain on its block, and the images of lines of constant x̄ and ȳ on it."""
     low, high = np.array(field.domain_m).T
     span = float(np.linalg.norm(high - low))
-    sheets = block(field, low, high, facets=FACETS, depth_m=0.08 * span, relief_m=0.0)
+    sheets = block(field, low, high, facets=_FACETS, depth_m=0.08 * span, relief_m=0.0)
     points = sheets[0].points_m.reshape(-1, 3)
     camera = Camera(
         target_m=0.5 * (points.min(axis=0) + points.max(axis=0)),
@@ -224,7 +224,7 @@ def _ground(warp: SplineMap, field: HeightField) -> Still:
     first = np.moveaxis(warp.ground_on_grid(lines[0], along[1]), 0, -1)
     second = np.moveaxis(warp.ground_on_grid(along[0], lines[1]), 0, -1).swapaxes(0, 1)
     pieces = np.concatenate([polyline(line) for line in (*first, *second)])
-    path = Path(pieces_m=pieces, colour=LINE, opacity=0.6, width=0.8, lift_m=1.5 * span / FACETS)
+    path = Path(pieces_m=pieces, colour=LINE, opacity=0.6, width=0.8, lift_m=1.5 * span / _FACETS)
     return Still(Scene(sheets=sheets, paths=[path]), camera)
 
 

@@ -43,15 +43,15 @@ from .sheet import (
 from .still import Still
 from .terrain import ICE, ICE_EDGE, ICY, SCALE, Entry, draw_legend, force_entry, patches, tint
 
-SUPPORT = "#2a7f62"
+_SUPPORT = "#2a7f62"
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
 """Terrain is shown so far beyond everywhere that the robot goes."""
-FPS, STEP_S, HOLD_S, SPEED = 20.0, 1.2, 0.5, 2.0
+FPS, STEP_S, _HOLD_S, SPEED = 20.0, 1.2, 0.5, 2.0
 """Numbers of films: pictures a second, seconds per step, those that the beginning and the end take
 in addition, and how much faster than the world an execution plays."""
-GHOSTS = 3
+_GHOSTS = 3
 """Key frames beside the one in full, at most."""
 
 
@@ -263,9 +263,14 @@ class PlanView(View):
         corners = np.column_stack([region, np.full(len(region), height)])
         under = np.array([[now.com_m, [*now.com_m[:2], height]]])
         return [
-            Path(pieces_m=ring(corners), colour=SUPPORT, width=1.6, layer=Layer.TOP, lift_m=20.0),
+            Path(pieces_m=ring(corners), colour=_SUPPORT, width=1.6, layer=Layer.TOP, lift_m=20.0),
             Path(
-                pieces_m=under, colour=SUPPORT, width=0.9, opacity=0.7, layer=Layer.TOP, lift_m=20.0
+                pieces_m=under,
+                colour=_SUPPORT,
+                width=0.9,
+                opacity=0.7,
+                layer=Layer.TOP,
+                lift_m=20.0,
             ),
         ]
 
@@ -319,7 +324,7 @@ class PlanView(View):
         return result
 
     def film(
-        self, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S
+        self, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = _HOLD_S
     ) -> Animation:
         """The plan's motion at an even pace, as much faster than it is run as lets each step last
         ``step_s``; its execution at ``SPEED`` times the pace of the world.
@@ -379,7 +384,7 @@ class PlanView(View):
         rows = [
             (INK, "path of the centre of mass"),
             (GUIDE, "guide path, dashed; ways that were tried, faint"),
-            (SUPPORT, "where contacts carry the centre of mass"),
+            (_SUPPORT, "where contacts carry the centre of mass"),
             (ACCENT, "contact forces in friction cones"),
             (GOAL, "goal"),
         ]
@@ -438,7 +443,7 @@ def draw_plan(
         force_entry(scale / view.metres_a_newton, 120.0),
         Entry(text="cone", sign="cone", colour=ACCENT),
         Entry(text="centre of mass", sign="path"),
-        Entry(text="its support", sign="path", colour=SUPPORT),
+        Entry(text="its support", sign="path", colour=_SUPPORT),
         Entry(text="chosen", sign="box", colour=leg_colour(0), fill="#d6efd0"),
     ]
     if any(patch.friction < ICY for patch in plan.problem.terrain):
@@ -498,8 +503,8 @@ def note(execution: Execution, row: int) -> str:
 
 def ghosts(plan: Plan, shown: int) -> list[int]:
     """Key frames to show beside one, evenly spread and the first among them."""
-    others = np.linspace(0, plan.problem.frames - 1, GHOSTS + 1).round().astype(int).tolist()
-    return sorted(set(others) - {shown})[:GHOSTS]
+    others = np.linspace(0, plan.problem.frames - 1, _GHOSTS + 1).round().astype(int).tolist()
+    return sorted(set(others) - {shown})[:_GHOSTS]
 
 
 def between(key: Array, frame: Array) -> Array:

@@ -46,7 +46,7 @@ from .terrain import Entry, draw_legend, force_entry, mark_com, plane, stone
 COMPONENTS = ("$p_x$", "$p_y$", "$p_z$", "$f_n$", "$f_y$", "$f_z$")
 
 
-def draw_strip(
+def _draw_strip(
     figure: Figure, legs: Sequence[str], envelope: Envelope, points: Array | None
 ) -> None:
     """One panel a limb, at the foot of the sheet: the bounds on each component as a bar and the
@@ -434,7 +434,7 @@ def draw_posture(
         entries.append(
             Entry(text="envelope on $p$", sign="box", colour=LEG_COLOURS[0], fill="#e7f1f3")
         )
-        draw_strip(
+        _draw_strip(
             figure, problem.legs, envelope, None if posture is None else _point(problem, posture)
         )
     draw_legend(figure, foot + 12.0, entries, view.friction)

@@ -20,7 +20,7 @@ from .shapes import Box, Mesh, Shape, Sphere, hull, polyline, prism, unit
 from .sheet import ACCENT, leg_colour
 
 STEEL, JOINT, RIM, SHELL = "#5b6b7b", "#8593a1", "#2b3642", "#dfe6ee"
-GHOST = "#5c6b7a"
+_GHOST = "#5c6b7a"
 """Colour of a robot in thin lines."""
 PAPER = np.array(rgb("#f4f1ea"))
 
@@ -109,8 +109,8 @@ class RobotShape:
         trunk = Facet(
             corners_m=position_m + self.outline_m @ rotation.T,
             normal=rotation[:, 2],
-            colour=GHOST,
-            edge=(*rgb(GHOST), 0.75),
+            colour=_GHOST,
+            edge=(*rgb(_GHOST), 0.75),
             width=1.0,
             opacity=0.16,
             layer=Layer.SPACE,
@@ -119,7 +119,7 @@ class RobotShape:
             [polyline(joints) for joints in self.lines(position_m, rotation, limbs)]
         )
         return Scene(
-            facets=[trunk], paths=[Path(pieces_m=pieces, colour=GHOST, opacity=0.5, width=1.6)]
+            facets=[trunk], paths=[Path(pieces_m=pieces, colour=_GHOST, opacity=0.5, width=1.6)]
         )
 
     def force(self, limb: str, foot_m: Array, vector_m: Array, *, prefix: str = "") -> Arrow:

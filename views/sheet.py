@@ -49,9 +49,9 @@ MEASURE_COLOURS = (
     "#9a86c4",
     "#c9a227",
 )
-NO_XML = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
+_NO_XML = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
 """Letters that names may have, and XML may not."""
-UNDATED: Mapping[str, dict[str, None]] = {
+_UNDATED: Mapping[str, dict[str, None]] = {
     ".png": {},
     ".pdf": {"CreationDate": None},
     ".svg": {"Date": None},
@@ -156,8 +156,8 @@ def check_picture(path: str | os.PathLike[str]) -> Path:
     written.
     """
     target = Path(path)
-    if target.suffix.lower() not in UNDATED:
-        ends = ", ".join(UNDATED)
+    if target.suffix.lower() not in _UNDATED:
+        ends = ", ".join(_UNDATED)
         raise InvalidInput(
             f"{path}: expected a name that ends in {ends}, got "
             f"{target.suffix.lower() or 'no suffix'}"
@@ -178,7 +178,7 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
             buffer,
             format=target.suffix[1:].lower(),
             dpi=figure.dpi,
-            metadata=UNDATED[target.suffix.lower()],
+            metadata=_UNDATED[target.suffix.lower()],
         )
     content = buffer.getvalue()
-    write_bytes(target, NO_XML.sub(b"?", content) if target.suffix.lower() == ".svg" else content)
+    write_bytes(target, _NO_XML.sub(b"?", content) if target.suffix.lower() == ".svg" else content)

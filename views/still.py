@@ -28,9 +28,9 @@ from .sheet import DEFAULT_STYLE, INK, SIZE_PX, Size, headline, leg_colour, plai
 
 GLASS = 0.10
 """Opacity of terrain between the viewer and the middle of what he looks at."""
-CREASE = 0.92
+_CREASE = 0.92
 """Cosine of the angle between faces beyond which the edge between them is drawn."""
-CIRCLE = np.column_stack(
+_CIRCLE = np.column_stack(
     [np.cos(turn := np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)), np.sin(turn)]
 )
 WEIGHT = {Layer.TERRAIN: 5.0, Layer.SPACE: 1.0, Layer.GLASS: 0.3, Layer.TOP: 4.0}
@@ -157,7 +157,7 @@ class Still:
             self._faces.append(((int(layer), float(depth[k])), xy[faces[k]], fill, fill, 0.35))
         if edge is not None:
             pairs, owners = _edges_of(faces)
-            sharp = np.sum(normals[owners[:, 0]] * normals[owners[:, 1]], axis=1) < CREASE
+            sharp = np.sum(normals[owners[:, 0]] * normals[owners[:, 1]], axis=1) < _CREASE
             shown = front[owners].any(axis=1) & (sharp | (front[owners].sum(axis=1) == 1))
             for pair, owner in zip(pairs[shown], owners[shown], strict=True):
                 nearest = float(depth[owner][front[owner]].max()) + 1e-3
@@ -178,7 +178,7 @@ class Still:
             normals = normals_of(points[faces])
             front = self.camera.facing(points[faces].mean(axis=1), normals) > 0.0
             pairs, owners = _edges_of(faces)
-            sharp = np.sum(normals[owners[:, 0]] * normals[owners[:, 1]], axis=1) < CREASE
+            sharp = np.sum(normals[owners[:, 0]] * normals[owners[:, 1]], axis=1) < _CREASE
             for pair, owner in zip(pairs[sharp], owners[sharp], strict=True):
                 colour = (*rgb(body.edge), 0.6 if front[owner].any() else 0.25)
                 self._faces.append((rank, xy[pair], "none", colour, 1.0))
@@ -225,7 +225,7 @@ class Still:
 
             rings = [half + gap * scale for gap in (10.0, 35.0, 60.0, 90.0)]
             best = min(
-                (anchor + ring * towards for ring in rings for towards in 1.2 * CIRCLE[::3]),
+                (anchor + ring * towards for ring in rings for towards in 1.2 * _CIRCLE[::3]),
                 key=price,
             )
             boxes_taken.append((best, half))

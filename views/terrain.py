@@ -26,18 +26,18 @@ from .shapes import hull, polyline, ring, thinned
 from .sheet import ACCENT, DEFAULT_STYLE, INK, QUIET, SIZE_PX, Size, headline, plain_axes, sheet
 from .still import Still
 
-STONE, STONE_EDGE = "#d9d4c9", "#b5aea0"
-GOOD, GOOD_EDGE = "#58a695", "#125a50"
+_STONE, _STONE_EDGE = "#d9d4c9", "#b5aea0"
+GOOD, _GOOD_EDGE = "#58a695", "#125a50"
 UNSURE = "#d99a2b"
 UNSURE_SD_M = 0.005
 """A foothold whose height has this standard deviation is all amber: 2 cm of touch-down are four of
 them [m]."""
 OFF_M = 0.003
 """Footholds are drawn so far off their surface [m]."""
-AXES, AXIS = ("#c0392b", "#27803b"), 0.15
+AXES, _AXIS = ("#c0392b", "#27803b"), 0.15
 """Colours of the world's x and y, drawn from the terrain's least corner, and their length, in
 extents of the terrain."""
-LEGEND = ((GOOD, "foothold"), (STONE, "surface"))
+_LEGEND = ((GOOD, "foothold"), (_STONE, "surface"))
 
 
 @DEFAULT_STYLE
@@ -63,12 +63,13 @@ def draw_footholds(found: Footholds, *, size_px: Size = SIZE_PX) -> Figure:
 
 def _foothold_scene(found: Footholds) -> Scene:
     """Surfaces and footholds as facets."""
-    surfaces = [_facet(patch, STONE, STONE_EDGE, Layer.TERRAIN, 0.0) for patch in found.surfaces]
+    surfaces = [_facet(patch, _STONE, _STONE_EDGE, Layer.TERRAIN, 0.0) for patch in found.surfaces]
     good = [
-        _facet(piece.patch, _colour(piece), GOOD_EDGE, Layer.SPACE, OFF_M) for piece in found.pieces
+        _facet(piece.patch, _colour(piece), _GOOD_EDGE, Layer.SPACE, OFF_M)
+        for piece in found.pieces
     ]
     low, high = found.extent_m.T
-    corner, arms = np.append(low[:2], high[2]), AXIS * float(np.ptp(found.extent_m[:2]))
+    corner, arms = np.append(low[:2], high[2]), _AXIS * float(np.ptp(found.extent_m[:2]))
     axes = [
         Path(pieces_m=np.array([[corner, corner + arms * np.eye(3)[k]]]), colour=colour, width=2.0)
         for k, colour in enumerate(AXES)
@@ -82,7 +83,7 @@ def foothold_motion(found: Footholds) -> Animation:
     outlines = [
         ring(piece.patch.vertices_m + 2.0 * OFF_M * piece.patch.normal) for piece in found.pieces
     ]
-    moment = Scene(paths=[Path(pieces_m=np.concatenate(outlines), colour=GOOD_EDGE, width=1.2)])
+    moment = Scene(paths=[Path(pieces_m=np.concatenate(outlines), colour=_GOOD_EDGE, width=1.2)])
     title = f"footholds of {found.name}: {len(found.pieces)} patches, {found.area_m2:.4g} m²{_sure(found)}"
     amber = ((UNSURE, f"known to {1e3 * UNSURE_SD_M:g} mm or worse"),) if _sure(found) else ()
     return Animation(
@@ -91,7 +92,7 @@ def foothold_motion(found: Footholds) -> Animation:
         step_s=1.0,
         camera=_camera(found),
         title=title,
-        legend=(*LEGEND, *amber),
+        legend=(*_LEGEND, *amber),
     )
 
 

@@ -155,7 +155,7 @@ def _arrow(values: list[Any], kind: pa.DataType) -> pa.Array:
     return pa.array(values, kind)
 
 
-ALWAYS = ("rows", "drawn", "cpu_s_per_1000", "solve_ms_median", "solve_ms_p99")
+_ALWAYS = ("rows", "drawn", "cpu_s_per_1000", "solve_ms_median", "solve_ms_p99")
 """Figures that the summary of every data set has."""
 
 
@@ -224,7 +224,7 @@ class Summary:
             {
                 name: value
                 for name, value in asdict(self).items()
-                if value is not None or name in ALWAYS
+                if value is not None or name in _ALWAYS
             }
         )
 
@@ -241,7 +241,7 @@ Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
 Part = Literal["all", "train", "test"]
 """Part of a data set's rows: see ``Dataset.only``."""
-TEST_SHARE = 5
+_TEST_SHARE = 5
 """One row in so many is of the part "test"."""
 LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
 """Labels that ``Dataset[k]`` gives to a row."""
@@ -495,7 +495,7 @@ class Dataset:
 
 def is_test(problem: str) -> bool:
     """Tell whether the problem, as a shard has it, belongs to the part "test"."""
-    return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % TEST_SHARE == 0
+    return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % _TEST_SHARE == 0
 
 
 def scenes_of(dataset: Dataset) -> list[LabelledScene]:

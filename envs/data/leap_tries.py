@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Arrays = dict[str, NDArray[Any]]
 STATE = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad")
 """Rows of ``start`` and ``goal``."""
-OF_SCENE = (
+_OF_SCENE = (
     "start",
     "goal",
     "candidates",
@@ -42,7 +42,7 @@ OF_SCENE = (
     "stands_m",
 )
 """Columns that are the same in all rows of a scene."""
-OF_TRY = (
+_OF_TRY = (
     "scene",
     "number",
     "order",
@@ -152,10 +152,10 @@ class LeapTries:
         NaN where there is none: toes_m, shape (K, P, 3) [m], and forces_n, shape (K, M, N, 3) [N],
         of what is solved; multipliers of what is refuted, shape (K, R).
         """
-        columns: dict[str, list[NDArray[Any]]] = {name: [] for name in OF_TRY}
+        columns: dict[str, list[NDArray[Any]]] = {name: [] for name in _OF_TRY}
         for shard in range(self.header.plan.shards):
-            table = self._read(shard, OF_TRY)
-            for name in OF_TRY:
+            table = self._read(shard, _OF_TRY)
+            for name in _OF_TRY:
                 columns[name].append(_array(table, name, self._shape(name)))
         arrays = {name: np.concatenate(parts) for name, parts in columns.items()}
         for name in ("first_cost", "cost"):
@@ -237,8 +237,8 @@ class LeapTries:
         if not 0 <= index < len(self):
             raise IndexError(f"try {index} of {len(self)}")
         shard = int(np.searchsorted(self.ledger.starts, index, side="right")) - 1
-        table = self._read(shard, OF_TRY).slice(index - self.ledger.starts[shard], 1)
-        row = {name: _array(table, name, self._shape(name))[0] for name in OF_TRY}
+        table = self._read(shard, _OF_TRY).slice(index - self.ledger.starts[shard], 1)
+        row = {name: _array(table, name, self._shape(name))[0] for name in _OF_TRY}
         if str(row["label"]) != "solved":
             raise InvalidInput(
                 f"try {index}: expected one that is solved, got one that is {row['label']}"
@@ -249,8 +249,8 @@ class LeapTries:
         return tuple(self.header.shapes.get(name, ()))
 
     def _scene_table(self, shard: int) -> pa.Table:
-        table = self._read(shard, ("scene", *OF_SCENE))
-        other = [name for name in OF_SCENE if not _same_in_scenes(table, name)]
+        table = self._read(shard, ("scene", *_OF_SCENE))
+        other = [name for name in _OF_SCENE if not _same_in_scenes(table, name)]
         if other:
             where = self.ledger.folder / shard_name(shard)
             raise InvalidInput(

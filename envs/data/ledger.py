@@ -142,7 +142,7 @@ class TryHeader(Head):
         return _try_schema(self.shapes)
 
 
-HEADERS: Mapping[str, type[Header | TryHeader]] = MappingProxyType(
+_HEADERS: Mapping[str, type[Header | TryHeader]] = MappingProxyType(
     {kind.model_fields["format"].default: kind for kind in (Header, TryHeader)}
 )
 """The headers that there are, by their formats."""
@@ -391,7 +391,7 @@ def read_header(folder: Path) -> Header | TryHeader:
         raise InvalidInput(f"{path}: expected the header of a data set, found nothing")
     data: Any = read_json(path)
     format_ = data.get("format") if isinstance(data, dict) else None
-    return _read_json(path, HEADERS.get(format_, Header) if isinstance(format_, str) else Header)
+    return _read_json(path, _HEADERS.get(format_, Header) if isinstance(format_, str) else Header)
 
 
 def _read_tally(path: Path, header: Head) -> Tally:

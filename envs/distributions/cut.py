@@ -37,11 +37,11 @@ from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
 from .stance import FORWARD, NominalStance, plain_problem, triangle
 
-SPACING = 0.5
+_SPACING = 0.5
 """Spacing of the lattice, in radii of the smallest patch."""
 SMALLER = 0.4
 """The smallest patch of a terrain, in circumradii of the smallest that is drawn."""
-MOST_PLACES = 200_000
+_MOST_PLACES = 200_000
 FLAT_M = 0.003
 """Distance of a grid from the tangent plane within a patch [m]."""
 AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4.0), np.sin(np.arange(8) * np.pi / 4.0)], axis=1)
@@ -65,7 +65,7 @@ class Places:
 
         Raises InvalidInput for a file that is no terrain, and for one without any such place.
         """
-        spacing, named = SPACING * least_m, names_ground(str(path))
+        spacing, named = _SPACING * least_m, names_ground(str(path))
         terrain = named_surface(str(path)) if named else read_terrain(path)
         if isinstance(terrain, TriangleMesh):
             terrain.check_size()
@@ -85,7 +85,7 @@ class Places:
         Raises InvalidInput where there is no such place.
         """
         flat = [piece.patch for piece in footholds.pieces if not piece.turn_rad]
-        parts = [_of_patch(patch, least_m, SPACING * least_m) for patch in flat]
+        parts = [_of_patch(patch, least_m, _SPACING * least_m) for patch in flat]
         limits = footholds.limits
         return cls._of(parts, f"{footholds.name}: expected a terrain", least_m, limits.slope_rad)
 
@@ -140,7 +140,7 @@ def _of_grid(field_: HeightField, least_m: float, spacing_m: float) -> tuple[Arr
 
 def _lattice(low: Array, high: Array, spacing_m: float) -> Array:
     """Points a spacing apart, or farther where there would be too many, shape (K, 2) [m]."""
-    spacing = max(spacing_m, float(np.sqrt(np.prod(high - low) / MOST_PLACES)))
+    spacing = max(spacing_m, float(np.sqrt(np.prod(high - low) / _MOST_PLACES)))
     lines = (np.arange(a + 0.5 * spacing, b, spacing) for a, b in zip(low, high, strict=True))
     return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
 

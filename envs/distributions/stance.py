@@ -4,7 +4,7 @@ on two facing walls, and sizes.
 Lin et al.'s classes stand on the default hexapod's shoulders and reach. For a robot from a file the
 same law stands on its own legs: on the ground its toes as it stands; on walls the places that its
 legs reach at one distance to each side. Every size grows with the legs: what is drawn for a reach
-of ``PAPER_REACH_M`` is drawn as many times as large.
+of ``_PAPER_REACH_M`` is drawn as many times as large.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ LAW = re.compile(r"(ground|wall|terrain)-([1-9]\d?)")
 """Names of classes: a law, and how many legs stand."""
 FIVE_LEGS = ("RF", "RM", "RR", "LF", "LR")
 PAPER_LEGS = {3: THREE_LEGS, 5: FIVE_LEGS}
-PAPER_REACH_M = 0.35
-PAPER_LENGTH_M = 0.6
+_PAPER_REACH_M = 0.35
+_PAPER_LENGTH_M = 0.6
 """Length scale of Lin et al.'s robot."""
-GROUND_ROOM_M, WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
+_GROUND_ROOM_M, _WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
 """Distance that a patch may have from its nominal place, along x, y and z, to either side."""
-CIRCUMRADIUS_M = (0.03, 0.08)
-COM_RADIUS_M = 0.08
+_CIRCUMRADIUS_M = (0.03, 0.08)
+_COM_RADIUS_M = 0.08
 BEYOND = 1.1
 """The length scale of a robot from a file, in units of how far a toe may be from its centre of
 mass."""
 POINTS = 4000
 """Number of points of a leg's set, by which the walls are placed."""
-SIDEWAYS = 0.8
+_SIDEWAYS = 0.8
 """Share of a leg's set that is nearer than the wall is."""
 
 
@@ -67,9 +67,9 @@ class NominalStance:
     centre_m: Array
     normal: Array
     room_m: Array
-    circumradius_m: tuple[float, float] = CIRCUMRADIUS_M
-    com_radius_m: float = COM_RADIUS_M
-    length_scale_m: float = PAPER_LENGTH_M
+    circumradius_m: tuple[float, float] = _CIRCUMRADIUS_M
+    com_radius_m: float = _COM_RADIUS_M
+    length_scale_m: float = _PAPER_LENGTH_M
     tilt_limit_rad: float = TILT_LIMIT_RAD
 
 
@@ -87,7 +87,7 @@ def _ground(limb: Limb) -> tuple[Array, Array, Array]:
     """
     outward = limb.shoulder_m / np.linalg.norm(limb.shoulder_m)
     centre = limb.shoulder_m + 0.15 * outward + np.array([0.0, 0.0, -0.20])
-    return centre, np.array([0.0, 0.0, 1.0]), np.array(GROUND_ROOM_M)
+    return centre, np.array([0.0, 0.0, 1.0]), np.array(_GROUND_ROOM_M)
 
 
 def _wall(limb: Limb) -> tuple[Array, Array, Array]:
@@ -96,7 +96,7 @@ def _wall(limb: Limb) -> tuple[Array, Array, Array]:
     """
     side = 1.0 if limb.shoulder_m[1] >= 0.0 else -1.0
     centre = np.array([limb.shoulder_m[0], side * 0.40, limb.shoulder_m[2]])
-    return centre, np.array([0.0, -side, 0.0]), np.array([1.0, side, 1.0]) * WALL_ROOM_M
+    return centre, np.array([0.0, -side, 0.0]), np.array([1.0, side, 1.0]) * _WALL_ROOM_M
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +133,7 @@ class StandingRobot:
             return cls(
                 robot=default,
                 toes_m=paper_stance(default.limbs, "ground").centre_m,
-                reach_m=PAPER_REACH_M,
+                reach_m=_PAPER_REACH_M,
                 paper=True,
             )
         from stancekit.planners.robot.reach_sets import standing_toes  # slow to import
@@ -181,20 +181,20 @@ class StandingRobot:
         if self.paper:
             return paper_stance(limbs, law)
         toes = self.toes_m[[self.robot.limb_names.index(leg) for leg in legs]]
-        size = self.reach_m / PAPER_REACH_M
+        size = self.reach_m / _PAPER_REACH_M
         side, upwards = (
             np.where(toes[:, 1] >= 0.0, 1.0, -1.0),
             np.tile([0.0, 0.0, 1.0], (len(toes), 1)),
         )
-        radii = (size * CIRCUMRADIUS_M[0], size * CIRCUMRADIUS_M[1])
-        sizes = radii, size * COM_RADIUS_M, BEYOND * self._farthest, 0.0
+        radii = (size * _CIRCUMRADIUS_M[0], size * _CIRCUMRADIUS_M[1])
+        sizes = radii, size * _COM_RADIUS_M, BEYOND * self._farthest, 0.0
         if law != "wall":
-            room = np.tile(size * np.array(GROUND_ROOM_M), (len(toes), 1))
+            room = np.tile(size * np.array(_GROUND_ROOM_M), (len(toes), 1))
             return NominalStance(toes, upwards, room, *sizes)
         out = np.column_stack([np.ones(len(toes)), side, np.ones(len(toes))])
-        centres = _on_walls([_set_of(limb) for limb in limbs], side, size * WALL_ROOM_M[1])
+        centres = _on_walls([_set_of(limb) for limb in limbs], side, size * _WALL_ROOM_M[1])
         return NominalStance(
-            centres, out * [0.0, -1.0, 0.0], out * (size * np.array(WALL_ROOM_M)), *sizes
+            centres, out * [0.0, -1.0, 0.0], out * (size * np.array(_WALL_ROOM_M)), *sizes
         )
 
     @property
@@ -234,7 +234,7 @@ def _on_walls(sets: Sequence[Polytope], side: Array, thickness_m: float) -> Arra
     """The middles of what legs reach of two walls, as far to either side, shape (N, 3) [m]."""
     points = [polytope.sample(POINTS, np.random.default_rng(0)) for polytope in sets]
     out = [sign * some[:, 1] for sign, some in zip(side, points, strict=True)]
-    away = float(np.mean([np.quantile(beside, SIDEWAYS) for beside in out]))
+    away = float(np.mean([np.quantile(beside, _SIDEWAYS) for beside in out]))
     centres = []
     for sign, some, beside in zip(side, points, out, strict=True):
         off = np.abs(beside - away)

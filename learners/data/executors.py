@@ -42,7 +42,7 @@ DEATHS = 5
 task's worker."""
 POLL_S = 1.0
 """Period at which a worker looks whether the process that started it is still there."""
-ONE_THREAD = {
+_ONE_THREAD = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA", "NUMEXPR")
 }
 """Environment of worker processes: there is one per processor."""
@@ -145,7 +145,7 @@ def _pooled(workers: int, tasks: Iterator[Task[Answer] | None]) -> Iterator[Answ
     """
     left, numbers, deaths = dict[int, Task[Answer]](), itertools.count(), 0
     while True:
-        pool = get_reusable_executor(max_workers=workers, timeout=IDLE_S, env=ONE_THREAD)
+        pool = get_reusable_executor(max_workers=workers, timeout=IDLE_S, env=_ONE_THREAD)
         fresh, flying = dict(left), set[Future[tuple[int, Answer]]]()
         try:
             while True:

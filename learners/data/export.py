@@ -30,7 +30,7 @@ from stancekit.planners.files.writing import check_new_folder, failure_of, repla
 from stancekit.planners.relaxation.envelope import Envelope
 
 ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
-INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
+_INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
 """Entries of the step's info that an episode keeps, each of shape (1,)."""
 
 
@@ -216,7 +216,7 @@ def _episode(
         rewards=[reward],
         terminations=[terminated],
         truncations=[truncated],
-        infos={name: np.array([[info[name]]]) for name in INFOS},
+        infos={name: np.array([[info[name]]]) for name in _INFOS},
     )
 
 

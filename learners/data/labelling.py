@@ -247,7 +247,7 @@ def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) ->
 WITNESS: Literal["canonical/1"] = "canonical/1"
 """Choice of postures and points now (``search.canonical``); another choice gets another name."""
 
-INNER = (
+_INNER = (
     "feasible: of the robot, whose feet reach the inner sets of its legs; infeasible: of these "
     "inner sets and a level "
     "body, which proves nothing of the robot"
@@ -432,7 +432,7 @@ def _header(plan: LabelPlan, source: Distribution) -> Header:
         software=ledger.software(),
         witness=WITNESS,
         robot=first.robot.identity or None,
-        speaks_of=INNER
+        speaks_of=_INNER
         if any(contact.reach_rows is not None for contact in first.contacts)
         else None,
     )

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 
 FORMAT = "stancekit/scenes/1"
-INDEX = "scenes.json"
+_INDEX = "scenes.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,7 @@ def export_scenes(
             "robot": "hexapod",
             "scenes": scenes,
         }
-        (folder / INDEX).write_text(json.dumps(index), encoding="utf-8")
+        (folder / _INDEX).write_text(json.dumps(index), encoding="utf-8")
     return index
 
 
@@ -161,7 +161,7 @@ def _surfaces(scene: Terrain) -> list[dict[str, Any]]:
     ]
 
 
-SPEAKS_OF = {
+_SPEAKS_OF = {
     "solved": "toes and forces that the verifier of leaps accepts; joints and bodies are not judged",
     "refuted": "multipliers that prove that no leap of this timing has these contacts",
     "unsolved": "nothing is claimed: the search gave this choice up",
@@ -356,7 +356,7 @@ def _header(plan: TryPlan) -> TryHeader:
         plan=plan,
         leap=json.loads(json.dumps(shared_keys(first))),
         shapes=shapes_of(first),
-        speaks_of=SPEAKS_OF,
+        speaks_of=_SPEAKS_OF,
         first_sample=hashlib.sha256(json.dumps(leap_to_json(first)).encode()).hexdigest(),
         software=ledger.software(),
     )

@@ -46,7 +46,7 @@ SCREENED = 8192
 LEAST = 32
 """Samples that are decided together, at least, where several workers share a shard: a block costs
 as much as 50 to 100 samples before its first one is decided."""
-KEPT_BYTES = 1 << 24
+_KEPT_BYTES = 1 << 24
 """Once a block of memory of this size was freed, glibc keeps as much for later, instead of giving
 it back at once."""
 BARREN = 10_000
@@ -151,7 +151,7 @@ def _decide_block(
     """
     begin, rng = time.process_time(), _stream(plan, shard)
     np.empty(
-        KEPT_BYTES, dtype=np.uint8
+        _KEPT_BYTES, dtype=np.uint8
     )  # or the arrays of a block would come anew from the system, step by step
     at, state = start or (0, rng.bit_generator.state)
     rng.bit_generator.state = state

@@ -105,15 +105,15 @@ class Experiment:
         return validated(cls, (data | short if quick else data) | dict(overrides or {}), str(path))
 
 
-CLAIMS = ("P1 feasible", "P1 infeasible")
-IDENTITY = re.compile(r"-(of|on)-(.+?)-([0-9a-f]{6})[0-9a-f]{6}(?=-on-|$)")
+_CLAIMS = ("P1 feasible", "P1 infeasible")
+_IDENTITY = re.compile(r"-(of|on)-(.+?)-([0-9a-f]{6})[0-9a-f]{6}(?=-on-|$)")
 
 
 def title_of(problem_class: str) -> str:
     """A class of problems in words: "terrain-3 of go1 (c828d3) on tiles (7802fa)", the digests of
     both files cut.
     """
-    return IDENTITY.sub(r" \1 \2 (\3)", problem_class)
+    return _IDENTITY.sub(r" \1 \2 (\3)", problem_class)
 
 
 def page(records: Sequence[Mapping[str, Any]], experiment: Experiment) -> str:
@@ -144,7 +144,7 @@ def _table(name: str, records: list[Mapping[str, Any]]) -> list[str]:
     ranked = sorted(records, key=lambda row: -row["balanced"])
     counts = f"{records[0]['p1_feasible_of']} feasible and {records[0]['p1_infeasible_of']} infeasible scenes"
     lines = [f"## {title_of(name)}", "", f"{counts}.", ""]
-    lines += [_row(["", "selector", *CLAIMS, *(way.replace("_", "-") for way in ways), "P1 [ms]"])]
+    lines += [_row(["", "selector", *_CLAIMS, *(way.replace("_", "-") for way in ways), "P1 [ms]"])]
     lines += [_row(["---:", "---", *("---:" for _ in keys), "---:"])]
     for rank, row in enumerate(ranked, 1):
         shares = (_share(row, key, bold=row[key] == best[key]) for key in keys)
@@ -243,7 +243,7 @@ def _cards(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 Progress = Callable[[str, int, int], None]
 OnProgress = Callable[[str], Callable[[int, int], None]]
-SHARD_SIZE = 125
+_SHARD_SIZE = 125
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -368,7 +368,7 @@ class _Class:
             distribution=self._name,
             robot=self._experiment.robot,
             terrain=self._experiment.terrain,
-            shard_size=SHARD_SIZE,
+            shard_size=_SHARD_SIZE,
             **asdict(quota),
         )
         bar = self._told(f"label {part}")

@@ -182,7 +182,7 @@ class _Solved(_Failed):
     friction_needed: float | None = None
 
 
-def checked_row(row: Any, cell: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _checked_row(row: Any, cell: Mapping[str, Any], where: str) -> dict[str, Any]:
     """The row as it is.
 
     Raises InvalidInput.
@@ -394,7 +394,7 @@ def _kept(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[str
             f"{path}: expected an object with protocol and row, got {type(content).__name__}"
         )
     same = content.get("protocol") == settings.protocol()
-    return checked_row(content.get("row"), asdict(cell), str(path)) if same else None
+    return _checked_row(content.get("row"), asdict(cell), str(path)) if same else None
 
 
 def measured(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any]:
@@ -535,7 +535,7 @@ Row = Mapping[str, Any]
 BASELINE = "ambient"
 """Baseline of iterations and times: the exact Hessian in the world's coordinates, in the same
 run."""
-QUARTILES = (25.0, 50.0, 75.0)
+_QUARTILES = (25.0, 50.0, 75.0)
 
 
 def table(rows: Iterable[Row]) -> list[dict[str, Any]]:
@@ -582,7 +582,7 @@ def _record(method: str, terrain: str, rows: Sequence[Row]) -> dict[str, Any]:
         "paper": PAPER.get(method, {}).get(terrain),
         "capped": sum(bool(row.get("capped")) for row in rows),
         "refused": _counted(group for row in good for group in row.get("refused", ())),
-        **{name: quartiles([read(row) for row in good]) for name, read in MEASURES.items()},
+        **{name: quartiles([read(row) for row in good]) for name, read in _MEASURES.items()},
         "verified_cpu_s": quartiles([row.get("cpu_s") for row in rows if row["verified"]]),
     }
 
@@ -608,7 +608,7 @@ def _iteration(row: Row) -> float | None:
     return row["cpu_s"] / steps if steps else None
 
 
-MEASURES: Mapping[str, Callable[[Row], float | None]] = {
+_MEASURES: Mapping[str, Callable[[Row], float | None]] = {
     "iterations": _of("iterations"),
     "cpu_s": _of("cpu_s"),
     "iteration_s": _iteration,
@@ -627,7 +627,7 @@ MEASURES: Mapping[str, Callable[[Row], float | None]] = {
 def quartiles(values: Iterable[float | None]) -> list[float] | None:
     """25, 50 and 75 % of what is there; None of nothing."""
     known = [value for value in values if value is not None]
-    return [float(value) for value in np.percentile(known, QUARTILES)] if known else None
+    return [float(value) for value in np.percentile(known, _QUARTILES)] if known else None
 
 
 def ratios(
@@ -672,7 +672,7 @@ def _counted(names: Iterable[str]) -> dict[str, int]:
 
 
 DRAWN = ("ambient-lbfgs", "warped-lbfgs", "decoupled-lbfgs", "ambient", "warped", "decoupled")
-COLOURED = tuple(METHODS[method].label for method in DRAWN)
+_COLOURED = tuple(METHODS[method].label for method in DRAWN)
 """A method has the same colour in every picture, whatever was measured."""
 AROUND = ("ripple", "cone", "pit", "pit-84", "pit-87")
 """Terrains whose tasks go all around."""
@@ -708,7 +708,7 @@ def _figures(terrain: str, rows: Sequence[Row]) -> Iterator[tuple[str, Any]]:
     runs = [_run(row) for row in rows]
     yield (
         "convergence",
-        draw_convergence(runs, caption=f"Convergence on {terrain}", methods=COLOURED),
+        draw_convergence(runs, caption=f"Convergence on {terrain}", methods=_COLOURED),
     )
     if terrain in AROUND:
         wedge = 2.0 * math.pi / len(reference_tasks(terrain)) / len(seeds)
@@ -725,7 +725,7 @@ def _figures(terrain: str, rows: Sequence[Row]) -> Iterator[tuple[str, Any]]:
             ),
         )
         caption = f"CPU time by walking direction on {terrain}, {guesses}"
-        yield "times", draw_times(runs, caption=caption, methods=COLOURED)
+        yield "times", draw_times(runs, caption=caption, methods=_COLOURED)
 
 
 def _run(row: Row, beside_rad: float = 0.0) -> GaitRun:

@@ -36,10 +36,10 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 from ..selectors.modes import solved_postures
 from ..selectors.selector import quantile_box
 
-Form = Literal[
+_Form = Literal[
     "lift", "envelope", "unit-4", "rows-4", "course-4", "shrink-4", "unit-2", "course-2", "shrink-2"
 ]
-FORMS: Mapping[Form, str] = {
+FORMS: Mapping[_Form, str] = {
     "lift": "two-stage, lift",
     "envelope": "two-stage, envelope",
     "unit-4": "MICP, K = 4",
@@ -52,9 +52,9 @@ FORMS: Mapping[Form, str] = {
 }
 """Names. K intervals a component, over [−1, 1] as in Lin et al., or over the bounds that the course
 implies (no envelope), or over the envelope. Only programs of the same K have as many binaries."""
-MICP: tuple[Form, ...] = tuple(form for form in FORMS if "-" in form)
-OPTIMISED: tuple[Form, ...] = ("unit-4", "rows-4", "shrink-4", "unit-2", "shrink-2")
-PAPER: Mapping[tuple[Form, int], dict[str, Any]] = {
+MICP: tuple[_Form, ...] = tuple(form for form in FORMS if "-" in form)
+_OPTIMISED: tuple[_Form, ...] = ("unit-4", "rows-4", "shrink-4", "unit-2", "shrink-2")
+PAPER: Mapping[tuple[_Form, int], dict[str, Any]] = {
     ("envelope", 8): {"seconds": 0.16, "variables": 4128, "binaries": 0, "constraints": 1176},
     ("unit-4", 4): {"seconds": 91.0, "variables": 16608, "binaries": 276, "constraints": 3360},
     ("rows-4", 4): {"seconds": 33.0, "variables": 16608, "binaries": 276, "constraints": 4008},
@@ -110,7 +110,7 @@ class PlannerCell:
         gap: of MICP, None for the first point.
     """
 
-    form: Form
+    form: _Form
     frames: int
     gap: float | None = None
 
@@ -132,7 +132,7 @@ def cells(settings: PlannerBenchSettings) -> list[PlannerCell]:
     return planner_cells + [
         PlannerCell(form, frames, settings.gap)
         for frames in settings.optimised
-        for form in OPTIMISED
+        for form in _OPTIMISED
     ]
 
 

@@ -92,7 +92,7 @@ def leap_room(
         method: np.array([bool(rows_of_method[k]["found"]) for k in scenes])
         for method, rows_of_method in by_method.items()
     }
-    return room_of(
+    return _room_of(
         environment=f"LeapChoice-v0 ({distribution})",
         budget=_budget(tries, solves, cpu_s),
         oracle_budget=f"all methods, {most} solves",
@@ -104,7 +104,7 @@ def leap_room(
     )
 
 
-def room_of(
+def _room_of(
     *,
     environment: str,
     budget: str,
@@ -271,7 +271,7 @@ def environment_room(
         if index < scenes:
             answers.setdefault(method, []).append(bool(row["found"]))
             anywhere.setdefault(method, []).append(bool(row["anywhere"]))
-    return room_of(
+    return _room_of(
         environment=f"{name} ({', '.join(map(str, plays.options.values())) or 'as it is'})",
         budget=plays.budget,
         oracle_budget="all policies" + (", exact search without a limit" if plays.solves else ""),

@@ -30,8 +30,8 @@ from .kinds import FORMAT, KINDS, Kind
 
 CAPS = {"grip": (0.0, 0.1, 0.3), "room_m": (-0.06, -0.03, 0.0, 0.03)}
 """More than this of a feature may be worth nothing: the smaller of the two is a feature, too."""
-FEATURES = len(OF_CANDIDATE) + sum(map(len, CAPS.values()))
-FOOTHOLDS = 8
+_FEATURES = len(OF_CANDIDATE) + sum(map(len, CAPS.values()))
+_FOOTHOLDS = 8
 """P of LeapChoice-v0: all of its classes are of robots with four legs, which push off and land."""
 NONE = -1e8
 """Score where there is no candidate."""
@@ -41,7 +41,7 @@ CLIP = 8.0
 
 def with_caps(candidates: Array) -> Array:
     """Features of candidates, and those of ``CAPS`` up to their caps; shape (…, F) to (…,
-    ``FEATURES``).
+    ``_FEATURES``).
     """
     capped = [
         np.minimum(candidates[..., OF_CANDIDATE.index(name)], cap)
@@ -68,19 +68,19 @@ class ScoreNetwork(nn.Module):
         super().__init__()
         self.kind, self.width, self.layers, self.heads = kind, width, layers, heads
         for name, size in (
-            ("mean", FEATURES),
-            ("scale", FEATURES),
+            ("mean", _FEATURES),
+            ("scale", _FEATURES),
             ("leap_mean", len(OF_LEAP)),
             ("leap_scale", len(OF_LEAP)),
         ):
             self.register_buffer(
                 name, torch.zeros(size) if name.endswith("mean") else torch.ones(size)
             )
-        self.linear = nn.Linear(FEATURES, 1, bias=False)
+        self.linear = nn.Linear(_FEATURES, 1, bias=False)
         self.scene = nn.Sequential(nn.Linear(len(OF_LEAP), 32), nn.SiLU(), nn.Linear(32, 1))
         if kind == "set":
             self.embed = nn.Sequential(
-                nn.Linear(FEATURES + len(OF_LEAP), width), nn.SiLU(), nn.Linear(width, width)
+                nn.Linear(_FEATURES + len(OF_LEAP), width), nn.SiLU(), nn.Linear(width, width)
             )
             self.toe = nn.Linear(2 * width, width)
             self.blocks = nn.ModuleList(AttentionBlock(width, heads) for _ in range(layers))
@@ -93,7 +93,7 @@ class ScoreNetwork(nn.Module):
         """Scores and odds.
 
         Arguments:
-            candidates: shape (B, P, R, ``FEATURES``).
+            candidates: shape (B, P, R, ``_FEATURES``).
             mask: (B, P, R).
             leap: (B, G).
         """
@@ -124,8 +124,8 @@ class ScoreNetwork(nn.Module):
             mask: (B, P * R).
             leap: (B, G).
         """
-        table = candidates.reshape(len(candidates), FOOTHOLDS, -1, len(OF_CANDIDATE))
-        there = mask.reshape(len(mask), FOOTHOLDS, -1)
+        table = candidates.reshape(len(candidates), _FOOTHOLDS, -1, len(OF_CANDIDATE))
+        there = mask.reshape(len(mask), _FOOTHOLDS, -1)
         capped = [
             table[..., OF_CANDIDATE.index(name), None].clamp(max=cap)
             for name, caps in CAPS.items()
@@ -235,13 +235,13 @@ class LeapScorer:
         return cls(network=network.eval(), origin=dict(header.get("origin") or {}))
 
 
-MIRRORED = 0.5
+_MIRRORED = 0.5
 """Share of the batches that are mirrored left to right, which is a symmetry of the physics."""
 _FLIPPED = ("_y", "_y_m", "_y_m_s")
 _MOMENTS = ("moment_x_m", "moment_z_m")
 """In the mirror y → −y lengths and forces along y change their sign, and moments about x and z
 do."""
-_SIGNS = torch.ones(FEATURES)
+_SIGNS = torch.ones(_FEATURES)
 _LEAP_SIGNS = torch.tensor([-1.0 if name.endswith(_FLIPPED) else 1.0 for name in OF_LEAP])
 for _k, _name in enumerate(OF_CANDIDATE):
     if _name in _MOMENTS or (_name.endswith(_FLIPPED) and not _name.startswith("moment")):
@@ -348,7 +348,7 @@ def fit_scorer(
         network.train()
         for part in torch.split(torch.randperm(len(train), generator=generator), settings.batch):
             batch = train[part]
-            if torch.rand((), generator=generator) < MIRRORED:
+            if torch.rand((), generator=generator) < _MIRRORED:
                 batch = _mirrored(batch)
             optimiser.zero_grad()
             _loss(network, batch, settings.ranking).backward()  # type: ignore[no-untyped-call]
@@ -539,7 +539,7 @@ class _Scored(BaseFeaturesExtractor):
     """
 
     def __init__(self, space: spaces.Dict, scorer: str | None, kind: Kind) -> None:
-        super().__init__(space, int(np.prod(space["mask"].shape or ())) + EXTRA)
+        super().__init__(space, int(np.prod(space["mask"].shape or ())) + _EXTRA)
         read = None if scorer is None else LeapScorer.read(scorer)
         self.network = ScoreNetwork(kind) if read is None else read.network
         self.origin = {} if read is None else read.origin
@@ -548,12 +548,12 @@ class _Scored(BaseFeaturesExtractor):
         scores, odds = self.network.seen(
             *(observation[name] for name in ("candidates", "mask", "leap"))
         )
-        tables = scores.reshape(len(scores), FOOTHOLDS, -1)
+        tables = scores.reshape(len(scores), _FOOTHOLDS, -1)
         likely = torch.sigmoid(tables.amax(dim=2).sum(dim=1) + odds)
         return torch.cat([scores.flatten(1), likely[:, None], observation["left"]], dim=1)
 
 
-EXTRA = 3
+_EXTRA = 3
 """Numbers for the value: how likely the best choice has a leap, and the two of ``left``."""
 
 
@@ -561,7 +561,7 @@ class _Actor(nn.Module):
     """Logits."""
 
     def forward(self, features: Tensor) -> Tensor:
-        return features[:, :-EXTRA]
+        return features[:, :-_EXTRA]
 
 
 class _Critic(nn.Module):
@@ -569,8 +569,8 @@ class _Critic(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.linear = nn.Linear(EXTRA, 1)
+        self.linear = nn.Linear(_EXTRA, 1)
 
     def forward(self, features: Tensor) -> Tensor:
-        value: Tensor = self.linear(features[:, -EXTRA:].detach())
+        value: Tensor = self.linear(features[:, -_EXTRA:].detach())
         return value

@@ -226,7 +226,7 @@ BLOCK = 512
 """Poses that are proved together."""
 NODES = 200
 """Nodes of the search for one pose; one that wants more stays unknown."""
-SAVED_S = 20.0
+_SAVED_S = 20.0
 """A map that is being made is written so often [s]."""
 CALIBRATION = 3000
 """Poses to calibrate likely answers on, at most."""
@@ -421,7 +421,7 @@ def make_map(
             done += len(which[done : done + BLOCK])
             if progress is not None:
                 progress(int((maker.verdict != UNKNOWN).sum()), len(poses), stage)
-            if checkpoint is not None and time.monotonic() - saved > SAVED_S:
+            if checkpoint is not None and time.monotonic() - saved > _SAVED_S:
                 saved = time.monotonic()
                 maker.map(seconds).save(checkpoint)
         if checkpoint is not None:

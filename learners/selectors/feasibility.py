@@ -33,7 +33,7 @@ from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
 from ..data.executors import Executor, gather
 from .chooser import BAND, Bools, DualBounds, Index, least, ranges, witnessed
 
-WITNESS, CERTIFICATE = 0, 1
+WITNESS, _CERTIFICATE = 0, 1
 CHUNK = 64
 """Problems that are checked at once: bounds the memory."""
 
@@ -207,7 +207,7 @@ class CachingOracle:
         self._settle("witness", admits, open_)
         stored = self._rows[which], self._slope[which], self._constant[which]
         refuted = open_ & self._credit(
-            CERTIFICATE, which, (least(*stored, bounds, low, high) > 0.0) & open_[:, None]
+            _CERTIFICATE, which, (least(*stored, bounds, low, high) > 0.0) & open_[:, None]
         )
         self._settle("certificate", refuted, open_)
         for row in np.flatnonzero(open_.any(axis=1)):
@@ -269,7 +269,7 @@ class CachingOracle:
         """Put what a solve proves in the place of what has not served for longest; returns its kind
         and place.
         """
-        kind = WITNESS if bound.margin <= FEASIBLE_MARGIN else CERTIFICATE
+        kind = WITNESS if bound.margin <= FEASIBLE_MARGIN else _CERTIFICATE
         slot = int(np.argmin(self._used[kind][k]))
         self._used[kind][k, slot] = self._clock
         if kind == WITNESS:

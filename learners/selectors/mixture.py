@@ -20,7 +20,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 
 from .selector import quantile_box
 
-CLEARANCE = 1e-4
+_CLEARANCE = 1e-4
 """Distance outside the box that an excluded point must have (non-dimensional)."""
 
 
@@ -50,7 +50,7 @@ def largest_box(
     side = np.where(below, 0, size) + np.arange(size)
     z = 2 * size + np.arange(count * size).reshape(count, size)
     rows = np.arange(count * size)
-    cut = np.maximum(span - np.maximum(distance - CLEARANCE, 0.0), 0.0)
+    cut = np.maximum(span - np.maximum(distance - _CLEARANCE, 0.0), 0.0)
     matrix = sp.csr_matrix(
         (
             np.concatenate([np.ones(count * size), cut.ravel()]),
@@ -62,7 +62,7 @@ def largest_box(
         (np.ones(count * size), (np.repeat(np.arange(count), size), z.ravel())),
         shape=(count, matrix.shape[1]),
     )
-    possible = ((distance > CLEARANCE) & (span > 0.0)).ravel()
+    possible = ((distance > _CLEARANCE) & (span > 0.0)).ravel()
     answer = milp(
         c=np.concatenate([-np.ones(2 * size), np.zeros(count * size)]),
         constraints=[

@@ -28,13 +28,13 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import check_fields, open_file, parse_json
 from stancekit.planners.files.writing import write_bytes
 
-KEY = "stancekit"
+_KEY = "stancekit"
 """The one key of a file's metadata, which holds the JSON header with its ``format``; several have
 no fixed order."""
 
 
 MOST_BYTES = 512_000_000
-DTYPES = (torch.float16, torch.float32, torch.float64, torch.int64)
+_DTYPES = (torch.float16, torch.float32, torch.float64, torch.int64)
 
 
 def write_tensors(
@@ -57,7 +57,7 @@ def write_tensors(
             name: each.half() if each.dtype is torch.float32 else each
             for name, each in plain.items()
         }
-    write_bytes(path, save(plain, {KEY: json.dumps({**header, "format": kind}, sort_keys=True)}))
+    write_bytes(path, save(plain, {_KEY: json.dumps({**header, "format": kind}, sort_keys=True)}))
 
 
 def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
@@ -72,7 +72,7 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
         raise InvalidInput(f"{path}: expected a file of {MOST_BYTES} bytes or fewer, got {size}")
     try:
         with safe_open(path, framework="pt") as file:
-            header = parse_json((file.metadata() or {}).get(KEY, "null"), "header")
+            header = parse_json((file.metadata() or {}).get(_KEY, "null"), "header")
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 — not a dictionary
     except (SafetensorError, OSError, ValueError, RuntimeError, TypeError) as error:
         raise InvalidInput(
@@ -89,7 +89,7 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
             raise InvalidInput(
                 f"{path}: tensor {name}: expected 8 dimensions or fewer, got {tensor.ndim}"
             )
-        if tensor.dtype not in DTYPES:
+        if tensor.dtype not in _DTYPES:
             raise InvalidInput(
                 f"{path}: tensor {name}: expected half, single or double precision, got "
                 f"{tensor.dtype}"

@@ -106,7 +106,7 @@ def margins(
 
 Progress = Callable[[int, int], None]
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
-CHECKPOINT = "stancekit/neural-checkpoint/1"
+_CHECKPOINT = "stancekit/neural-checkpoint/1"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -352,7 +352,7 @@ class Trainer:
                 f"adam.{index}.{name}": torch.as_tensor(value) for name, value in state.items()
             }
         write_tensors(
-            self._checkpoint, CHECKPOINT, {"run": self._run, "history": self.history}, tensors
+            self._checkpoint, _CHECKPOINT, {"run": self._run, "history": self.history}, tensors
         )
 
     def _resume(self) -> None:
@@ -362,7 +362,7 @@ class Trainer:
         """
         if self._checkpoint is None or not self._checkpoint.exists():
             return
-        header, tensors = read_tensors(self._checkpoint, CHECKPOINT)
+        header, tensors = read_tensors(self._checkpoint, _CHECKPOINT)
         if header.get("run") != self._run or not header.get("history"):
             raise InvalidInput(
                 f"{self._checkpoint}: expected a checkpoint of these settings and rows, got "

@@ -135,7 +135,7 @@ class Learned:
         Raises InvalidInput for a selector without ``save(path)``.
         """
         if not callable(getattr(self.selector, "save", None)):
-            raise unsaved(path, self.selector)
+            raise _unsaved(path, self.selector)
         self.selector.save(path)  # type: ignore[attr-defined]
 
     @property
@@ -159,7 +159,7 @@ class Learned:
         return self.selector.envelopes
 
 
-def unsaved(path: str | Path, selector: Any) -> InvalidInput:
+def _unsaved(path: str | Path, selector: Any) -> InvalidInput:
     """Refusal for a selector that has no file."""
     return InvalidInput(
         f"{path}: expected a selector with save(path), got a {type(selector).__name__}"
@@ -178,7 +178,7 @@ SELECTORS: Registry[Any] = Registry(
 """Selectors by name. A class is made without arguments."""
 
 
-def is_own(name: str) -> bool:
+def _is_own(name: str) -> bool:
     """Tell whether a text names a selector from elsewhere, and no file of weights or envelopes."""
     return (
         ".py:" in name
@@ -187,7 +187,7 @@ def is_own(name: str) -> bool:
     )
 
 
-def own_selector(name: str) -> Learned:
+def _own_selector(name: str) -> Learned:
     """A selector by its entry point's name, or "FILE.py:NAME".
 
     Raises InvalidInput.
@@ -259,7 +259,7 @@ class OwnSelector:
         Raises InvalidInput where it has no ``save`` of its own.
         """
         if not callable(getattr(self._found, "save", None)):
-            raise unsaved(path, self._found)
+            raise _unsaved(path, self._found)
         self._found.save(path)
 
     def _check(self, observation: Observation, action: Any) -> None:
@@ -298,8 +298,8 @@ def load_selector(path: str | Path) -> Learned:
     ``stancekit.selectors``, its name; or "FILE.py:NAME". Raises InvalidInput for what is missing,
     damaged or foreign.
     """
-    if is_own(str(path)):
-        return own_selector(str(path))
+    if _is_own(str(path)):
+        return _own_selector(str(path))
     path = file_or_named(path, shipped("selectors"))
     kind = safetensors_format(path) if path.is_file() else None
     if kind is None and path.suffix == ".safetensors" and path.is_file():

@@ -24,7 +24,7 @@ CORNER = 7
 TURNS = 12
 """Symmetries are looked for among the turns by a twelfth about the vertical, and their mirrors."""
 SAME = 1e-6
-GENERIC = np.array([0.83, 0.56, 0.0])
+_GENERIC = np.array([0.83, 0.56, 0.0])
 """Of all symmetric copies of a scene the one that leans farthest this way stands for all."""
 
 
@@ -77,7 +77,9 @@ class Seer:
         room = self._room(vertices)
         if len(self.turns) > 1:
             lean = (middle * (1.0 + batch.friction[..., None])).sum(axis=1)
-            turn = self.turns[(lean @ np.einsum("gij,i->gj", self.turns, GENERIC).T).argmax(axis=1)]
+            turn = self.turns[
+                (lean @ np.einsum("gij,i->gj", self.turns, _GENERIC).T).argmax(axis=1)
+            ]
             back = turn.swapaxes(1, 2)
             vertices = vertices @ back[:, None]
             normals, shoulders, middle = normals @ back, shoulders @ back, middle @ back

@@ -62,7 +62,7 @@ class LabelledBatch:
         Raises InvalidInput for rows of several classes or robots, and for rows on other than
         triangles.
         """
-        check_alike(datasets)
+        _check_alike(datasets)
         first = datasets[0]
         like = next(iter(first.problems()), None)
         if like is None:
@@ -120,7 +120,7 @@ class LabelledBatch:
         return self.select(np.array(fresh, dtype=np.intp))
 
 
-def check_alike(datasets: Sequence[Dataset]) -> None:
+def _check_alike(datasets: Sequence[Dataset]) -> None:
     """Raise InvalidInput unless data sets are of one class, robot and legs."""
     first = datasets[0]
     for other in datasets[1:]:
@@ -215,7 +215,7 @@ def fit_surrogate(
     origin = [one.origin for one in datasets]
     held = None
     if calibration is not None:
-        check_alike([datasets[0], calibration])
+        _check_alike([datasets[0], calibration])
         held = LabelledBatch.of([calibration])
         if held.screened is not None:
             raise InvalidInput(

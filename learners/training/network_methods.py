@@ -15,7 +15,7 @@ from ..selectors.policy import TrainedPolicy, bounds_of
 from .fitting import FitRequest, TrainingScenes, fit
 from .reinforce import train
 
-JOINT_TARGET = 0.99
+_JOINT_TARGET = 0.99
 """Share of the feasible rows that the joint P1 must admit where nothing is said: chosen on
 validation rows."""
 
@@ -36,7 +36,7 @@ def joint(request: FitRequest) -> NeuralSelector:
     """A network from terrain to box and point, for the P1 that is joined with the lift."""
     settings = request.settings
     joint_settings = replace(
-        settings, neural={"target": JOINT_TARGET, **settings.neural, "relaxation": "joint"}
+        settings, neural={"target": _JOINT_TARGET, **settings.neural, "relaxation": "joint"}
     )
     return neural(replace(request, settings=joint_settings))
 

@@ -34,7 +34,7 @@ from ..selectors.policy import TrainedPolicy, check_shapes
 from .fitting import CurvePoint, Trained, TrainingScenes, evaluator
 from .train_config import SelectionVecEnv, TrainConfig, refinement_vec_env
 
-CHECKPOINT_FORMAT = "stancekit/training/1"
+_CHECKPOINT_FORMAT = "stancekit/training/1"
 NAME = "checkpoint.safetensors"
 
 
@@ -57,7 +57,7 @@ def write_checkpoint(
             f"optimizer.{index}.{name}": torch.as_tensor(value) for name, value in slot.items()
         }
     header = {"config": asdict(config), "curve": [asdict(point) for point in curve], **more}
-    write_tensors(folder / NAME, CHECKPOINT_FORMAT, header, tensors)
+    write_tensors(folder / NAME, _CHECKPOINT_FORMAT, header, tensors)
     write_text(folder / "curve.jsonl", "".join(json.dumps(asdict(point)) + "\n" for point in curve))
 
 
@@ -69,7 +69,7 @@ def read_checkpoint(
     Raises InvalidInput where the file is damaged, or of another configuration in more than
     ``steps``.
     """
-    header, tensors = read_tensors(path, CHECKPOINT_FORMAT)
+    header, tensors = read_tensors(path, _CHECKPOINT_FORMAT)
     mine, theirs = json.loads(json.dumps(asdict(config))), header.get("config")
     if not isinstance(theirs, dict):
         raise InvalidInput(f"{path}: expected a configuration in the header, got none")

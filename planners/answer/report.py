@@ -66,7 +66,7 @@ S = TypeVar(
     covariant=True,
 )
 Verdict = Literal["holds", "violated", "not checked", "not asked for"]
-BODY_VERDICTS = {"holds": "checked", "violated": "failed"}
+_BODY_VERDICTS = {"holds": "checked", "violated": "failed"}
 """The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
 
 
@@ -218,7 +218,7 @@ class Report(Generic[S]):
         """The groups that were judged; those of contacts are one, "contacts", of a posture and of a
         plan.
         """
-        judged = [group.name for group in self.groups if group.verdict in BODY_VERDICTS]
+        judged = [group.name for group in self.groups if group.verdict in _BODY_VERDICTS]
         if isinstance(self.answer, Plan | LeapPlan):
             names = WHOLE_BODY if isinstance(self.answer, Plan) else LEAP_BODY
             return ("contacts", *(name for name in judged if name in names))
@@ -259,7 +259,7 @@ class Report(Generic[S]):
                 group.name == MARGIN and group.verdict == "holds"
             ):
                 continue
-            name, verdict = group.name, BODY_VERDICTS.get(group.verdict, "NOT CHECKED")
+            name, verdict = group.name, _BODY_VERDICTS.get(group.verdict, "NOT CHECKED")
             reason = f" ({group.message})" if group.message else ""
             if reason and remarks and remarks[-1][1] == verdict + reason:
                 name = f"{remarks.pop()[0]}, {name}"
@@ -499,8 +499,8 @@ class Report(Generic[S]):
 
 def _body_json(group: Group) -> dict[str, Any]:
     """A group of a plan's whole body as files and ``--json`` have it."""
-    verdict = BODY_VERDICTS.get(group.verdict, group.verdict)
-    extra = {"message": group.message} if group.message or group.verdict in BODY_VERDICTS else {}
+    verdict = _BODY_VERDICTS.get(group.verdict, group.verdict)
+    extra = {"message": group.message} if group.message or group.verdict in _BODY_VERDICTS else {}
     return {"verdict": verdict, **extra, **group.figures}
 
 

@@ -28,7 +28,7 @@ from .layout import D, Fill, Gather, GatheredNumbers, Index, Values
 from .programs import ConicSolution, ConicStatus
 
 
-def pattern_of(rows: Index, columns: Index, shape: tuple[int, int]) -> Columns:
+def _pattern_of(rows: Index, columns: Index, shape: tuple[int, int]) -> Columns:
     """A matrix of zeros at these entries, which are sorted by columns."""
     indptr = np.searchsorted(columns, np.arange(shape[1] + 1))
     return Columns(np.zeros(len(rows)), rows.astype(np.int32), indptr.astype(np.int32), shape)
@@ -260,7 +260,7 @@ class Rows(Generic[D]):
         rows = np.concatenate([block[0].ravel() for block in self._blocks])
         columns = np.concatenate([block[1].ravel() for block in self._blocks])
         order = np.lexsort((rows, columns))
-        self._matrix = pattern_of(rows[order], columns[order], self.shape)
+        self._matrix = _pattern_of(rows[order], columns[order], self.shape)
         first, second = (
             np.concatenate([np.zeros(0, dtype=np.int_), *(b[k] for b in self._squares)])
             for k in (0, 1)
@@ -269,7 +269,7 @@ class Rows(Generic[D]):
             second * self.shape[1] + first, return_inverse=True
         )
         second, first = np.divmod(squared, self.shape[1])
-        self._squared = pattern_of(first, second, (self.shape[1], self.shape[1]))
+        self._squared = _pattern_of(first, second, (self.shape[1], self.shape[1]))
         self._a: Gather[D] = Gather(len(rows), self._numbers)
         places = np.argsort(order)
         for block, _, values in self._blocks:

@@ -27,7 +27,7 @@ from .layout import Index, Layout, shared
 Values = TypeVar("Values")
 
 
-def of_problem(scaled: Callable[..., Values], course: Problem) -> Values:
+def _of_problem(scaled: Callable[..., Values], course: Problem) -> Values:
     """A problem as ``scaled`` holds it, with every candidate open."""
     scale, limbs, limits = course.length_scale_m, course.robot.limbs, course.steps
     patches = [patch for foothold in course.footholds for patch in foothold.candidates]
@@ -258,7 +258,7 @@ class Scaled:
     @classmethod
     def of(cls, problem: Problem) -> Scaled:
         """Scale a problem: forces (E3) and positions (E4) as non-dimensional numbers."""
-        return of_problem(cls, problem)
+        return _of_problem(cls, problem)
 
     @property
     def aim(self) -> Weights:

@@ -25,11 +25,11 @@ MOST_ARRAYS = 1000
 """In one archive."""
 MOST_UNPACKED = 256_000_000
 """Bytes that an archive may unfold to."""
-DEFLATED_MOST = 1032
+_DEFLATED_MOST = 1032
 """Deflate packs no more bytes into one."""
 KINDS = "biufU"
 """Truth values, integers, real numbers and texts."""
-LONGEST_HEADER = 10_000
+_LONGEST_HEADER = 10_000
 SAID = "expected arrays without pickle"
 
 
@@ -83,7 +83,7 @@ def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
     if sum(entry.file_size for entry in entries) > MOST_UNPACKED:
         raise InvalidInput(f"{where}: expected {MOST_UNPACKED} bytes of arrays or fewer, got more")
     for entry in entries:
-        if entry.file_size > entry.compress_size * (DEFLATED_MOST if entry.compress_type else 1):
+        if entry.file_size > entry.compress_size * (_DEFLATED_MOST if entry.compress_type else 1):
             raise InvalidInput(
                 f"{where}: {SAID}: {entry.filename!r:.40} cannot hold the bytes that it declares"
             )
@@ -105,7 +105,7 @@ def _array(stream: IO[bytes], size: int) -> NDArray[Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of Python's parser, on what is no header
         read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, by_column, dtype = read_header(stream, max_header_size=LONGEST_HEADER)
+        shape, by_column, dtype = read_header(stream, max_header_size=_LONGEST_HEADER)
     if dtype.kind not in KINDS or dtype.itemsize == 0:
         raise ValueError(f"expected numbers or texts, got {dtype!s:.40}")
     if len(shape) > 8 or any(isinstance(n, bool) or n < 0 for n in shape):

@@ -34,7 +34,7 @@ from ..errors import InvalidInput
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def value_of(text: str, *, deepest: int, most: int) -> Any:
+def _value_of(text: str, *, deepest: int, most: int) -> Any:
     """The value of a document; raises InvalidInput beyond the limits, and whatever PyYAML raises.
 
     Arguments:
@@ -500,7 +500,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
         )
 
     try:
-        data = value_of(text, deepest=DEEPEST, most=MOST_YAML_VALUES)
+        data = _value_of(text, deepest=DEEPEST, most=MOST_YAML_VALUES)
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     except Exception as error:  # PyYAML's constructors raise whatever struck them

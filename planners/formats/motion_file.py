@@ -72,7 +72,7 @@ class FileCheck:
 
 
 AXES = "xyz"
-OF_BODY = {
+_OF_BODY = {
     **{f"body.{axis}": ("origin_m", k) for k, axis in enumerate(AXES)},
     **{f"body.q{axis}": ("quaternion", k) for k, axis in enumerate("wxyz")},
     **{f"com.{axis}": ("com_m", k) for k, axis in enumerate(AXES)},
@@ -80,9 +80,9 @@ OF_BODY = {
     **{f"body_w.{axis}": ("turning_rad_s", k) for k, axis in enumerate(AXES)},
 }
 """Columns of the body: the array, and which number of a row."""
-OF_POINTS = {"positions": "angles_rad", "velocities": "rates_rad_s", "effort": "torques_nm"}
+_OF_POINTS = {"positions": "angles_rad", "velocities": "rates_rad_s", "effort": "torques_nm"}
 """Keys of a JointTrajectory's points, and the arrays that they hold."""
-TIME, NANO = "t", 1_000_000_000
+_TIME, NANO = "t", 1_000_000_000
 
 
 def _columns_of(table: MotionTable) -> dict[str, Array]:
@@ -131,7 +131,7 @@ def joint_trajectory(table: MotionTable) -> dict[str, Any]:
     known = table.known()
     if "angles_rad" not in known:
         raise InvalidInput("jointtrajectory: expected a motion with joints, got one without")
-    rows = {key: known[name].tolist() for key, name in OF_POINTS.items() if name in known}
+    rows = {key: known[name].tolist() for key, name in _OF_POINTS.items() if name in known}
     points = []
     for k, time_s in enumerate(table.time_s.tolist()):
         sec, nanosec = divmod(round(time_s * NANO), NANO)
@@ -210,8 +210,8 @@ def _places(
     joints: Sequence[str], limbs: Sequence[str], keys: Collection[str]
 ) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Places of the columns' numbers in the arrays of these keys, in the order of a file."""
-    places: dict[str, tuple[str, tuple[int, ...]]] = {TIME: ("time_s", ())}
-    places |= {name: (key, (k,)) for name, (key, k) in OF_BODY.items() if key in keys}
+    places: dict[str, tuple[str, tuple[int, ...]]] = {_TIME: ("time_s", ())}
+    places |= {name: (key, (k,)) for name, (key, k) in _OF_BODY.items() if key in keys}
     for key, word in OF_JOINTS.items():
         if key in keys:
             places |= {f"{word}.{joint}": (key, (k,)) for k, joint in enumerate(joints)}
@@ -265,11 +265,11 @@ def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InvalidInput(f"{where}: expected each column once, got {twice} again")
-    if TIME not in names:
+    if _TIME not in names:
         raise InvalidInput(f"{where}: expected the column t, got {', '.join(names)!r:.80}")
     for name in names:
         word, dot, rest = name.partition(".")
-        if name == TIME or name in OF_BODY:
+        if name == _TIME or name in _OF_BODY:
             continue
         if dot and rest and word in OF_JOINTS.values():
             joints[rest] = None
@@ -277,8 +277,8 @@ def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str
             limbs[rest if word == "contact" else rest.rpartition(".")[0]] = None
         else:
             known = (
-                TIME,
-                *OF_BODY,
+                _TIME,
+                *_OF_BODY,
                 *(f"{one}.NAME" for one in (*OF_JOINTS.values(), "contact")),
                 "force.NAME.x",
             )
@@ -354,7 +354,7 @@ def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
         raise InvalidInput(f"{where}: points: expected a list of points, got {shown(points)}")
     times = np.array([_seconds(point, k, where) for k, point in enumerate(points)])
     arrays = dict[str, Any]()
-    for key, name in OF_POINTS.items():
+    for key, name in _OF_POINTS.items():
         if not points[0].get(key):
             if any(point.get(key) for point in points):
                 raise InvalidInput(

@@ -28,13 +28,13 @@ from ..problem.walk import Walk
 from ..terrain.heightfield import HeightField
 from .walk_table import GaitSettings
 
-FRICTION_ROOM = 0.02
+_FRICTION_ROOM = 0.02
 """Friction is taken to be this much more than it is: nothing is forbidden that the verifier
 tolerates."""
 TURNS = np.deg2rad(5.0) * np.arange(72)
 BELOW = np.array([1e-3, 0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0])
 """Directions about the vertical, and below the horizon, in which w is looked for [rad]."""
-LEAST, GREATEST = 1e-6, 0.5 * np.pi - 1e-6
+LEAST, _GREATEST = 1e-6, 0.5 * np.pi - 1e-6
 """β that are taken, above the horizon [rad]."""
 
 
@@ -44,7 +44,7 @@ def forbidden(task: Walk, settings: GaitSettings) -> str:
     places = [("start", task.start_xy_m)] + [("goal", task.goal_xy_m)] * settings.still_end
     for name, xy in places:
         normals = boxes.normals(xy, _reach_m(task) + 3e-3)
-        if len(normals) and _tips_over(normals, task.friction + FRICTION_ROOM, _pull(task)):
+        if len(normals) and _tips_over(normals, task.friction + _FRICTION_ROOM, _pull(task)):
             return (
                 f"at rest at the {name} ({xy[0]:g}, {xy[1]:g}) no stance carries the weight: all "
                 "ground within "
@@ -136,7 +136,7 @@ def _too_far(task: Walk, boxes: GradientBoxes, settings: GaitSettings) -> str:
     away = float(np.linalg.norm(ahead))
     if away == 0.0:
         return ""
-    normals, friction = boxes.normals(), task.friction + FRICTION_ROOM
+    normals, friction = boxes.normals(), task.friction + _FRICTION_ROOM
     slopes = np.array([_least(way * ahead / away, normals, friction) for way in (-1.0, 1.0)])
     pulled = _pull(task) * np.hypot(1.0, slopes) if any(task.adhesive) else 0.0
     most = GRAVITY_M_S2 * (slopes + pulled)  # A₊ and A₋ [m/s²]
@@ -167,7 +167,7 @@ def _least(towards: Array, normals: Array, friction: float) -> float:
         return np.inf
     ahead, half = np.arctan2(along, up), np.arcsin(sine)
     least, most = max(LEAST, float((half - ahead).max())), float((np.pi - half - ahead).min())
-    return float(np.tan(least)) if least <= min(most, GREATEST) else np.inf
+    return float(np.tan(least)) if least <= min(most, _GREATEST) else np.inf
 
 
 def _always_stands(task: Walk, settings: GaitSettings) -> bool:

@@ -27,10 +27,10 @@ from .charts.warped import Chart, Pushforward
 from .transcription.taylor import Features, Rows, Selection, TaylorMap, VariableGroup, identity
 from .walk_table import GaitSettings
 
-DEGREE = 3
+_DEGREE = 3
 
 
-def uniform_size(duration_s: float, knot_s: float) -> int:
+def _uniform_size(duration_s: float, knot_s: float) -> int:
     """Number of coefficients of a uniform cubic B-spline on [0, duration].
 
     Raises InvalidInput for uneven knots.
@@ -40,15 +40,15 @@ def uniform_size(duration_s: float, knot_s: float) -> int:
         raise InvalidInput(
             f"torso_knot_s: expected a share of the duration of {duration_s:g} s, got {knot_s:g} s"
         )
-    return pieces + DEGREE
+    return pieces + _DEGREE
 
 
 def uniform_basis(times_s: Array, duration_s: float, knot_s: float, order: int = 0) -> csr_array:
     """Values (or a derivative) of the uniform cubic B-splines on [0, duration], shape (len(times),
     size).
     """
-    size = uniform_size(duration_s, knot_s)
-    return _basis(np.asarray(times_s), knot_s * np.arange(-DEGREE, size + 1.0), order)
+    size = _uniform_size(duration_s, knot_s)
+    return _basis(np.asarray(times_s), knot_s * np.arange(-_DEGREE, size + 1.0), order)
 
 
 def clamped_basis(shares: Array, pieces: int, order: int = 0) -> csr_array:
@@ -60,7 +60,7 @@ def clamped_basis(shares: Array, pieces: int, order: int = 0) -> csr_array:
 
 def clamped_knots(pieces: int) -> Array:
     """Knots of the clamped cubic B-splines on [0, 1], their ends fourfold, shape (pieces + 7,)."""
-    return np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, pieces + 1), np.ones(DEGREE)])
+    return np.concatenate([np.zeros(_DEGREE), np.linspace(0.0, 1.0, pieces + 1), np.ones(_DEGREE)])
 
 
 def greville(knots: Array) -> Array:
@@ -70,18 +70,18 @@ def greville(knots: Array) -> Array:
     return np.asarray((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
 
 
-def uniform_greville(duration_s: float, knot_s: float) -> Array:
+def _uniform_greville(duration_s: float, knot_s: float) -> Array:
     """Greville times of the uniform B-splines on [0, duration] [s]; the first and the last lie
     outside.
     """
     return np.asarray(
-        knot_s * (np.arange(uniform_size(duration_s, knot_s)) - 1.0), dtype=np.float64
+        knot_s * (np.arange(_uniform_size(duration_s, knot_s)) - 1.0), dtype=np.float64
     )
 
 
 def _basis(x: Array, knots: Array, order: int) -> csr_array:
-    first, values = cubics(np.clip(x, knots[DEGREE], knots[-DEGREE - 1]), knots, order)
-    basis = rows_of(first, values, len(knots) - DEGREE - 1)
+    first, values = cubics(np.clip(x, knots[_DEGREE], knots[-_DEGREE - 1]), knots, order)
+    basis = rows_of(first, values, len(knots) - _DEGREE - 1)
     if order > 0:
         basis.eliminate_zeros()  # entries that are none make the program's matrices fuller
     return basis
@@ -107,13 +107,13 @@ def clamped_symbolic(share: cs.SX, pieces: int) -> cs.SX:
     Beyond both ends the outer polynomial pieces go on.
     """
     knots = clamped_knots(pieces)
-    inner = knots[DEGREE:-DEGREE]
+    inner = knots[_DEGREE:-_DEGREE]
     basis: list[Any] = [cs.SX(0)] * (len(knots) - 1)
     for k in range(pieces):
         above = share >= inner[k] if k > 0 else cs.SX(1)
         below = share < inner[k + 1] if k < pieces - 1 else cs.SX(1)
-        basis[DEGREE + k] = above * below
-    for degree in range(1, DEGREE + 1):
+        basis[_DEGREE + k] = above * below
+    for degree in range(1, _DEGREE + 1):
         basis = [
             _ramp(share - knots[i], knots[i + degree] - knots[i]) * basis[i]
             + _ramp(knots[i + degree + 1] - share, knots[i + degree + 1] - knots[i + 1])
@@ -167,7 +167,7 @@ class GaitLayout:
     ) -> None:
         self.duration_s, self.torso_knot_s, self.flat = duration_s, torso_knot_s, flat
         self._size = 0
-        self.torso = self._take((uniform_size(duration_s, torso_knot_s), 6))
+        self.torso = self._take((_uniform_size(duration_s, torso_knot_s), 6))
         self.feet = tuple(self._foot(one, force_knot_s, optimised) for one in phases)
 
     @property
@@ -191,7 +191,7 @@ class GaitLayout:
     @property
     def torso_times_s(self) -> Array:
         """When each coefficient of the torso's spline acts most, shape (coefficients,) [s]."""
-        return uniform_greville(self.duration_s, self.torso_knot_s)
+        return _uniform_greville(self.duration_s, self.torso_knot_s)
 
     def _take(self, shape: tuple[int, ...]) -> Index:
         count = int(np.prod(shape))
@@ -360,7 +360,7 @@ class FootGroup:
         return matches[:, 0], matches[:, 1]
 
 
-def scheduled_groups(
+def _scheduled_groups(
     layout: GaitLayout, times_s: Array, foot_map: TaylorMap | None, step_s: float = 0.0
 ) -> tuple[FootGroup, ...]:
     """All feet at all nodes by the schedule's phases: those that stand, then those that swing.
@@ -418,7 +418,7 @@ def on_ground(v: cs.SX, constants: cs.SX) -> cs.SX:
     return cs.vertcat(v[:2], 0.0, v[2:5])
 
 
-def entry_group(
+def _entry_group(
     layout: GaitLayout, name: str, entries: Index, entry_map: TaylorMap | None = None
 ) -> VariableGroup:
     """Entries of the decision vector as features, shape (K, width); columns that are NOTHING
@@ -436,7 +436,7 @@ def entry_group(
     return VariableGroup(name, layout.entry_rows(entries[:, used]), len(used), entry_map, spread)
 
 
-def moving_groups(
+def _moving_groups(
     layout: GaitLayout, times_s: Array, foot_map: TaylorMap | None, slack_s: float
 ) -> tuple[FootGroup, ...]:
     """All feet at all nodes, grouped by the phases that they may be in where switching times may
@@ -450,7 +450,7 @@ def moving_groups(
     groups = []
     for key, members in result.items():
         foot_of, node_of = np.array([member[:2] for member in members]).T
-        plain = entry_group(layout, "moving", np.array([member[2] for member in members]))
+        plain = _entry_group(layout, "moving", np.array([member[2] for member in members]))
         features = _moving_features(key, plain.features, layout.duration_s)
         variables = VariableGroup(
             "moving feet",
@@ -592,10 +592,10 @@ class Structure:
     def feet_at_nodes(self) -> tuple[FootGroup, ...]:
         """All feet at all nodes, in groups."""
         if self.task.timings == "optimised":
-            return moving_groups(
+            return _moving_groups(
                 self.layout, self.times_s, self.chart.foot_map, self.settings.switch_slack_s
             )
-        return scheduled_groups(self.layout, self.times_s, self.chart.foot_map, self.mean_s)
+        return _scheduled_groups(self.layout, self.times_s, self.chart.foot_map, self.mean_s)
 
     def entries(self, name: str, entries: Index, on_foot: bool = False) -> VariableGroup:
         """Entries of the decision vector as features, shape (K, width).
@@ -603,7 +603,7 @@ class Structure:
         Arguments:
             on_foot: points with the feet's map about.
         """
-        return entry_group(self.layout, name, entries, self.chart.foot_map if on_foot else None)
+        return _entry_group(self.layout, name, entries, self.chart.foot_map if on_foot else None)
 
 
 def sampled(

@@ -46,13 +46,13 @@ from .scp import (
 SHARE, LEAST_SHARE = 0.88, 0.5
 """Shares of joints' speeds and torques, that rows ask for; less in later rounds, but no less than
 that."""
-MORE_THAN = 1.03
+_MORE_THAN = 1.03
 """Rows ask for so much less than would make up for what was too much."""
 ROUNDS, STEPS = 6, 8
 """Rounds at most, for one timing, and convex steps at most in each."""
-SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
+_SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
 """What is as bad as one share of a joint, of groups that are beyond their limits; 0.1 of others."""
-STRETCHED = (
+_STRETCHED = (
     (1.0, 1.0, 1.0),
     (1.0, 1.15, 1.0),
     (1.3, 1.0, 1.3),
@@ -64,33 +64,33 @@ STRETCHED = (
 """Timings that are tried: stances before, flights, stances after, in units of the leap's own."""
 FINER, NEARLY = (0.02, 0.01, 0.005), 1.03
 """Changes of how legs are drawn up where joints in the air have less than this of what they may."""
-BEND_M = 1e-4
+_BEND_M = 1e-4
 """Legs are bent by this to see what it changes [m]."""
 NEXT = 2
 """So many samples in the air beside a stance count as part of it."""
 AROUND = ((0.03, 0.0), (-0.03, 0.0), (0.0, 0.05), (0.0, -0.05))
 """Ways near the best of them."""
-EASY, HARD, WAYS = 0.9, 1.1, 3
+EASY, _HARD, WAYS = 0.9, 1.1, 3
 """Other ways are looked at where joints in the air have more than the first of what they may, and on
 the ground less than the second; so many of the easiest are judged whole."""
-GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
+_GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
 """Ways of drawing legs up in flight that are tried."""
-MORE_M, MOST_M = 0.003, 0.1
+_MORE_M, _MOST_M = 0.003, 0.1
 """A reach that was too long is shortened by what it misses and this, and by no more in all [m]."""
-RESTARTS, FAR_OFF_M, MOST_SHORT_M = 3, 0.01, 0.2
+_RESTARTS, _FAR_OFF_M, _MOST_SHORT_M = 3, 0.01, 0.2
 """A timing begins anew so often at most, where feet miss more than this, with a reach that is
 shortened by no more than that [m]."""
-MOST_AIR_M = 0.03
+_MOST_AIR_M = 0.03
 """What it misses in the air, just off a surface or just before one, counts for no more in a round
 [m]."""
 SAID = 2
 """A plan says so often anew what legs turn its body by."""
 NEAR_M = 0.06
 """Toes move no farther than this in a round."""
-UNLOADED_S, UNLOADED = 0.025, 0.01
+_UNLOADED_S, _UNLOADED = 0.025, 0.01
 """Toes rest on the ground so long before they lift, and press with this share of the largest force
 at most: no control lets go of a force, or begins to draw up a leg, within an instant [s]."""
-FLIGHT_PARTS = 4
+_FLIGHT_PARTS = 4
 """A flight says in so many parts what legs turn its body by."""
 
 
@@ -122,19 +122,19 @@ class JudgedLeap:
             for group in self.groups
             if group.name in ("joint_speed", "torque") and group.verdict == "violated"
         ]
-        less = min(MORE_THAN * max(over), 1.15) if over else 1.0
+        less = min(_MORE_THAN * max(over), 1.15) if over else 1.0
         return max(self.share / less, LEAST_SHARE)
 
     @property
     def short_m(self) -> Array:
         """Length that the reach of every limb lacks, with what was known before, shape (N,) [m]."""
         off, stands = self.body.off_toes().values, self.body.path.contact
-        flying = np.minimum(np.where(stands, 0.0, off), MOST_AIR_M)
+        flying = np.minimum(np.where(stands, 0.0, off), _MOST_AIR_M)
         missed = np.where(stands, off, flying).max(axis=0)
         return np.asarray(
             np.minimum(
-                self.shortened_m + np.where(missed > 1e-4, missed + MORE_M, 0.0),
-                np.maximum(MOST_M, self.shortened_m),
+                self.shortened_m + np.where(missed > 1e-4, missed + _MORE_M, 0.0),
+                np.maximum(_MOST_M, self.shortened_m),
             )
         )
 
@@ -145,11 +145,11 @@ class JudgedLeap:
 
     @property
     def score(self) -> float:
-        """Distance from being accepted, in units of ``SCALES``."""
+        """Distance from being accepted, in units of ``_SCALES``."""
         total = 0.0
         for group in self.report.groups:
             if group.verdict == "violated":
-                total += (group.value - group.limit) / SCALES.get(group.name, 0.1)
+                total += (group.value - group.limit) / _SCALES.get(group.name, 0.1)
         return total
 
 
@@ -189,7 +189,7 @@ class LeapBender:
         measured = self._said(self._measured(plan))
         ways = [measured]
         air, ground = self._hard(measured), self._hard(measured, air=False)
-        if air > EASY and ground < HARD:
+        if air > EASY and ground < _HARD:
             ways = [self._said(way) for way in self._gathered(measured)[:WAYS]]
             measured = ways[0]
         found = self._whole(ways)
@@ -271,7 +271,7 @@ class LeapBender:
                 known[gather] = self._measured(replace(plan, gather=np.array(gather)))
             return self._hard(known[gather])
 
-        best = min(GATHERS, key=hard)
+        best = min(_GATHERS, key=hard)
         near = [(best[0] + a, best[1] + b) for a, b in AROUND]
         for each in near:
             if 0.15 <= each[0] <= 0.45 and each[1] <= 1.0:
@@ -300,7 +300,7 @@ class LeapBender:
         first = best = self.judge(plan)
         if first.accepted:
             return first, self._eased(first)
-        for k, (before, flight, after) in enumerate(STRETCHED):
+        for k, (before, flight, after) in enumerate(_STRETCHED):
             if time.perf_counter() > self._deadline:
                 break
             start = plan if k == 0 else self._retimed(plan, before, flight, after)
@@ -341,11 +341,11 @@ class LeapBender:
         begin near what legs can do.
         """
         best = judged
-        for _ in range(RESTARTS):
+        for _ in range(_RESTARTS):
             missed_m = judged.body.off_toes().values.max(axis=0)
-            if missed_m.max() < FAR_OFF_M or time.perf_counter() > self._deadline:
+            if missed_m.max() < _FAR_OFF_M or time.perf_counter() > self._deadline:
                 break
-            short_m = np.minimum(judged.shortened_m + missed_m + MORE_M, MOST_SHORT_M)
+            short_m = np.minimum(judged.shortened_m + missed_m + _MORE_M, _MOST_SHORT_M)
             plan = self._anew(judged.plan, short_m)
             if plan is None:
                 break
@@ -473,13 +473,13 @@ def unloaded(leap: Leap, timing: int) -> Leap | None:
             phases.append(phase)
             seconds.append(lasts)
             continue
-        if lasts < 4.0 * UNLOADED_S:
+        if lasts < 4.0 * _UNLOADED_S:
             return None
         phases += [
             replace(leap.phases[q - 1], intervals=1),
-            replace(phase, intervals=max(phase.intervals, FLIGHT_PARTS)),
+            replace(phase, intervals=max(phase.intervals, _FLIGHT_PARTS)),
         ]
-        seconds += [UNLOADED_S, lasts - UNLOADED_S]
+        seconds += [_UNLOADED_S, lasts - _UNLOADED_S]
         begins[-1] += 1
     if len(phases) == len(leap.phases) or sum(each.intervals for each in phases) > MOST_INTERVALS:
         return None
@@ -489,7 +489,7 @@ def unloaded(leap: Leap, timing: int) -> Leap | None:
         timings_s=(tuple(seconds),),
         footholds=tuple(replace(one, frame=begins[one.frame]) for one in leap.footholds),
         limits=replace(
-            leap.limits, lift=min(UNLOADED / max(leap.limits.force_share, 1.0), leap.limits.ramp)
+            leap.limits, lift=min(_UNLOADED / max(leap.limits.force_share, 1.0), leap.limits.ramp)
         ),
     )
 
@@ -617,12 +617,12 @@ def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = 
             moves = body.velocity_m_s[k] - arms @ numbers.spin @ body.momentum_m2_s[k]
             for d in range(3):  # as the leg bends
                 bent = angles.copy()
-                bent[joints] += BEND_M * turns[:, d]
+                bent[joints] += _BEND_M * turns[:, d]
                 other = (solver.levers(bent) @ rotation.T)[joints]
                 slower = np.linalg.pinv(other.T)[n] - turn
-                speed_placed[b, n, d] = -slower @ moves / limit / BEND_M
+                speed_placed[b, n, d] = -slower @ moves / limit / _BEND_M
                 push = frames[b] @ force * weight
-                torque_placed[b, n, d] = -(other[n] - levers[n]) @ push / most_nm / BEND_M
+                torque_placed[b, n, d] = -(other[n] - levers[n]) @ push / most_nm / _BEND_M
             away = plan.toes_m[footholds[b]] - plan.com_m[node]
             now = faster[b, n] @ plan.velocity_m_s[node] + spinning[b, n] @ plan.momentum_m2_s[node]
             speed_rest[b, n] = fast[k - 1, joint] - now - speed_placed[b, n] @ away

@@ -53,17 +53,17 @@ LEAST_M = 0.04
 FLAT = 0.3
 """Surfaces whose normals are steeper than this are nothing to land on."""
 INTERVALS = (4, 1, 4)
-STANCES_S = (0.5, 0.65)
+_STANCES_S = (0.5, 0.65)
 """Durations of the stances before and after a flight that are tried [s]."""
-FLIGHTS_M_S = (1.1, 1.3)
+_FLIGHTS_M_S = (1.1, 1.3)
 """Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
-FLIGHT_S = (0.2, 0.5)
+_FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
 CANDIDATES, WINDOW_M = 4, 0.16
 """Candidates per toe where a leap lands, and how wide each is [m]."""
-LANDS_M = 0.06
+_LANDS_M = 0.06
 """Width of the pieces on which it lands, about where toes like to be: a climb goes on from there [m]."""
-GOAL_M = 0.06
+_GOAL_M = 0.06
 """A leap ends so near to where the body likes to be over its toes: a climb goes on from there
 [m]."""
 LOW = 0.5
@@ -366,8 +366,8 @@ class _Crossing:
     def _timings(self, far_m: float) -> list[tuple[float, float, float]]:
         """Durations of the phases of a leap so far, the likeliest first [s]."""
         gap = max(far_m, 0.1)
-        flights = [float(np.clip(gap / (2.0 * v), *FLIGHT_S)) for v in FLIGHTS_M_S]
-        return [(s, round(t, 3), s) for t in flights for s in STANCES_S]
+        flights = [float(np.clip(gap / (2.0 * v), *_FLIGHT_S)) for v in _FLIGHTS_M_S]
+        return [(s, round(t, 3), s) for t in flights for s in _STANCES_S]
 
     def leap_from(
         self, standing: Standing, to_m: float, timing: tuple[float, float, float]
@@ -389,7 +389,7 @@ class _Crossing:
         ]
         for limb, xy, z in zip(robot.limbs, wanted, ground, strict=True):
             toe = np.array([*xy, z])
-            candidates = self._near(toe, LANDS_M)
+            candidates = self._near(toe, _LANDS_M)
             if not candidates:
                 pieces = surfaces.candidates(
                     limb, goal + limb.shoulder_m, toe, CANDIDATES, WINDOW_M
@@ -408,7 +408,7 @@ class _Crossing:
             footholds=tuple(footholds),
             start=BodyState(com_m=standing.com_m, rotation_rad=standing.rotation_rad),
             goal=BodyState(com_m=goal),
-            goal_radius_m=GOAL_M,
+            goal_radius_m=_GOAL_M,
             limits=LeapLimits(momentum_m2_s=SPINS * height**2, height_m=LOW * height),
         )
 

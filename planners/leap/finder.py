@@ -37,7 +37,7 @@ from .prove import (
 )
 from .scp import FRICTION_SHARE, STOP, LeapAttempt, Rule, Scorer, attempt, plan_of
 
-HEADS = 96
+_HEADS = 96
 """Combinations of each half that are looked at in pairs."""
 MOST = 8_192
 """Combinations of a half; with more, the worst candidates of every toe are left out."""
@@ -88,7 +88,7 @@ class Picker:
 
     def best(self) -> Index | None:
         """The untried choice of the best score that no cut refutes; None where none is found."""
-        for heads in (HEADS, 8 * HEADS):
+        for heads in (_HEADS, 8 * _HEADS):
             a, b = (_top(bound, heads) for bound in self._bounds)
             if not len(a) or not len(b):
                 return None

@@ -24,7 +24,7 @@ from ..robot.model import LegLimits
 
 FREE_M = 10.0
 """A radius that confines nothing [m]."""
-UNLIMITED = 1e3
+_UNLIMITED = 1e3
 """In place of a speed or a power that is not limited."""
 
 
@@ -104,8 +104,8 @@ class LeapNumbers:
             lasts=np.diff(times),
             spin=spin,
             hips=np.array([leg.hip_m for leg in legs]),
-            speed=np.minimum([leg.speed_m_s for leg in legs], UNLIMITED),
-            power=np.minimum(np.array([leg.power_w for leg in legs]) / leap.weight_n, UNLIMITED),
+            speed=np.minimum([leg.speed_m_s for leg in legs], _UNLIMITED),
+            power=np.minimum(np.array([leg.power_w for leg in legs]) / leap.weight_n, _UNLIMITED),
             fold=np.array([leg.fold_m for leg in legs]),
             start=np.array([leap.start.com_m, leap.start.rotation_rad]),
             velocity=np.array([leap.start.velocity_m_s, leap.goal.velocity_m_s]),

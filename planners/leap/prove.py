@@ -334,7 +334,7 @@ def remaining_leap(plan: LeapPlan, time_s: float, state: BodyState) -> Leap:
     )
 
 
-LEAF, CHOICE, TIMING = 0.0, 1.0, 4.0
+LEAF, _CHOICE, _TIMING = 0.0, 1.0, 4.0
 """Kinds of a certificate's nodes that a leap's has."""
 
 
@@ -400,7 +400,7 @@ class Prover:
         second = self._node(off) if first is not None else None
         if first is None or second is None:
             return None
-        return [(CHOICE, float(p), float(r), 0.0, 0.0), *first, *second]
+        return [(_CHOICE, float(p), float(r), 0.0, 0.0), *first, *second]
 
     def _refuting(self, opened: Array) -> int | None:
         """The number of a cut that refutes all choices of open candidates."""
@@ -481,7 +481,7 @@ def certificate_of(searches: list[ProofSearch]) -> Certificate | None:
         if search.tree is None:
             return None
         if k + 1 < len(searches):
-            tree.append((TIMING, float(k), 0.0, 0.0, 0.0))
+            tree.append((_TIMING, float(k), 0.0, 0.0, 0.0))
         tree += search.tree
         rows += search.rows
     return Certificate(tree=np.array(tree), multipliers=np.array(rows))

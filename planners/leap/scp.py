@@ -147,11 +147,11 @@ STEPS = 10
 STOP = 0.05
 """A first step whose slack costs more than this is the last one: such contacts are hardly ever
 solved."""
-STUCK = 0.1
+_STUCK = 0.1
 """A step that promises to win less than this share of the cost is the last one."""
 HOLDS = 1e-6
 """Cost of what is left at which the rows hold."""
-RADIUS_M, LEAST_RADIUS_M = 0.2, 1e-4
+RADIUS_M, _LEAST_RADIUS_M = 0.2, 1e-4
 REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD = 0.008, 0.004, 0.01
 """Kept of reach, height and tilt, for what rows at instants and a linearised rotation leave out."""
 EDGE_M = 0.02
@@ -292,11 +292,11 @@ def descend(
     convex problems, one more than were solved here.
     """
     best, cost, radius, solves = point, cost_of(given, point), RADIUS_M, 1
-    while cost > HOLDS and solves < steps and radius > LEAST_RADIUS_M:
+    while cost > HOLDS and solves < steps and radius > _LEAST_RADIUS_M:
         near = nearby(given, best, radius)
         answer = program.solve(near)
         solves += 1
-        if answer.point is not None and cost - answer.cost < STUCK * cost:
+        if answer.point is not None and cost - answer.cost < _STUCK * cost:
             break  # even the step's own rows say that little can be won
         result = np.inf if answer.point is None else cost_of(near, answer.point)
         if answer.point is not None and result < cost:

@@ -28,7 +28,7 @@ from .plan_motion import PlanMotion
 
 BLEND_S = 1.0
 """From the end of one part to the beginning of the next."""
-BLEND_KNOTS = 10
+_BLEND_KNOTS = 10
 
 
 class CrossingMotion:
@@ -114,7 +114,7 @@ class CrossingMotion:
         """Times at which postures are chosen, shape (K,) [s]."""
         knots = [self._begins[0] + self.parts[0].knots_s]
         for k in range(1, len(self.parts)):
-            between = np.linspace(self._ends[k - 1], self._begins[k], BLEND_KNOTS + 1)
+            between = np.linspace(self._ends[k - 1], self._begins[k], _BLEND_KNOTS + 1)
             knots += [between[1:-1], self._begins[k] + self.parts[k].knots_s]
         return np.concatenate(knots)
 

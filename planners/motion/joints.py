@@ -27,7 +27,7 @@ from ..robot.robot_model import RobotModel
 from ..terrain.patch import solids_of
 from .path import APART_M, PathMoments, PlanPath
 
-WALK_ROUNDS = 6
+_WALK_ROUNDS = 6
 """The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth
 of it."""
 
@@ -82,7 +82,7 @@ class MovingBody:
         normals: Array,
         *,
         near: Array | None = None,
-        rounds: int = WALK_ROUNDS,
+        rounds: int = _WALK_ROUNDS,
         steps: int = 0,
     ) -> WalkPostures:
         """Postures of K samples, each found from the standing posture or from one that is near.

@@ -27,7 +27,7 @@ LEAST = 4
 TURNS = 6
 """Rounds in which legs and the body that they turn agree; each leaves a third or less of what is
 off."""
-SINGULAR = 0.03
+_SINGULAR = 0.03
 """Directions in which a stretched leg moves its foot by less than this share of others are left
 out."""
 QUICK = 15
@@ -223,7 +223,7 @@ class LeapBody:
                 full = pin.getFrameJacobian(
                     known, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
                 )[:3]
-                swung = matrix[:, mine] @ np.linalg.pinv(full[:, mine], rcond=SINGULAR)
+                swung = matrix[:, mine] @ np.linalg.pinv(full[:, mine], rcond=_SINGULAR)
                 body -= swung @ full[:, first]
                 wanted = wanted - swung @ moves
             inverse = np.linalg.inv(body)
@@ -409,7 +409,7 @@ SETTLE_S, REST_S = 0.5, 2.0
 """At rest before, and after: a robot that stands so long has landed."""
 PUSHES = 2
 """Intervals before a flight in which legs push so that a body goes into the air, held or not."""
-LIGHT = 0.1
+_LIGHT = 0.1
 """Toes that press with less than this share of the weight in all are about to lift."""
 KNOT_S = 0.02
 """Postures are looked for so often."""
@@ -473,7 +473,7 @@ class LeapRun:
         air = (leap.holds[leap.interval_phases] < 0).all(axis=1)
         if not air.any():
             return ()
-        pushes = np.linalg.norm(self.plan.forces_n.sum(axis=1), axis=1) > LIGHT * leap.weight_n
+        pushes = np.linalg.norm(self.plan.forces_n.sum(axis=1), axis=1) > _LIGHT * leap.weight_n
         lifts = np.flatnonzero(pushes[: int(np.argmax(air))])
         first = max(int(lifts[-1]) + 1 - PUSHES, 0) if len(lifts) else 0
         begin, rests = float(ends[first]) + self.settle_s, float(ends[-1]) + self.settle_s

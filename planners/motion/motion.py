@@ -17,9 +17,9 @@ from ..robot.chain import rotations_of
 from ..terrain.patch import Solid, contact_frames
 
 T = TypeVar("T", float, Array)
-FOLLOWS = ("stands", "steep", "rotation", "along_n", "across_n", "arms_m", "wrench", "frames")
+_FOLLOWS = ("stands", "steep", "rotation", "along_n", "across_n", "arms_m", "wrench", "frames")
 """Properties of samples that are worked out once."""
-SMALL_RAD2 = 1e-6
+_SMALL_RAD2 = 1e-6
 """Below this squared angle series take the place of sines and cosines."""
 
 
@@ -133,7 +133,7 @@ class Samples:
             for name in self.__annotations__
             if getattr(self, name) is not None and name != "radii_m"
         ]
-        tables = {name: getattr(self, name) for name in (*names, *FOLLOWS)}
+        tables = {name: getattr(self, name) for name in (*names, *_FOLLOWS)}
         arrays, samples = vars(self) | {"radii_m": self.radii_m}, list[Self]()
         for row in range(len(self.com_m)):
             sample = object.__new__(type(self))
@@ -218,7 +218,7 @@ def _angular_velocity(rotation_rad: Array, rate_rad_s: Array) -> Array:
     J(Θ) = I + (1 − cos a) / a² [Θ]× + (a − sin a) / a³ [Θ]×², a = |Θ|.
     """
     square = np.vecdot(rotation_rad, rotation_rad)[..., None]
-    large = square > SMALL_RAD2
+    large = square > _SMALL_RAD2
     angle = np.sqrt(np.where(large, square, 1.0))
     first = np.where(large, (1.0 - np.cos(angle)) / angle**2, 0.5 - square / 24.0)
     second = np.where(large, (angle - np.sin(angle)) / angle**3, 1.0 / 6.0 - square / 120.0)
@@ -232,7 +232,7 @@ def rotation_rate(rotation_rad: Array, angular_velocity_rad_s: Array) -> Array:
     J(Θ)⁻¹ = I − ½ [Θ]× + (1 − a / 2 · cot(a / 2)) / a² [Θ]×².
     """
     square = np.vecdot(rotation_rad, rotation_rad)[..., None]
-    large = square > SMALL_RAD2
+    large = square > _SMALL_RAD2
     half = 0.5 * np.sqrt(np.where(large, square, 1.0))
     second = np.where(large, (1.0 - half / np.tan(half)) / (4.0 * half**2), 1.0 / 12.0)
     once = cross(rotation_rad, angular_velocity_rad_s)

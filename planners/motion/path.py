@@ -22,9 +22,9 @@ from ..files.arrays import Array
 from ..robot.robot_file import FOOT_RADIUS_M
 from ..terrain.patch import Solids, solids_of
 
-TOUCH_DOWN_M = 0.02
+_TOUCH_DOWN_M = 0.02
 """No foot comes down farther beyond its place [m]."""
-ONE_IN = 1.0 + math.erf(-3.0 / math.sqrt(2.0))
+_ONE_IN = 1.0 + math.erf(-3.0 / math.sqrt(2.0))
 """How often a single toe is farther off than three deviations."""
 
 
@@ -34,7 +34,7 @@ def deviations(toes: int) -> float:
     """
     from statistics import NormalDist  # loads decimals and fractions, and few grounds ask for it
 
-    return -NormalDist().inv_cdf(0.5 * ONE_IN / max(toes, 1))
+    return -NormalDist().inv_cdf(0.5 * _ONE_IN / max(toes, 1))
 
 
 def touch_downs_m(plan: Plan) -> Array:
@@ -50,12 +50,12 @@ def touch_downs_m(plan: Plan) -> Array:
         if patch.certainty is not None:
             spread[p] = patch.normal[2] * float(patch.certainty.height_sd_m(plan.toes_m[p, :2]))
     known = sum(patch.certainty is not None for patch in patches)
-    return np.asarray(np.minimum(deviations(known) * spread, TOUCH_DOWN_M))
+    return np.asarray(np.minimum(deviations(known) * spread, _TOUCH_DOWN_M))
 
 
-KEPT_M = 0.006
+_KEPT_M = 0.006
 """Feet of a robot of size 1 stay this far from the terrain on their path across [m]."""
-RAISES_M = np.array(
+_RAISES_M = np.array(
     sorted(
         product((0.0, 0.02, 0.04, 0.07, 0.10, 0.14), repeat=2),
         key=lambda pair: (sum(pair), max(pair)),
@@ -97,8 +97,8 @@ def clear_swing(
     lift_m: float,
     solids: Solids,
     radius_m: float = FOOT_RADIUS_M,
-    kept_m: float = KEPT_M,
-    raises_m: Array = RAISES_M,
+    kept_m: float = _KEPT_M,
+    raises_m: Array = _RAISES_M,
 ) -> Swing:
     """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one
     where none does.
@@ -233,7 +233,7 @@ class PlanPath:
         insets = [0.0 if patch.certainty is None else patch.certainty.inset_m for patch in patches]
         self.touch_downs_m = touch_downs_m(plan)
         self._kept_m = (
-            KEPT_M * self.size + self.touch_downs_m + insets
+            _KEPT_M * self.size + self.touch_downs_m + insets
         )  # steps may be higher, and begin earlier, than they seem
 
     def standing(self, frame: int) -> Segment:
@@ -274,7 +274,7 @@ class PlanPath:
                 self._around,
                 float(self.radii_m[i]),
                 float(self._kept_m[[old[i], new[i]]].max()),
-                self.size * RAISES_M,
+                self.size * _RAISES_M,
             )
             corners[:, i] = swing.corners
         held = np.isin(np.arange(len(old)), moving, invert=True)

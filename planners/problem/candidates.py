@@ -16,7 +16,7 @@ from ..terrain.patch import Patch
 from ..terrain.polygon import Corners, Surface, nearest, patches_of
 from ..terrain.terrain import Terrain
 
-COMFORT = 0.85
+_COMFORT = 0.85
 """A nominal toe is at most this share of the limb's reach away from the nominal shoulder."""
 
 
@@ -165,7 +165,7 @@ class CandidatePatches:
         toe_m = np.repeat([toe for _, _, toe, _ in toes], counts, axis=0)
         reach = np.repeat([limb.reach_m for limb, _, _, _ in toes], counts)
         feet, places = self._nearest(near, shoulder_m), self._nearest(near, toe_m)
-        arm, way, comfort = feet - shoulder_m, places - feet, COMFORT * reach
+        arm, way, comfort = feet - shoulder_m, places - feet, _COMFORT * reach
         gap = np.linalg.norm(arm, axis=1)
         a, b, c = (
             (way * way).sum(axis=1),

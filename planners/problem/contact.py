@@ -228,7 +228,7 @@ numbers, with a·step ≤ limit. Planners, their reference, the verifier, proofs
 them here."""
 
 
-NotNegative = Annotated[float, Within(least=0.0)]
+_NotNegative = Annotated[float, Within(least=0.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,11 +247,11 @@ class StepLimits:
 
     com_m: Annotated[float, Within(above=0.0)] = 0.15
     toe_m: Annotated[float, Within(above=0.0)] = 0.30
-    rotation_rad: NotNegative = 0.15
-    progress_m: NotNegative = 0.0
-    yaw_rad: NotNegative | None = field(default=None, metadata=LATER)
-    least_toe_m: NotNegative = field(default=0.0, metadata=LATER)
-    least_rotation_rad: NotNegative = field(default=0.0, metadata=LATER)
+    rotation_rad: _NotNegative = 0.15
+    progress_m: _NotNegative = 0.0
+    yaw_rad: _NotNegative | None = field(default=None, metadata=LATER)
+    least_toe_m: _NotNegative = field(default=0.0, metadata=LATER)
+    least_rotation_rad: _NotNegative = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -293,12 +293,12 @@ class Weights:
     the step size".
     """
 
-    goal: NotNegative = 1.0
-    com_path: NotNegative = field(default=0.0, metadata=LATER)
-    com_step: NotNegative = 0.2
-    toe_step: NotNegative = 0.05
-    tilt: NotNegative = 0.05
-    stance: NotNegative = field(default=0.0, metadata=LATER)
+    goal: _NotNegative = 1.0
+    com_path: _NotNegative = field(default=0.0, metadata=LATER)
+    com_step: _NotNegative = 0.2
+    toe_step: _NotNegative = 0.05
+    tilt: _NotNegative = 0.05
+    stance: _NotNegative = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_limits(self)

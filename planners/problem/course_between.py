@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 STRIDE = 0.5
 """Way of the body until all limbs have moved once, in reaches."""
-SWAY = 1.2
+_SWAY = 1.2
 """Distance of the body from its nominal path, in distances of toes from it, of two and three feet."""
 APART = 0.6
 """Width of their candidates, in distances of toes from each other, so that legs do not cross."""
@@ -157,10 +157,10 @@ def course_between(
         nearest = float(between[between > 0.0].min(initial=np.inf))
         window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02 * body.size))
         update["candidates"]["window_m"] = window
-        room = max(spec.body.com_radius_m, SWAY * aside)
+        room = max(spec.body.com_radius_m, _SWAY * aside)
         rooms |= {"com_radius_m": room, "last_radius_m": min(room, near_of(body))}
         update["body"] = spec.body.model_copy(update=rooms)
-        update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * SWAY * aside)
+        update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * _SWAY * aside)
     update["weights"] = {"tilt": Weights().tilt * body.size**2}
     if not alternative.near_toes:
         update["weights"]["stance"] = 0.0

@@ -35,22 +35,22 @@ if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel
 
 
-AS_IT_STANDS = 0.3
+_AS_IT_STANDS = 0.3
 """Weight of toes near where they are as a robot of a file stands, so that it does not walk them in
 to a line."""
 UPRIGHT = 0.1
 """Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of
 steps."""
-BODY_ROOM = 0.2
+_BODY_ROOM = 0.2
 """Distance that the body of a robot of a file may have from its nominal path, in units of its
 height, where that is more."""
 LEVEL_RAD = 0.1
 """Tilt limit of plans over inner sets: at 15° these lose as much to the tilt as a quadruped's legs
 have to spare."""
-ROLLS_RAD = 0.6
+_ROLLS_RAD = 0.6
 """A leg that stands turns by as much to either side, and its foot, which is round, rolls as far
 times its radius."""
-MOST_EVERYWHERE = 32
+_MOST_EVERYWHERE = 32
 """Surfaces that a limb may reach in a scene of a family; elsewhere views may need another size."""
 Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
@@ -157,19 +157,19 @@ def _flat_or_not(value: Any) -> str:
     return MADE_UP if isinstance(value, list | tuple) and len(value) == 2 else PLAIN
 
 
-RobotKey = Annotated[
+_RobotKey = Annotated[
     Annotated[str, Tag(PLAIN)] | Annotated[RobotSpec, Tag(MADE_UP)], Discriminator(_shape)
 ]
-StartKey = Annotated[
+_StartKey = Annotated[
     Annotated[Point, Tag(PLAIN)] | Annotated[tuple[Length, Length], Tag(MADE_UP)],
     Discriminator(_flat_or_not),
 ]
-GaitKey = Annotated[
+_GaitKey = Annotated[
     Annotated[Literal["all", "tripod", "wave"], Tag(PLAIN)]
     | Annotated[list[list[str]], Field(min_length=1), Tag(MADE_UP)],
     Discriminator(_shape),
 ]
-ViaKey = Annotated[
+_ViaKey = Annotated[
     Annotated[Point, Tag(PLAIN)] | Annotated[ViaSpec, Tag(MADE_UP)], Discriminator(_point_or_more)
 ]
 
@@ -208,7 +208,7 @@ class CandidateSpec(_Keys):
     @property
     def most(self) -> int:
         """Largest number of a toe's candidates, for views of a fixed size."""
-        return MOST_EVERYWHERE if self.everywhere else self.count
+        return _MOST_EVERYWHERE if self.everywhere else self.count
 
 
 class WeightSpec(_Keys):
@@ -251,12 +251,12 @@ class CourseSpec(_Keys):
     """
 
     name: str
-    robot: RobotKey = "hexapod"
+    robot: _RobotKey = "hexapod"
     mass_kg: Positive | None = None
     frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)]
-    gait: GaitKey = "tripod"
-    start_m: StartKey
-    via_m: list[ViaKey] = []
+    gait: _GaitKey = "tripod"
+    start_m: _StartKey
+    via_m: list[_ViaKey] = []
     goal_m: Point
     stride_m: Positive | None = None
     stance: StanceSpec = StanceSpec()
@@ -295,7 +295,7 @@ class CourseSpec(_Keys):
         update: dict[str, Any] = {}
         if "margin_m" not in self.candidates.model_fields_set or self.candidates.everywhere:
             rolls = (
-                0.0 if self.candidates.everywhere else ROLLS_RAD
+                0.0 if self.candidates.everywhere else _ROLLS_RAD
             )  # proofs are of all that a foot may stand on
             margin = max(
                 self.candidates.margin_m,
@@ -305,7 +305,7 @@ class CourseSpec(_Keys):
         body = {}
         if "com_radius_m" not in self.body.model_fields_set:
             high_m = -float(standing_toes(model)[:, 2].mean())
-            body["com_radius_m"] = max(self.body.com_radius_m * robot.size, BODY_ROOM * high_m)
+            body["com_radius_m"] = max(self.body.com_radius_m * robot.size, _BODY_ROOM * high_m)
         if "tilt_limit_rad" not in self.body.model_fields_set and sets == "inner":
             body["tilt_limit_rad"] = LEVEL_RAD
         if body:
@@ -314,7 +314,7 @@ class CourseSpec(_Keys):
             update["weights"] = self.weights.model_copy(update={"com_path": UPRIGHT})
         if "stance" not in self.weights.model_fields_set:
             weights = update.get("weights", self.weights)
-            update["weights"] = weights.model_copy(update={"stance": AS_IT_STANDS})
+            update["weights"] = weights.model_copy(update={"stance": _AS_IT_STANDS})
         if "stance" not in self.model_fields_set:
             offsets = standing_toes(model) - np.array([limb.shoulder_m for limb in robot.limbs])
             limbs = {

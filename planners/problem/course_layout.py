@@ -26,7 +26,7 @@ from .problem import Foothold, Problem, Weights
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
 
-TOE_M = 0.02
+_TOE_M = 0.02
 """Two toes do not fit on a patch that is nowhere wider than this [m]."""
 
 
@@ -200,7 +200,7 @@ def _footholds(
             if (
                 len(everywhere) == 1
                 and index == everywhere[0][0]
-                and footing.surfaces[index].width_m < TOE_M
+                and footing.surfaces[index].width_m < _TOE_M
             ):
                 raise InvalidInput(
                     f"frame {frame}, limbs {other} and {limb.name}: expected room for two toes, "

@@ -32,12 +32,12 @@ from .terrain_spec import TerrainSpec as TerrainSpec
 BEYOND_M = 0.6
 """Length by which a generated terrain goes on beyond the ends of the path [m]."""
 
-INSIDE_M = 1.0
+_INSIDE_M = 1.0
 """Footholds of bars are those inside of any margin of candidates [m]."""
 
-Lean = Annotated[float, Field(ge=-1.0, le=1.0)]
-PanelRow = Annotated[str, Field(pattern=r"^[#.]+$")]
-LEAST_RISE_M = 1e-3
+_Lean = Annotated[float, Field(ge=-1.0, le=1.0)]
+_PanelRow = Annotated[str, Field(pattern=r"^[#.]+$")]
+_LEAST_RISE_M = 1e-3
 """A step lower than this has no riser [m]."""
 
 
@@ -134,7 +134,7 @@ class Stairs(TerrainSpec):
         footing, height = [True], 0.0
         for step in range(count):
             x, rise = self.first_m + step * self.run_m, self.rises_m[step % len(self.rises_m)]
-            if abs(rise) > LEAST_RISE_M:
+            if abs(rise) > _LEAST_RISE_M:
                 patches.append(self._riser(x, height, height + rise))
                 footing.append(False)
             height += rise
@@ -161,7 +161,7 @@ class Walls(TerrainSpec):
 
     kind: Literal["walls"]
     apart_m: Positive = 0.38
-    lean_rad: tuple[Lean, Lean] = (0.0, 0.0)
+    lean_rad: tuple[_Lean, _Lean] = (0.0, 0.0)
     offset_m: tuple[Length, Length] = (0.0, 0.0)
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
@@ -209,8 +209,8 @@ class IcyWalls(Walls):
 
     kind: Literal["icy-walls"]  # type: ignore[assignment]
     panel_m: Positive = 0.30
-    left: Annotated[list[PanelRow], Field(min_length=1)]
-    right: Annotated[list[PanelRow], Field(min_length=1)]
+    left: Annotated[list[_PanelRow], Field(min_length=1)]
+    right: Annotated[list[_PanelRow], Field(min_length=1)]
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """Panels row by row, left wall first."""
@@ -240,7 +240,7 @@ class Tube(TerrainSpec):
     sides: Annotated[int, Field(ge=3, le=64)] = 6
     ring_m: Positive = 0.25
     first_azimuth_rad: Length = np.pi / 6.0
-    leans_rad: Annotated[list[Lean], Field(min_length=1)] = [0.15, -0.1, 0.05, -0.15, 0.1]  # noqa: RUF012
+    leans_rad: Annotated[list[_Lean], Field(min_length=1)] = [0.15, -0.1, 0.05, -0.15, 0.1]  # noqa: RUF012
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """Rings from the bottom up, each facet a rectangle tangent to the tube at its middle."""
@@ -315,7 +315,7 @@ class Bars(TerrainSpec):
         )
         inner, end = half - self.margin_m, self.width_m - self.margin_m
         tops = tuple(_level(x - inner, x + inner, -end, end, 0.0, self.friction) for x in places)
-        return Terrain(bars, (False,) * len(bars), tops, INSIDE_M)
+        return Terrain(bars, (False,) * len(bars), tops, _INSIDE_M)
 
     def _round(self, places: Array) -> Terrain:
         radius, end = 0.5 * self.bar_m, self.width_m - self.margin_m
@@ -327,7 +327,7 @@ class Bars(TerrainSpec):
             for rung in rungs
             for side in rung.sides(-self.width_m, self.width_m, self.friction)
         )
-        return Terrain((*lines, *sides), (False,) * (len(lines) + len(sides)), lines, INSIDE_M)
+        return Terrain((*lines, *sides), (False,) * (len(lines) + len(sides)), lines, _INSIDE_M)
 
 
 class GroundToWall(Walls):

@@ -42,24 +42,24 @@ APART = (0.3, 0.5)
 the first leaves no way."""
 STRAIGHT_M = 0.03
 """Points of the way this close to a straight line are left out [m]."""
-RARE = 3.0
+_RARE = 3.0
 """A way costs so many times its length where every toe is as far aside as it may be."""
 ROOMS = ((0.0, np.inf), (0.06, 4.0), (0.12, 2.0), (0.18, 1.3))
 """How much room there is between footprint and solids [m], and what a way with less costs by its
 length."""
-AVOIDED_M, AVOIDED = 0.5, 6.0
+_AVOIDED_M, _AVOIDED = 0.5, 6.0
 """About a place where a plan failed before a way costs so many times its length, so far around
 [m]."""
-DOUBTED = 4.0
+_DOUBTED = 4.0
 """A way costs so many times its length where a map says that the robot is not likely to stand."""
 UPRIGHT = 0.3
 """Surfaces whose normals are steeper than this have one height at a place."""
-LEANS = 0.85
+_LEANS = 0.85
 """Surfaces whose normals are steeper than this, and not upright, are slopes to people (32°)."""
-BELLY, TOP = 0.4, 0.5
+_BELLY, TOP = 0.4, 0.5
 """Solids are in the way from so far below the centre of mass on, in heights of the body over its
 toes, and up to so far above it, where nobody knows the robot's links."""
-NEXT_TO_M = 0.06
+_NEXT_TO_M = 0.06
 """The ground that a solid stands on begins so near to it [m]."""
 ALIKE_M = 5e-3
 """Heights of a border that differ by less are one to people [m]."""
@@ -69,7 +69,7 @@ TRIES = 32
 NEAR, TURN_RAD = 6, np.pi / 4.0
 """The direction of a way at a node is that between nodes so far before and after it, to an eighth
 of a turn."""
-GAPS = 12
+_GAPS = 12
 """So often is the widest gap halved."""
 
 
@@ -127,7 +127,7 @@ class Footprint:
         return cls(
             toes_m=toes_m,
             hull_m=_hull(flat),
-            low_m=-BELLY * down,
+            low_m=-_BELLY * down,
             high_m=high,
             names=tuple(limb.name for limb in robot.limbs),
             reach_m=reach,
@@ -152,7 +152,7 @@ class Footprint:
         return cls(
             toes_m=toes @ turn,
             hull_m=_hull((np.vstack([toes, trunk]) @ turn)[:, :2]),
-            low_m=-BELLY * high,
+            low_m=-_BELLY * high,
             high_m=TOP * high,
             names=tuple(foot.name for foot in robot.feet),
             reach_m=high,
@@ -414,7 +414,7 @@ class _Lattice:
         rise = np.einsum("nmk,tk->tnm", slope * share[..., None], arms)
         uneven = np.abs(levels - z - rise).max(axis=0) > apart * reach
         z[uneven], slope[uneven] = np.nan, 0.0
-        worth = 1.0 + (RARE - 1.0) * np.clip(np.mean(costs, axis=0), 0.0, 1.0)
+        worth = 1.0 + (_RARE - 1.0) * np.clip(np.mean(costs, axis=0), 0.0, 1.0)
         return {
             "corner_m": low,
             "spacing_m": spacing,
@@ -456,12 +456,12 @@ class _Lattice:
         worth = self.worth
         for place in avoid_m:
             off = np.linalg.norm(self._places() - place[:2], axis=-1)
-            worth = np.where(off < AVOIDED_M * self.footprint.size, AVOIDED * worth, worth)
+            worth = np.where(off < _AVOIDED_M * self.footprint.size, _AVOIDED * worth, worth)
         free = self.free
         if standing is not None:
             verdict = standing.at(self._places(), 0.0)
-            worth = np.where(verdict == UNLIKELY, DOUBTED * worth, worth)
-            worth = np.where(verdict == INFEASIBLE, DOUBTED**2 * worth, worth)
+            worth = np.where(verdict == UNLIKELY, _DOUBTED * worth, worth)
+            worth = np.where(verdict == INFEASIBLE, _DOUBTED**2 * worth, worth)
         path = self._cheapest(ends, free, worth)
         if path is None:
             raise PlanningFailed(self._refusal(start, goal, ends))
@@ -630,8 +630,8 @@ class _Lattice:
                 patch.centre_m[2] - (at - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
             )
             for patch in self.surfaces
-            if patch.normal[2] > LEANS
-            and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], at) - at) < NEXT_TO_M
+            if patch.normal[2] > _LEANS
+            and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], at) - at) < _NEXT_TO_M
         ]
         near = [height for height in below if abs(height - about) < ASIDE * self.footprint.reach_m]
         return min(near, key=lambda height: abs(height - about), default=about)
@@ -648,7 +648,7 @@ class _Lattice:
             near = self.corner_m + self.spacing_m * np.array([i, j])
             return f"wall at {_at(near)}, {_m(self.heights_m[i, j] - self._ground(place, near))} m high"
         patch = self.surfaces[number]
-        if UPRIGHT < patch.normal[2] < LEANS:
+        if UPRIGHT < patch.normal[2] < _LEANS:
             at = _at(_nearest_on(patch.vertices_m[:, :2], place))
             return f"slope of {np.degrees(np.arccos(patch.normal[2])):.0f} degrees at {at}"
         tops = [_top_near(patch, place, self.footprint.radius_m)]
@@ -717,7 +717,7 @@ class _Lattice:
             over = [
                 (float(patch.centre_m[2] - (toe - patch.centre_m[:2]) @ slope), number, toe)
                 for number, patch in enumerate(self.surfaces)
-                if patch.normal[2] > LEANS
+                if patch.normal[2] > _LEANS
                 and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], toe) - toe) < ALIKE_M
                 for slope in [patch.normal[:2] / patch.normal[2]]
             ]
@@ -790,7 +790,7 @@ class _Lattice:
 
         if not passes(1e-3) or passes(1.0):
             return ""
-        for _ in range(GAPS):
+        for _ in range(_GAPS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if passes(middle) else (low, middle)
         if low * width < self.spacing_m:

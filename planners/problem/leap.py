@@ -64,7 +64,7 @@ def is_leap_file(path: str | Path) -> bool:
 
 
 MOST_INTERVALS = 64
-SUM_S = 1e-6
+_SUM_S = 1e-6
 """A timing whose durations add up to the total within this adds up [s]."""
 STILL = 1e-9
 """Speeds and momenta below this are rest."""
@@ -326,7 +326,7 @@ class Leap:
                     f"{where}timings_s[{k}]: expected durations above 0 and below 60 s, got "
                     f"{list(timing)}"
                 )
-            if self.duration_s is not None and abs(sum(timing) - self.duration_s) > SUM_S:
+            if self.duration_s is not None and abs(sum(timing) - self.duration_s) > _SUM_S:
                 raise InvalidInput(
                     f"{where}timings_s[{k}]: expected durations that add up to duration_s, "
                     f"{self.duration_s:g} s, got "

@@ -28,12 +28,12 @@ from .contact import Foothold
 from .leap import FORMAT, BodyState, Leap, LeapLimits, Phase
 
 Range = tuple[float, float]
-SPINS, LOWEST = 0.5, 0.55
+SPINS, _LOWEST = 0.5, 0.55
 """On another robot: largest momentum per mass over its height squared [1/s], and least height of
 the body in units of that at which it stands."""
 DRAWS = 200
 """Scenes of a family are drawn so often until one has footholds for every toe."""
-MIDDLE_M = float(SCENE[:, 0].mean())
+_MIDDLE_M = float(SCENE[:, 0].mean())
 """Leaps go over the middle of a family's scene [m]."""
 
 
@@ -103,7 +103,7 @@ class LeapClass(BaseModel):
         ahead, aside = np.abs(feet[:, :2]).mean(axis=0).tolist()
         limits = self.limits | {
             "momentum_m2_s": SPINS * height**2,
-            "height_m": LOWEST * height,
+            "height_m": _LOWEST * height,
         }
         return self.model_copy(
             update={"robot": robot, "height_m": height, "toes_m": (ahead, aside), "limits": limits}
@@ -141,7 +141,7 @@ class LeapClass(BaseModel):
             level, seed = float(rng.uniform(*self.level)), int(rng.integers(2**31))
             scene = family_terrain(self.terrain, level, seed)
             half = 0.5 * np.array([rng.uniform(*self.jump_m), rng.uniform(*self.aside_m)])
-            middle = np.array([MIDDLE_M + rng.uniform(-0.1, 0.1), 0.0])
+            middle = np.array([_MIDDLE_M + rng.uniform(-0.1, 0.1), 0.0])
             first, last = (self._place(scene, robot, middle + side * half) for side in (-1.0, 1.0))
             if first is not None and last is not None:
                 footholds = [

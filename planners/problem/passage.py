@@ -22,11 +22,11 @@ FACING_UP = 0.3
 """Surfaces whose normals are steeper than this are no ground."""
 CRACK_M = 2e-3
 """Cracks as wide as this let nothing through [m]."""
-SAMPLE_M = 5e-3
+_SAMPLE_M = 5e-3
 """Distance of the points of a border that are looked at [m]."""
-SMALL_M2 = 1e-6
+_SMALL_M2 = 1e-6
 """Surfaces that overlap less are beside each other [m²]."""
-MOST_TOPS = 300
+_MOST_TOPS = 300
 """Of more surfaces above others none is known to be a top."""
 
 
@@ -36,7 +36,7 @@ def tops_of_solids(terrain: Sequence[Patch], footholds: Sequence[Patch]) -> froz
 
     ground = {k: patch for k, patch in enumerate(terrain) if patch.normal[2] >= FACING_UP}
     upper = _above(ground, ground) - _above(ground, dict(enumerate(footholds)))
-    if not 0 < len(upper) <= MOST_TOPS:
+    if not 0 < len(upper) <= _MOST_TOPS:
         return frozenset()
     corners = np.concatenate([each.vertices_m[:, :2] for each in (*terrain, *footholds)])
     map_ = shapely.box(*corners.min(axis=0), *corners.max(axis=0))
@@ -48,7 +48,7 @@ def tops_of_solids(terrain: Sequence[Patch], footholds: Sequence[Patch]) -> froz
     return frozenset(tops)
 
 
-def height_of(patch: Patch, places: Array) -> Array:
+def _height_of(patch: Patch, places: Array) -> Array:
     """Heights of a patch's plane at places, shape (…, 2) [m]."""
     away = places - patch.vertices_m[0, :2]
     return np.asarray(patch.vertices_m[0, 2] - away @ (patch.normal[:2] / patch.normal[2]))
@@ -64,10 +64,10 @@ def _above(surfaces: dict[int, Patch], others: dict[int, Patch]) -> set[int]:
     plans, plans_below, found = _plans(surfaces.values()), _plans(below), set()
     for i, j in shapely.STRtree(plans_below).query(plans).T:
         common = shapely.intersection(plans[i], plans_below[j])
-        if common.area > SMALL_M2:
+        if common.area > _SMALL_M2:
             place = np.array(common.centroid.coords[0])
             upper = surfaces[numbers[i]]
-            if height_of(upper, place) > height_of(below[j], place) + CRACK_M:
+            if _height_of(upper, place) > _height_of(below[j], place) + CRACK_M:
                 found.add(numbers[i])
     return found
 
@@ -112,7 +112,7 @@ class _Border:
         flat = patch.vertices_m[:, :2]
         edges = np.roll(flat, -1, axis=0) - flat
         lengths = np.linalg.norm(edges, axis=1)
-        counts = np.ceil(lengths / SAMPLE_M).astype(int)
+        counts = np.ceil(lengths / _SAMPLE_M).astype(int)
         shares = np.concatenate([(np.arange(n) + 0.5) / n for n in counts])
         points = np.repeat(flat, counts, axis=0) + shares[:, None] * np.repeat(
             edges, counts, axis=0
@@ -125,7 +125,7 @@ class _Border:
         self.points, self.beside, inside = (
             each[on_map] for each in (points, beside, points - 1.5 * CRACK_M * outward)
         )
-        self.top = height_of(patch, self.points)
+        self.top = _height_of(patch, self.points)
         near = [each for each in ground.values() if _close(each, flat)]
         self.lowest = np.maximum(_lowest(near, self.beside), _lowest(near, inside))
         self.walls = [_spans(wall, self.points) for wall in walls if _close(wall, flat)]
@@ -137,7 +137,7 @@ class _Border:
         up, before = self.lowest.copy(), np.full(len(self.top), np.nan)
         for k in tops:
             inside = shapely.contains_xy(_plans([ground[k]])[0], self.beside)
-            up[inside] = np.maximum(up[inside], height_of(ground[k], self.beside[inside]))
+            up[inside] = np.maximum(up[inside], _height_of(ground[k], self.beside[inside]))
         while not np.array_equal(up, before):
             before = up
             for low, high in self.walls:
@@ -152,7 +152,7 @@ def _lowest(ground: Iterable[Patch], places: Array) -> Array:
     result = np.full(len(places), np.inf)
     for patch in ground:
         near = shapely.distance(_plans([patch])[0], shapely.points(places)) <= 0.5 * CRACK_M
-        result[near] = np.minimum(result[near], height_of(patch, places[near]))
+        result[near] = np.minimum(result[near], _height_of(patch, places[near]))
     return np.where(np.isinf(result), -np.inf, result)
 
 

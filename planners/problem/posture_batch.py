@@ -18,7 +18,7 @@ from ..terrain.patch import contact_frames, polygon_defect
 from .problem import Problem
 
 Value = TypeVar("Value")
-OF_PATCHES = ("regions", "offsets_m")
+_OF_PATCHES = ("regions", "offsets_m")
 """Numbers that a problem has worked out of its patches."""
 
 
@@ -167,7 +167,7 @@ class PostureBatch:
     def _plain(self) -> Problem:
         """``like``, as if nothing had been worked out of its patches."""
         plain = _with(self.like)
-        for worked_out in OF_PATCHES:
+        for worked_out in _OF_PATCHES:
             vars(plain).pop(worked_out, None)
         return plain
 

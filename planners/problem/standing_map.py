@@ -20,8 +20,8 @@ from ..files.writing import write_bytes
 
 FORMAT = "stancekit/standing-map/1"
 MOST_BYTES = 512_000_000
-DAMAGED: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, OSError, EOFError)
-DAMAGED += (OverflowError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_DAMAGED: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, OSError, EOFError)
+_DAMAGED += (OverflowError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 """What comes of a file that is no map, or that was damaged."""
 MOST_POSES = 20_000_000
 VERDICTS = ("unknown", "feasible", "infeasible", "likely feasible", "likely infeasible")
@@ -271,7 +271,7 @@ class StandingMap:
                 "options": dict(head.get("options", {})),
             }
             return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
-        except DAMAGED as error:
+        except _DAMAGED as error:
             raise InvalidInput(
                 f"{path}: expected a map of `stancekit map` ({FORMAT}): "
                 f"{' '.join(str(error).split()):.200}"

@@ -80,7 +80,7 @@ GAITS = {
 """Gaits by name. Left and right pairs of the pace, front and hind ones of the bound push in turn,
 and in the gallop one foot after the other; they are slow ones, whose pairs hand over the weight in
 .2 s, without a flight."""
-SHORTEST_STAND_S = 0.2
+_SHORTEST_STAND_S = 0.2
 """At the beginning and at the end all feet stand for this long at least [s]."""
 
 
@@ -140,7 +140,7 @@ class FootPhases:
         return np.asarray(self.phase_at(times_s) % 2 == 0, dtype=np.bool_)
 
 
-def gait_named(name: str) -> Gait:
+def _gait_named(name: str) -> Gait:
     """The gait of this name.
 
     Raises InvalidInput.
@@ -171,9 +171,9 @@ def schedule(
     tail = (
         max(lifts) + gait.swing_s - gait.cycle_s
     )  # how far the last swing reaches over its cycle's end
-    cycles = int(np.floor((duration_s - 2.0 * SHORTEST_STAND_S - tail) / gait.cycle_s + 1e-9))
+    cycles = int(np.floor((duration_s - 2.0 * _SHORTEST_STAND_S - tail) / gait.cycle_s + 1e-9))
     if cycles < 1:
-        needed = gait.cycle_s + tail + 2.0 * SHORTEST_STAND_S
+        needed = gait.cycle_s + tail + 2.0 * _SHORTEST_STAND_S
         raise InvalidInput(
             f"duration_s: expected {needed:g} s or more for one cycle of the {gait.name}, got "
             f"{duration_s:g} s"
@@ -190,10 +190,10 @@ def schedule(
 
 
 Timings = Literal["fixed", "optimised"]
-SUCTION = 2.0
+_SUCTION = 2.0
 """Pull of an adhesive foot where a task does not say, in units of m·g; walks out of steep pits take
 1.5."""
-SAME_RAD = 1e-9
+_SAME_RAD = 1e-9
 """Headings closer than this are one, so that whole turns added to one of them change nothing."""
 STEEPEST = 1.0
 """Gradient of the terrain beyond which a foot without suction cannot hold: no start and no goal
@@ -263,10 +263,10 @@ class Walk:
         if len(self.adhesive) != feet:
             raise InvalidInput(f"adhesive: expected {feet} truth values, got {len(self.adhesive)}")
         checked_choice(self.timings, "timings", get_args(Timings))
-        gait_named(self.gait)
+        _gait_named(self.gait)
         if self.cycle_s is not None:
             checked(self.cycle_s, "cycle_s", above=0.0)
-        sucks = SUCTION * self.robot.weight_n if self.suction_n is None else self.suction_n
+        sucks = _SUCTION * self.robot.weight_n if self.suction_n is None else self.suction_n
         collect_errors(
             lambda: self._set("start_xy_m", read_only(self.start_xy_m, (2,), "start_xy_m")),
             lambda: self._set("goal_xy_m", read_only(self.goal_xy_m, (2,), "goal_xy_m")),
@@ -284,7 +284,7 @@ class Walk:
         self._set("start_yaw_rad", math.remainder(self.start_yaw_rad, math.tau))
         if self.end_yaw_rad is not None:
             turn = math.remainder(self.end_yaw_rad - self.start_yaw_rad, math.tau)
-            self._set("end_yaw_rad", self.start_yaw_rad + (turn if abs(turn) > SAME_RAD else 0.0))
+            self._set("end_yaw_rad", self.start_yaw_rad + (turn if abs(turn) > _SAME_RAD else 0.0))
         collect_errors(lambda: self._check_place("start"), lambda: self._check_place("goal"))
 
     @classmethod
@@ -333,7 +333,7 @@ class Walk:
 
         Raises InvalidInput where no cycle fits.
         """
-        gait = gait_named(self.gait)
+        gait = _gait_named(self.gait)
         scaled_gait = gait.at(self.robot.stand_height_m, step_s)
         timed = scaled_gait if self.cycle_s is None else replace(gait, cycle_s=self.cycle_s)
         return schedule(timed, self.robot.limb_names, self.duration_s, step_s)

@@ -352,7 +352,7 @@ class _Slopes:
         self._values.append(values.ravel())
 
 
-DECREMENT = 1e-12
+_DECREMENT = 1e-12
 """Squared Newton decrement before the last step, which squares it again."""
 STEPS, HALVINGS = 60, 30
 """Most Newton steps, and most halvings of one."""
@@ -380,7 +380,7 @@ def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) ->
         if not len(index):
             break
         by_body, by_forces, decrement = at.newton(body, forces)
-        last = decrement < DECREMENT
+        last = decrement < _DECREMENT
         share, value = at.shortened(body, forces, by_body, by_forces, decrement, value)
         share[last] = 1.0
         body, forces = body + share[:, None] * by_body, forces + share[:, None, None] * by_forces

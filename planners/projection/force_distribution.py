@@ -35,7 +35,7 @@ RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
 """Shares of μ that are tried, the safest first."""
 STANDING = (0.5, 0.6, *RESERVES)
 """The same while all limbs stand: who has not moved yet does not know what friction there is."""
-TIES = 1e-4
+_TIES = 1e-4
 """Weight of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
 EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
@@ -113,7 +113,7 @@ class ForceDistribution:
         cone = rows.cones("cone", contacts, 3)
         rows.put(cone[:, 0], forces[:, 0], lambda d: -d.friction)
         rows.put(cone[:, 1:], forces[:, 1:], -1.0)
-        rows.square(forces, None, TIES if len(foot_of) else 1.0)
+        rows.square(forces, None, _TIES if len(foot_of) else 1.0)
         if len(foot_of):
             share, joints = rows.variable("share", 1), len(foot_of)
             above, below = rows.at_most("above", joints), rows.at_most("below", joints)

@@ -22,7 +22,7 @@ from ..equilibrium.scaled import Point, Scaled, cones_met
 from ..files.arrays import Array
 from .held import FixToes
 
-PULL, PULL_BESIDE = 1e-2, 1e-6
+_PULL, _PULL_BESIDE = 1e-2, 1e-6
 """Weight of ½‖x − x_start‖²: the only objective of a posture, whose answer it makes unique and
 keeps near the start; beside a course's objective, in which λ and f are not, it is there since
 CasADi wants every slope to be there."""
@@ -174,7 +174,7 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
         limits.append(cs.dot(data["apart_normals"][:, row], apart) - data["apart_bounds"][row])
     x = cs.vertcat(*(cs.vec(part) for part in (com, rotation, shares, forces)))
     start = cs.SX.sym("start", x.numel())
-    cost = 0.5 * (PULL if least_moment else PULL_BESIDE) * cs.sumsqr(x - start)
+    cost = 0.5 * (_PULL if least_moment else _PULL_BESIDE) * cs.sumsqr(x - start)
     if not least_moment:
         stands = (
             zip(*(part.tolist() for part in layout.standing), strict=True) if layout.stands else ()

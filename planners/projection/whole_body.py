@@ -118,27 +118,27 @@ def on_the_way(plan: Plan, solver: Kinematics, limit_nm: Array) -> float:
     return float((np.abs(path_torques(plan, solver)) / limit_nm).max(initial=0.0))
 
 
-AIM, SPARE = 0.97, 0.02
+_AIM, SPARE = 0.97, 0.02
 """Steps aim at this share of what is wanted, and leave this share of the friction, and of the
 weight above what feet are to press with, times the radius: what a step is wrong by falls with its
 square."""
-WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
+_WIDER, _NARROWER, _NARROWEST, _WIDEST = 1.4, 0.4, 0.02, 2.0
 """Factors of the trust region's radius: after a step that was one, after one that was none, and its
 bounds."""
 SPARED = 2
 """So often contacts are found anew with torques as rows, each time about the plan found before,
 before steps of the whole plan."""
-GAIN = 3e-4
+_GAIN = 3e-4
 """A step lowers the price of what is too much by so much, or is none."""
 ENOUGH = 0.5
 """Share of the distance that bodies should keep: steps end where all have as much."""
-PATIENCE, HEADWAY = 6, 0.02
+PATIENCE, _HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are
 tried."""
-TIGHTER, ROOM = 3, 0.95
+_TIGHTER, ROOM = 3, 0.95
 """So often less torque is allowed at key frames, where between them there is more than this share
 of the limit."""
-ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
+_ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
 """How far apart moments are that steps keep clear: none while nothing collides, and more where that
 does not do."""
 
@@ -271,7 +271,7 @@ def _bent(
         return bent
     share = most = on_the_way(bent.plan, solver, limits.of(solver))
     aim = limits
-    for _ in range(TIGHTER):
+    for _ in range(_TIGHTER):
         if most <= ROOM or time.perf_counter() > deadline:
             break
         aim = replace(aim, torque_nm=ROOM * aim.of(solver).max() / share)
@@ -334,7 +334,7 @@ def _at_key_frames(
         return WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown, late=True)
     look_s = time.perf_counter() - began
     best, after, steps_taken, late = plan, before, 0, False
-    for apart_m in ATTEMPTS_M:
+    for apart_m in _ATTEMPTS_M:
         if after.share <= (EASY if best is plan else 1.0) and not after.excess[1]:
             break
         if time.perf_counter() + look_s > deadline:
@@ -498,7 +498,7 @@ class _Stage:
                 solver=self._solver,
                 angles=state.at.angles,
                 limit_nm=self._limit_nm,
-                wanted=AIM * self._limits.share,
+                wanted=_AIM * self._limits.share,
             )
             spared = spared_contacts(self._programs, at)
             restored = None if spared is None else restoration.restore(*spared, wanted=EASY)
@@ -511,7 +511,7 @@ class _Stage:
             except TimeEnded:
                 self.late = True
                 return state, count
-            if other.price >= state.price - GAIN:
+            if other.price >= state.price - _GAIN:
                 return state, count
             state = other
         return state, rounds
@@ -531,10 +531,10 @@ class _Stage:
                 break
             before.append(state.price)
             stalled = (
-                len(before) > PATIENCE and before[-1] > (1.0 - HEADWAY) * before[-1 - PATIENCE]
+                len(before) > PATIENCE and before[-1] > (1.0 - _HEADWAY) * before[-1 - PATIENCE]
             )
             enough = state.at.share <= self._limits.share and not state.too_near
-            if enough or stalled or radius < NARROWEST:
+            if enough or stalled or radius < _NARROWEST:
                 break
             restored = self._step(scaled, restoration, state, radius)
             if restored is not None and not keeps_to(
@@ -548,10 +548,10 @@ class _Stage:
             except TimeEnded:
                 self.late = True
                 break
-            if other is not None and other.price < state.price - GAIN:
-                state, radius, steps_taken = other, min(WIDER * radius, WIDEST), steps_taken + 1
+            if other is not None and other.price < state.price - _GAIN:
+                state, radius, steps_taken = other, min(_WIDER * radius, _WIDEST), steps_taken + 1
             else:
-                radius *= NARROWER
+                radius *= _NARROWER
         return state, steps_taken
 
     def _step(
@@ -571,7 +571,7 @@ class _Stage:
             solver=self._solver,
             angles=state.at.angles,
             limit_nm=self._limit_nm,
-            wanted=AIM * self._limits.share,
+            wanted=_AIM * self._limits.share,
             radius=radius,
             near=state.near,
             clearance_m=self._limits.clearance_m,

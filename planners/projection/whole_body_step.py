@@ -60,7 +60,7 @@ def standing(layout: Layout, leg_of: tuple[int, ...]) -> tuple[Index, Index]:
     return locked((frame + 1, joint))
 
 
-def keep_turns(rows: Rows[Any], of: tuple[Index, Index], joints: Index) -> None:
+def _keep_turns(rows: Rows[Any], of: tuple[Index, Index], joints: Index) -> None:
     """Rows that keep steps of these joints, columns of shape (M, J), within ``turn_room``, which
     the problem tells.
     """
@@ -126,7 +126,7 @@ MOMENT_PRICE = 500.0
 too much torque, at 100 steps buy distances with moments, and a Solo12 had no plan on stairs."""
 STILL, EVEN = 2e-3, 1e-5
 """Weights of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
-TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
+_TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
 """Bounds of a step, at radius 1: com and toes [m], rotation and joints [rad], each axis for
 itself."""
 
@@ -255,7 +255,7 @@ class WholeBodyGiven(Given):
         """Half the side of the trust region's box, non-dimensional."""
         return (
             self.radius
-            * TRUST[name]
+            * _TRUST[name]
             / (1.0 if name in ("rotation", "joints") else self.scaled.length_m)
         )
 
@@ -390,7 +390,7 @@ class WholeBodyStep:
         body.steps(free)
         self._feet(body, toes, joints, np.array(leg_of), layout)
         self._torques(TorqueRows.of(layout, leg_of), body, forces, joints, share)
-        keep_turns(rows, standing(layout, leg_of), joints)
+        _keep_turns(rows, standing(layout, leg_of), joints)
         columns = {"com": body.com, "rotation": body.rotation, "joints": joints}
         if free is not None and free.points is not None:
             columns["toes"] = free.points

@@ -135,7 +135,7 @@ MIRROR = np.array([1.0, -1.0, 1.0])
 NEARLY = 0.25
 """Share of a limb's reach by which measured limbs of one robot may miss each other's mirror
 images."""
-MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
+_MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """The same for [p, f], f in either axes (see the module)."""
 
 
@@ -156,7 +156,7 @@ def mirrored_box(box: Envelope) -> Envelope:
     """The box of the mirrored stance: p_y and the second force component change their sign (see the
     module).
     """
-    ends = MIRRORED_BOX * box.low, MIRRORED_BOX * box.high
+    ends = _MIRRORED_BOX * box.low, _MIRRORED_BOX * box.high
     return Envelope(low=np.minimum(*ends), high=np.maximum(*ends))
 
 

@@ -76,7 +76,7 @@ TILT_ROOM_RAD = np.deg2rad(10.0)
 for something else."""
 LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
 """The corners of a box in p_j and f_k, in the order of the four envelope rows of m_jk = p_j f_k."""
-P_ENDS, F_ENDS = np.array([0, 1, 0, 1]), np.array([0, 1, 1, 0])
+_P_ENDS, _F_ENDS = np.array([0, 1, 0, 1]), np.array([0, 1, 1, 0])
 """Bounds, of low and high, that they are at."""
 SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
 """Signs of those rows: the first two bound m_jk from below, the others from above."""
@@ -170,8 +170,8 @@ class Envelope:
     def corners(self) -> Corners:
         """The numbers of the envelope rows."""
         ends = np.array([self.low, self.high])
-        p = SIGNS * ends.take(P_ENDS, axis=0)[:, :, :3, None]
-        f = ends.take(F_ENDS, axis=0)[:, :, None, 3:]
+        p = SIGNS * ends.take(_P_ENDS, axis=0)[:, :, :3, None]
+        f = ends.take(_F_ENDS, axis=0)[:, :, None, 3:]
         ends[0] *= -1.0
         return Corners(p=p, f=SIGNS * f, products=p * f, outward=ends)
 
@@ -413,7 +413,7 @@ CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))
 al. §IV-A)."""
 WALKING = ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))
 """The same on the ground."""
-LENGTH_SCALE_M = 0.6
+_LENGTH_SCALE_M = 0.6
 
 
 def rule_of_thumb(
@@ -452,11 +452,13 @@ def expert_envelopes(
         problem_class=f"{terrain}-{len(limbs)}",
         legs=tuple(legs),
         force_scale_n=robot.mass_kg * GRAVITY_M_S2,
-        length_scale_m=LENGTH_SCALE_M,
+        length_scale_m=_LENGTH_SCALE_M,
         normals=walls if terrain == "wall" else np.tile([0.0, 0.0, 1.0], (len(limbs), 1)),
         tilt_rad=np.full(len(limbs), MAX_TILT_RAD),
         envelopes=(
-            rule_of_thumb(shoulders, reach, np.full(len(limbs), terrain == "wall"), LENGTH_SCALE_M),
+            rule_of_thumb(
+                shoulders, reach, np.full(len(limbs), terrain == "wall"), _LENGTH_SCALE_M
+            ),
         ),
         provenance={"method": "heuristic", "source": "paper E §IV-A"},
     )

@@ -44,7 +44,7 @@ class LeastGap:
         moments.of_weight(body)
         moments.vanish(rows)
         self._forces = (forces.contact, forces.candidate)
-        least_gap(rows, layout, toes, forces)
+        _least_gap(rows, layout, toes, forces)
         forces.in_cones()
         forces.in_box(implied=False)
         body.reach(toes, inner=True)
@@ -67,7 +67,7 @@ class LeastGap:
         return replace(Relaxed.of(scaled, solution, self._forces).rounded()[1], residual=0.0)
 
 
-def least_gap(rows: Rows[Given], layout: Layout, toes: FreeToes, forces: Forces) -> Index:
+def _least_gap(rows: Rows[Given], layout: Layout, toes: FreeToes, forces: Forces) -> Index:
     """Add Σ g² to the objective, g a variable of its own, (B, 9), g_jk in the column 3j + k.
 
     Arguments:
@@ -146,7 +146,7 @@ class JointRelaxation:
         rows.linear(margin, 1.0 if signed else MARGIN_PRICE)
         if not signed:
             rows.put(rows.at_most("margin_positive", 1), margin, -1.0)
-            least_gap(rows, layout, toes, forces)
+            _least_gap(rows, layout, toes, forces)
 
     @classmethod
     def margin(

@@ -40,15 +40,15 @@ SOLVERS: dict[
     "gurobi": ("gurobipy", "TimeLimit", ("MIPGap", "MIPGapAbs"), {"Threads": 1}),
 }
 GUROBI_LIMITS = "gurobi ended without an answer: its free licence takes 2000 variables and 2000 rows, and 200 variables with cones"
-ABSOLUTE_GAP = 1e-4
+_ABSOLUTE_GAP = 1e-4
 """Absolute gap of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off
 the goal."""
 Claim = Literal["feasible", "infeasible", "unknown"]
 Cones = Literal["exact", "outer", "inner"]
 Cut = Literal["both", "position"]
-Domain = Literal["course", "unit"]
+_Domain = Literal["course", "unit"]
 EnvelopeUse = Literal["rows", "shrink"]
-TANGENTS = 16  # planes around a disc: the polygon exceeds it by 2 % at its corners, the polyhedron of a ball by 4 %
+_TANGENTS = 16  # planes around a disc: the polygon exceeds it by 2 % at its corners, the polyhedron of a ball by 4 %
 KNOTS = np.array([0.0, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.33, 0.5, 0.8, 1.3])
 """Where tangents touch a square, either side, in length scales: up to .35 off, y² is at most .0025
 above them."""
@@ -72,13 +72,13 @@ class MicpGrid:
     intervals: int = 4
     encoding: Encoding = "log"
     cut: Cut = "both"
-    domain: Domain = "course"
+    domain: _Domain = "course"
     envelope_use: EnvelopeUse = "rows"
     cones: Cones | None = None
 
     def __post_init__(self) -> None:
         options = (self.encoding, self.cut, self.domain, self.envelope_use)
-        known = {"encoding": Encoding, "cut": Cut, "domain": Domain, "envelope_use": EnvelopeUse}
+        known = {"encoding": Encoding, "cut": Cut, "domain": _Domain, "envelope_use": EnvelopeUse}
         for (name, values), value in zip(known.items(), options, strict=True):
             checked_choice(value, f"{name}", get_args(values))
         object.__setattr__(self, "intervals", int(self.intervals))  # numpy's have no bit_length
@@ -206,7 +206,9 @@ class MicpProgram:
         _, limit, gaps, options = SOLVERS[self._solver]
         options = options | {"solver": self._solver.upper(), limit: time_limit_s}
         options |= dict(
-            zip(gaps, (_ANY, _ANY) if self._gap is None else (self._gap, ABSOLUTE_GAP), strict=True)
+            zip(
+                gaps, (_ANY, _ANY) if self._gap is None else (self._gap, _ABSOLUTE_GAP), strict=True
+            )
         )
         if self._solver == "gurobi":  # in an environment of its own it does not print its licence
             options["env"] = import_module("gurobipy").Env(params={"OutputFlag": 0})
@@ -302,9 +304,9 @@ def planes(constraint: cp.Constraint, cones: Cones) -> Sequence[cp.Constraint]:
     if constraint.axis == 0 and constraint.args[1].ndim == 2:
         vectors = constraint.args[1]
     if cones == "inner":  # the polygon has corners, and so has the one that nests it
-        radius = np.cos(np.pi / TANGENTS) ** (vectors.shape[0] - 1) * radius
-    angle = np.linspace(0.0, 2.0 * np.pi, TANGENTS, endpoint=False)
-    circle, every = np.column_stack([np.cos(angle), np.sin(angle)]), np.ones((TANGENTS, 1))
+        radius = np.cos(np.pi / _TANGENTS) ** (vectors.shape[0] - 1) * radius
+    angle = np.linspace(0.0, 2.0 * np.pi, _TANGENTS, endpoint=False)
+    circle, every = np.column_stack([np.cos(angle), np.sin(angle)]), np.ones((_TANGENTS, 1))
     if vectors.shape[0] == 2:
         return [circle @ vectors <= every @ radius]
     inner, half = (

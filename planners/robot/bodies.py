@@ -36,19 +36,19 @@ TOUCH_M, LINKS_M = 1e-3, 1e-4
 """A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links
 this deep inside each other: joint angles, corners and coal's depths are ten times as exact. More
 presses them apart wherever it is run."""
-FINE, ARCS = 0.5, 1.01
+FINE, _ARCS = 0.5, 1.01
 """Two links that go so much of the tolerance between two postures are not looked at in between;
 points go so much farther on the arcs of joints than straight."""
 SIDES = np.array(list(product((-1.0, 1.0), repeat=3)))
 """Corners of a box in units of half its sides."""
-PARTS_M = 0.02
+_PARTS_M = 0.02
 """Where hulls are nearer than this, or inside each other, it is their parts that are measured
 [m]."""
 POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
 LONG_M = 0.05
 """A part of a leg that is longer than this has a shape, or is said to have none [m]."""
-ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
+_ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
 """Cosine between normals of one surface, and how far from it what stands on it may be [m]."""
 
 BLOCK = 128
@@ -240,7 +240,7 @@ class Bodies:
         turns, origins = placed
         ends = origins[:, :, None] + self._corners @ np.swapaxes(turns, -1, -2)
         moved = np.diff(ends, axis=0)
-        return ARCS * np.asarray(
+        return _ARCS * np.asarray(
             np.sqrt(np.einsum("tsci,tsci->tsc", moved, moved).max(axis=2, initial=0.0))
         )
 
@@ -392,7 +392,7 @@ class Bodies:
         moving = pairs[:, :1] if terrain else pairs
         ends = [self._corners_of(between(t, share[:, end]), moving[k]) for end in range(2)]
         while len(t):  # every round halves the ways that the distances at their ends leave open
-            gone = np.sqrt(np.square(ends[1] - ends[0]).sum(axis=3).max(axis=2)).sum(axis=1) * ARCS
+            gone = np.sqrt(np.square(ends[1] - ends[0]).sum(axis=3).max(axis=2)).sum(axis=1) * _ARCS
             open_ = (
                 (apart.min(axis=1) >= -on_way_m)
                 & (apart.sum(axis=1) < gone - 2.0 * on_way_m)
@@ -504,7 +504,7 @@ class Bodies:
         for k, (shape, part) in enumerate(pairs.tolist()):
             limb, solid = self._foot[shape], self._terrain.convex[part].solid
             if limb >= 0:
-                along = bodies.normals[:, limb] @ solid.normals.T > ALIGNED
+                along = bodies.normals[:, limb] @ solid.normals.T > _ALIGNED
                 heights = bodies.toes_m[:, limb] @ solid.normals.T - solid.offsets_m
                 on = np.any(along & (np.abs(heights) < ON_M), axis=1) & (heights.max(axis=1) < ON_M)
                 standing[:, k] = bodies.stands[:, limb] & on
@@ -574,7 +574,7 @@ class Bodies:
         whole = self._solids[other] if terrain else self._geometry[other]
         apart_m = between(self._geometry[shape], whole)
         parts, others = self._parts[shape], _NO_PARTS if terrain else self._parts[other]
-        if apart_m >= PARTS_M or not (parts.geometry or others.geometry):
+        if apart_m >= _PARTS_M or not (parts.geometry or others.geometry):
             return apart_m
         parts = (
             parts.placed(turns[shape], origins[shape])

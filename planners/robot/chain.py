@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..files.arrays import Array, cross, read_only
 
-SMALL_RAD = 1e-3
+_SMALL_RAD = 1e-3
 """Below this angle, sin(a/2) / a is its series."""
 
 
@@ -45,10 +45,10 @@ def rotations_of(vectors: Array) -> Array:
     x, y, z = np.moveaxis(np.asarray(vectors, dtype=np.float64), -1, 0)
     angle = np.sqrt(x * x + y * y + z * z)
     square, each = angle * angle, angle.ravel().tolist()
-    large = np.array([math.sin(0.5 * a) / a if a > SMALL_RAD else 0.0 for a in each]).reshape(
+    large = np.array([math.sin(0.5 * a) / a if a > _SMALL_RAD else 0.0 for a in each]).reshape(
         angle.shape
     )
-    scale = np.where(angle > SMALL_RAD, large, 0.5 - square / 48.0 + square * square / 3840.0)
+    scale = np.where(angle > _SMALL_RAD, large, 0.5 - square / 48.0 + square * square / 3840.0)
     w = np.array([math.cos(0.5 * a) for a in each]).reshape(angle.shape)
     x, y, z = scale * x, scale * y, scale * z
     xx, yy, zz, ww = x * x, y * y, z * z, w * w

@@ -30,7 +30,7 @@ from .leg import Leg, Mount
 from .meshes import Shape, shape_elements, shape_points, solid_shapes
 
 Index = NDArray[np.intp]
-ON_FACE_M = 1e-9
+_ON_FACE_M = 1e-9
 """A point that is so little outside of a face's border is on it."""
 
 
@@ -132,17 +132,17 @@ def off_solids(
     face, rows = heights.argmax(axis=1), np.arange(len(heights))
     height = heights[rows, face]
     below = middles - height[:, None] * normals[rows, face]
-    over = np.all((normals @ below[:, :, None])[..., 0] - offsets_m < ON_FACE_M, axis=1)
+    over = np.all((normals @ below[:, :, None])[..., 0] - offsets_m < _ON_FACE_M, axis=1)
     return (heights - supports).max(axis=1), over | (height <= 0.0)
 
 
 ROUND = 0.15
 """Share of a ball's radius: as far as a mesh that is taken for one may be from it."""
-NECK = 0.05
+_NECK = 0.05
 """Share of a ball's corners that may be farther from it, where a shank ends in it."""
 HALF = 0.5
 """Share of a ball's surface that is round; the rest may be cut off."""
-TOUCHING_RAD = 0.7
+_TOUCHING_RAD = 0.7
 """A foot may touch with what is so far off the direction from its joint to its middle; one about
 its joint with all."""
 DIRECTIONS = 400
@@ -151,7 +151,7 @@ ENOUGH = 3000
 """Corners of a ball from which it is known to be one."""
 DIGITS = 9
 """Decimals of a ball's centre and radius as a URDF has them [m]."""
-FARTHER_M = 1e-3
+_FARTHER_M = 1e-3
 """A shape that goes no farther than this beyond the ball at a leg's end does not touch before
 it."""
 SAME_M = 1e-6
@@ -252,7 +252,7 @@ def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
             )
     ball = max(balls, key=lambda each: each[0], default=None)
     other = max(others, key=lambda each: each[0], default=None)
-    if ball is not None and (other is None or other[0] <= ball[0] + FARTHER_M):
+    if ball is not None and (other is None or other[0] <= ball[0] + _FARTHER_M):
         return ball[1]
     if other is not None and not unread:
         return other[1]
@@ -296,7 +296,7 @@ def _balls(
 
 def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | None) -> bool:
     """Tell whether the hull of points, shape (V, 3) [m], ends where a ball does in all directions
-    in which that may touch: those within ``TOUCHING_RAD`` of a unit vector, shape (3,), all of them
+    in which that may touch: those within ``_TOUCHING_RAD`` of a unit vector, shape (3,), all of them
     where it is None.
     """
     z = 1.0 - (2.0 * np.arange(DIRECTIONS) + 1.0) / DIRECTIONS
@@ -304,9 +304,9 @@ def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | N
     flat = np.sqrt(1.0 - z**2)
     ways = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
     if outward is not None:
-        ways = ways[ways @ outward > np.cos(TOUCHING_RAD)]
+        ways = ways[ways @ outward > np.cos(_TOUCHING_RAD)]
     ends = ((points_m - middle_m) @ ways.T).max(axis=0)
-    return bool(ends.min() >= radius_m - FARTHER_M)
+    return bool(ends.min() >= radius_m - _FARTHER_M)
 
 
 def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
@@ -464,8 +464,8 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
         return None
     middle, away = _about(points_m)
     radius_m = float(away.max())
-    least = radius_m - min(ROUND * radius_m, FARTHER_M)
-    if not float(np.quantile(away, NECK)) >= least:
+    least = radius_m - min(ROUND * radius_m, _FARTHER_M)
+    if not float(np.quantile(away, _NECK)) >= least:
         return None
     some = points_m[
         :: 1 + len(points_m) // ENOUGH

@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 from ..files.arrays import Array
 from .meshes import points_on
 
-FEW_PARTS, MOST_PARTS = 4, 16
+_FEW_PARTS, MOST_PARTS = 4, 16
 """As many say which two axes are cut along, and as many there are."""
 PLACES, FINE = 5, 16
 """So many cuts of a cell are tried along each axis; by points on the surface, so many on the
@@ -79,7 +79,7 @@ def convex_parts(vertices_m: Array, faces: NDArray[np.int_]) -> tuple[Array, ...
     whole = _Cell.of(points_on(triangles, apart_m))
     if whole.volume - min(_volume(pair) for pair in whole.cuts((0, 1, 2))) < EACH * whole.volume:
         return ()
-    best = min(((0, 1), (0, 2), (1, 2)), key=lambda axes: _volume(_parts(whole, axes, FEW_PARTS)))
+    best = min(((0, 1), (0, 2), (1, 2)), key=lambda axes: _volume(_parts(whole, axes, _FEW_PARTS)))
     cells = _parts(whole, best, MOST_PARTS)
     parts, left = list[Array](), 0.0
     for cell in cells:

@@ -78,7 +78,7 @@ def base_of(model: RobotModel, com_m: Array, rotation: Array) -> Array:
 LINKS = (0.54, 0.53)
 """Lengths of thigh and shank in units of the limb's reach. Their sum leaves 7 % for the foot's
 radius and keeps the leg from being straight at the edge of its workspace."""
-LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "foot": 0.001}
+_LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "foot": 0.001}
 """Mass of a limb's links in units of the robot's mass: six limbs are 10.8 % of it."""
 LINK_RADIUS_M = 0.009
 BODY_HEIGHT_M = 0.06
@@ -117,7 +117,7 @@ def drawn_urdf(
             f"robot's own legs, as a course has them that names a robot's file"
         )
     rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0
-    shares = sum(LIMB_SHARES.values()) * len(limbs)
+    shares = sum(_LIMB_SHARES.values()) * len(limbs)
     radius = 0.75 * max(float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in limbs])), 0.04)
     mass = mass_kg * (1.0 - shares)
     side, axial = mass * (3.0 * radius**2 + BODY_HEIGHT_M**2) / 12.0, mass * radius**2 / 2.0
@@ -137,7 +137,7 @@ def drawn_urdf(
 def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
     """Links and joints of one limb."""
     name, lengths = limb.name, link_lengths(limb)
-    mass = {link: share * mass_kg for link, share in LIMB_SHARES.items()}
+    mass = {link: share * mass_kg for link, share in _LIMB_SHARES.items()}
     parts = [
         _link(
             f"{name}_{link}",

@@ -94,7 +94,7 @@ TRIES = 4
 """Seeds that are tried for a foot which the seeds before did not bring to its target."""
 DAMPING = 1e-3
 """λ as a share of the error [m]."""
-LONGEST_STEP = 0.5
+_LONGEST_STEP = 0.5
 """Longest move of a joint in one step [rad, or m]."""
 
 
@@ -141,7 +141,7 @@ def descend(
         hit = held.any(axis=1)
         if hit.any():
             step[hit] = _damped(jacobian[hit] * ~held[hit, None], gap[hit], far[hit])
-        q = np.clip(q + np.clip(step, -LONGEST_STEP, LONGEST_STEP), lower, upper)
+        q = np.clip(q + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP), lower, upper)
     return leg.wrapped(best), error
 
 

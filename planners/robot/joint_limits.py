@@ -22,11 +22,11 @@ GUESSED_RAD_S = 3.0
 """Speed of a joint with a torque limit and no velocity limit, between key frames [rad/s]."""
 SPEED = "speed"
 """Attribute of a joint whose velocity limit is none of its file's."""
-GUESSED = "guessed"
+_GUESSED = "guessed"
 """Attribute of a joint whose limits are none of its file's: the reason."""
-MOST_RAD = 8.0 * math.pi
+_MOST_RAD = 8.0 * math.pi
 """No joint that has limits turns farther: four times round."""
-MOST_DEGREES = 360.0
+_MOST_DEGREES = 360.0
 
 
 def mend_limits(root: Element, file: str) -> tuple[bool, dict[str, str]]:
@@ -49,7 +49,7 @@ def mend_limits(root: Element, file: str) -> tuple[bool, dict[str, str]]:
             effort, velocity = (_number(limit, key, where) for key in ("effort", "velocity"))
             if effort > 0.0 and velocity <= 0.0:
                 limit.set("velocity", repr(GUESSED_RAD_S))
-                joint.set(SPEED, GUESSED)
+                joint.set(SPEED, _GUESSED)
                 written = True
         if joint.get("type") not in ("revolute", "prismatic"):
             continue
@@ -62,15 +62,15 @@ def mend_limits(root: Element, file: str) -> tuple[bool, dict[str, str]]:
         turns = joint.get("type") == "revolute"
         if low > high:
             low, high = high, low
-            joint.set(GUESSED, f"limits exchanged, taken for {low:g} to {high:g}")
+            joint.set(_GUESSED, f"limits exchanged, taken for {low:g} to {high:g}")
         elif turns and low == high:
             joint.set("type", "continuous")
-            joint.set(GUESSED, f"limits of {low:g} to {high:g}, taken to turn freely")
+            joint.set(_GUESSED, f"limits of {low:g} to {high:g}, taken to turn freely")
             written = True
         elif turns and _in_degrees(low, high):
             why = f"limits of {low:g} to {high:g} rad, in degrees?"
             if low <= -math.pi and high >= math.pi:
-                joint.set(GUESSED, f"{why} Taken to turn freely")
+                joint.set(_GUESSED, f"{why} Taken to turn freely")
                 written = True
             else:
                 gaps[name] = (
@@ -111,7 +111,7 @@ def hold(root: Element, angles: Mapping[str, float]) -> None:
 def limit_doubts(root: Element) -> Iterator[tuple[str, str]]:
     """Joints of a URDF whose limits were guessed, by name, and why."""
     for joint in root.findall("joint"):
-        if reason := joint.get(GUESSED):
+        if reason := joint.get(_GUESSED):
             yield joint.get("name", ""), reason
 
 
@@ -124,8 +124,8 @@ def _in_degrees(low: float, high: float) -> bool:
     """Tell whether limits can only be meant in degrees: several turns wide, or far from 0, and no
     wider than a turn of 360.
     """
-    far = high - low > MOST_RAD or min(abs(low), abs(high)) > MOST_RAD
-    return far and max(abs(low), abs(high)) <= MOST_DEGREES
+    far = high - low > _MOST_RAD or min(abs(low), abs(high)) > _MOST_RAD
+    return far and max(abs(low), abs(high)) <= _MOST_DEGREES
 
 
 def _number(element: Element | None, key: str, where: str) -> float:

@@ -54,9 +54,9 @@ class JointAnswer:
 
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
-DAMPING, STEPS, LONGEST_STEP_RAD = 1e-4, 60, 0.3
+DAMPING, STEPS, _LONGEST_STEP_RAD = 1e-4, 60, 0.3
 _DAMPING = DAMPING * np.eye(3)
-DRAWN_AT = 0.2
+_DRAWN_AT = 0.2
 """In pictures the roll joint of a leg that is drawn up is so far along its thigh."""
 
 
@@ -299,7 +299,7 @@ class Kinematics:
             if (low | high).any() and (held := low & (step < 0.0) | high & (step > 0.0)).any():
                 free = self.by_leg(~held)[:, None] * jacobian
                 step = self._step(free, gap, np.where(held, 0.0, pulled), farthest)
-            step = np.minimum(np.maximum(step, -LONGEST_STEP_RAD), LONGEST_STEP_RAD)
+            step = np.minimum(np.maximum(step, -_LONGEST_STEP_RAD), _LONGEST_STEP_RAD)
             angles = np.minimum(np.maximum(angles + step, lower), upper)
             gap = feet - self._placed(angles)
         error = lengths(gap)
@@ -345,7 +345,7 @@ class Kinematics:
         if self.drawn:
             first, *_, knees = places.reshape(len(feet), -1, 3).transpose(1, 0, 2)
             return np.stack(
-                [first, (1.0 - DRAWN_AT) * first + DRAWN_AT * knees, knees, feet], axis=1
+                [first, (1.0 - _DRAWN_AT) * first + _DRAWN_AT * knees, knees, feet], axis=1
             )
         result = np.repeat(feet[:, None], self._most + 1, axis=1)
         result[self.legs, self._nth] = places

@@ -19,10 +19,10 @@ from .chain import rotation_of
 from .drawn_legs import link_lengths, outward_rad
 from .limb import Limb
 
-Clearance = Callable[[Array], Array]
-SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]
+_Clearance = Callable[[Array], Array]
+_SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]
 """Where the knee may be around the line from shoulder to foot."""
-MARGIN_RAD = 0.15
+_MARGIN_RAD = 0.15
 SHANK = np.array([0.0, 0.25, 0.5, 0.75, 0.88])
 CLEARANCE_M = np.array([0.03, 0.03, 0.03, 0.026, 0.018])
 """Points of the shank, as shares of it from the knee, and how far they should keep off the terrain:
@@ -51,7 +51,7 @@ def limb_posture(
     servo: Servo,
     *,
     near: Array | None = None,
-    clearance: Clearance | None = None,
+    clearance: _Clearance | None = None,
 ) -> Array:
     """The most comfortable posture that puts the foot at ``target``, or the closest to it, shape
     (4,) [rad].
@@ -76,7 +76,7 @@ def posture_cost(
     servo: Servo,
     *,
     near: Array | None = None,
-    clearance: Clearance | None = None,
+    clearance: _Clearance | None = None,
 ) -> tuple[Array, Array]:
     """The family of postures within the limits, shape (…, K, 4) [rad], and how uncomfortable each
     is, shape (…, K).
@@ -145,7 +145,7 @@ def swivels(lengths: Array, target: Array) -> Array:
     aside = aside / np.linalg.norm(aside, axis=-1, keepdims=True)
     ahead = (thigh**2 + distance**2 - shank**2) / (2.0 * distance)
     wide = np.sqrt(np.maximum(thigh**2 - ahead**2, 0.0))
-    cos, sin = np.cos(SWIVELS_RAD)[:, None], np.sin(SWIVELS_RAD)[:, None]
+    cos, sin = np.cos(_SWIVELS_RAD)[:, None], np.sin(_SWIVELS_RAD)[:, None]
     ring = cos * aside[..., None, :] + sin * np.cross(along, aside)[..., None, :]
     knees = (ahead * along)[..., None, :] + wide[..., None] * ring
     upper, lower = knees / thigh, ((distance * along)[..., None, :] - knees) / shank
@@ -192,15 +192,15 @@ def directions(family: Array) -> tuple[Array, Array]:
 
 def _discomfort(family: Array, approach: Array, servo: Servo, near: Array | None) -> Array:
     upper, lower = directions(family)
-    over = np.maximum(family - np.array(servo.upper_rad) + MARGIN_RAD, 0.0)
-    under = np.maximum(np.array(servo.lower_rad) + MARGIN_RAD - family, 0.0)
+    over = np.maximum(family - np.array(servo.upper_rad) + _MARGIN_RAD, 0.0)
+    under = np.maximum(np.array(servo.lower_rad) + _MARGIN_RAD - family, 0.0)
     cost = (
         -WEIGHTS["approach"] * (lower @ approach[..., None])[..., 0]
         - WEIGHTS["up"] * upper[..., 2]
         + WEIGHTS["yaw"] * family[..., 0] ** 2
         + WEIGHTS["roll"] * family[..., 2] ** 2
         + WEIGHTS["limits"] * np.sum(over**2 + under**2, axis=-1)
-        + WEIGHTS["beyond"] * np.any(np.maximum(over, under) > MARGIN_RAD, axis=-1)
+        + WEIGHTS["beyond"] * np.any(np.maximum(over, under) > _MARGIN_RAD, axis=-1)
         + WEIGHTS["steep"] * np.maximum(np.abs(upper[..., 2]) - STEEP, 0.0) ** 2
     )
     if near is not None:
@@ -210,7 +210,7 @@ def _discomfort(family: Array, approach: Array, servo: Servo, near: Array | None
 
 def clearance_of(
     origin: Array, frame: Array, solids: Sequence[Solid], within_m: float
-) -> Clearance:
+) -> _Clearance:
     """Distance from the nearest solid of points in a frame, shape (…, K, 3) to (…, K) [m]; infinite
     where none is near.
 

@@ -24,7 +24,7 @@ from .robot_model import RobotModel
 from .single_body import legged_anymal, read_walker
 from .urdf_reader import matching
 
-ANGLES = 9
+_ANGLES = 9
 """Postures per joint that are looked at for the shortest and the longest leg."""
 
 
@@ -113,7 +113,7 @@ def _limits_of(leg: Leg, com_m: Array) -> LegLimits:
 def _lengths(leg: Leg) -> tuple[float, float]:
     """Shortest and longest distance of hip and foot's centre within the joints' limits [m]."""
     lines = [
-        np.linspace(low, high, ANGLES)
+        np.linspace(low, high, _ANGLES)
         for low, high in zip(leg.lower_rad, leg.upper_rad, strict=True)
     ]
     angles = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(leg.joints))

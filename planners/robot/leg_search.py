@@ -31,22 +31,22 @@ LOW = 0.6
 SAMPLES = 3000
 """Postures by which a chain's depth is measured."""
 FOOT = re.compile("foot|toe|sole|ankle", re.IGNORECASE)
-SENSOR = re.compile("imu|sensor|fsr|camera", re.IGNORECASE)
+_SENSOR = re.compile("imu|sensor|fsr|camera", re.IGNORECASE)
 ARM = re.compile("arm|grip|hand|finger|wrist|manip|head|neck|tail", re.IGNORECASE)
-LEG = re.compile(
+_LEG = re.compile(
     "leg|hip|thigh|knee|calf|shank|foot|toe|ankle|h[af]e|haa|kfe|coxa|femur|tibia", re.IGNORECASE
 )
 ALIKE = 0.05
 """Share of their length by which two chains that are made alike may differ."""
-JOINT_WORD = re.compile("_j(oin)?t?$", re.IGNORECASE)
+_JOINT_WORD = re.compile("_j(oin)?t?$", re.IGNORECASE)
 NEAR = 0.3
 """A link that is called a foot has to be this share of the farthest link's distance away from its
 joint."""
 APART = 0.2
 """Two ends of one chain that are farther apart than this share of its length are two feet."""
-WHOLE_LEG = 3
+_WHOLE_LEG = 3
 """Joints of a leg of its own, at least: what hangs below a waist."""
-SHORTEST_M = 0.02
+_SHORTEST_M = 0.02
 MOST_JOINTS = 24
 """Most joints of a leg."""
 
@@ -189,7 +189,7 @@ class _Tree:
             if self._base in self._model.supports[leaf]
         ]
         ends = [end for end in ends if 2 <= len(end.joints) <= MOST_JOINTS and self._simple(end)]
-        ends = [end for end in ends if self._length(end) > SHORTEST_M]
+        ends = [end for end in ends if self._length(end) > _SHORTEST_M]
         if not ends:
             raise InvalidInput(
                 "legs: expected chains of two joints or more under the base, found none"
@@ -234,7 +234,7 @@ class _Tree:
             own = [replace(each, joints=each.joints[len(shared) :]) for each in (best, end)]
             if (
                 shared
-                and min(len(each.joints) for each in own) >= WHOLE_LEG
+                and min(len(each.joints) for each in own) >= _WHOLE_LEG
                 and len(own[0].joints) == len(own[1].joints)
                 and 2.0 * min(map(self._length, own)) > self._length(best)
             ):
@@ -244,7 +244,7 @@ class _Tree:
         """Chains that are called arms, and those in the middle that are made otherwise than all the
         others; none where fewer than two chains are left.
         """
-        named = [end for end in ends if self._called(end, ARM) and not self._called(end, LEG)]
+        named = [end for end in ends if self._called(end, ARM) and not self._called(end, _LEG)]
         left = [end for end in ends if end not in named]
         others = {end: [other for other in left if other is not end] for end in left}
         odd = [
@@ -365,7 +365,7 @@ class _Tree:
         """
         links = [frame for frame in self._bodies if frame.parentJoint == joints[-1]]
         far = {frame.name: float(np.linalg.norm(frame.placement.translation)) for frame in links}
-        links = [frame for frame in links if not SENSOR.search(frame.name)] or links
+        links = [frame for frame in links if not _SENSOR.search(frame.name)] or links
         most = max(far[frame.name] for frame in links)
         called = [
             frame for frame in links if FOOT.search(frame.name) and far[frame.name] >= NEAR * most
@@ -483,7 +483,7 @@ class _Tree:
         if touch is not None and not touch.doubt:
             return touch
         doubt, link = ("", end.foot) if touch is None else (touch.doubt, touch.link)
-        if np.linalg.norm(end.tip_m) > SHORTEST_M:
+        if np.linalg.norm(end.tip_m) > _SHORTEST_M:
             return Touch(link=end.foot, centre_m=place, radius_m=0.0, index=-1, doubt=doubt)
         tip = 2.0 * self._model.inertias[end.joints[-1]].lever if touch is None else touch.centre_m
         if not doubt:
@@ -499,7 +499,7 @@ def _check_apart(ends: Mapping[str, _End]) -> None:
         for joint, name in zip(end.joints, end.names, strict=True):
             if joint in seen:
                 own = len(set(end.joints) ^ set(seen[joint].joints))
-                if own >= 2 * WHOLE_LEG:
+                if own >= 2 * _WHOLE_LEG:
                     shared = sum(j in seen[joint].joints for j in end.joints)
                     raise Waist(end.names[:shared], seen[joint].foot, end.foot)
                 raise InvalidInput(
@@ -523,7 +523,7 @@ def _beginning(end: _End) -> str:
 
 
 def _ending(end: _End) -> str:
-    return _shared([JOINT_WORD.sub("", name)[::-1] for name in end.names])[::-1].strip("_-. ")
+    return _shared([_JOINT_WORD.sub("", name)[::-1] for name in end.names])[::-1].strip("_-. ")
 
 
 def _shared(names: Sequence[str]) -> str:

@@ -25,7 +25,7 @@ from ..files.writing import cache_folder, write_bytes
 from ..terrain.mesh_file import MOST_BYTES, read_corners
 
 Kind = Literal["sphere", "box", "cylinder", "capsule", "mesh"]
-PACKAGE_PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
+_PACKAGE_PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
 SIZES: dict[str, tuple[str, ...]] = {
     "sphere": ("radius",),
     "box": ("size",),
@@ -153,7 +153,7 @@ def _places(name: str, folder: Path, packages: Sequence[Path]) -> Iterator[Path]
 
 
 def _ros_places() -> Iterator[Path]:
-    for variable in PACKAGE_PATHS:
+    for variable in _PACKAGE_PATHS:
         for text in filter(None, os.environ.get(variable, "").split(os.pathsep)):
             yield Path(text) / "share" if variable.startswith("AMENT") else Path(text)
 
@@ -247,7 +247,7 @@ def numbers_of(text: str, count: int, where: str) -> list[float]:
 
 CORNERS = 24
 """Corners of the polygon that stands for a circle."""
-RINGS = 10
+_RINGS = 10
 """Rings of a sphere, from pole to pole."""
 
 
@@ -276,7 +276,7 @@ def shape_points(shape: Shape) -> Array | None:
     rings = [
         rim * [np.cos(angle), np.cos(angle), 0.0]
         + np.array([0.0, 0.0, radius * np.sin(angle) + np.sign(angle) * half])
-        for angle in np.linspace(-0.5 * np.pi, 0.5 * np.pi, RINGS)
+        for angle in np.linspace(-0.5 * np.pi, 0.5 * np.pi, _RINGS)
     ]
     return np.vstack(rings)
 
@@ -325,10 +325,10 @@ def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
 
 VERSION = "mesh/2"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
-FINEST, COARSER = 96, 0.85
+FINEST, _COARSER = 96, 0.85
 """Cells along a mesh's longest side at first, and by how much fewer there are at every further
 try."""
-DISAGREE = 0.02
+_DISAGREE = 0.02
 """Share of edges at which two faces turn opposite ways, beyond which nobody knows which side of a
 mesh is outside."""
 
@@ -494,7 +494,7 @@ def thinned(mesh: Triangles, most: int) -> Triangles:
         faces = faces[apart]
         _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
         coarser = Triangles(vertices_m=middle, faces=faces[np.sort(first)])
-        cells *= COARSER
+        cells *= _COARSER
     return coarser
 
 
@@ -509,7 +509,7 @@ def faced_outward(mesh: Triangles) -> Triangles:
     )
     ahead = np.bincount(edge, ends[:, 0] < ends[:, 1])
     pairs = uses == 2
-    if int(np.count_nonzero(pairs & (ahead != 1))) > DISAGREE * int(np.count_nonzero(pairs)):
+    if int(np.count_nonzero(pairs & (ahead != 1))) > _DISAGREE * int(np.count_nonzero(pairs)):
         both = np.vstack([faces, faces[:, ::-1] + count])
         return Triangles(vertices_m=np.vstack([mesh.vertices_m, mesh.vertices_m]), faces=both)
     corners = (mesh.vertices_m - mesh.vertices_m.mean(axis=0))[faces]

@@ -26,9 +26,9 @@ from .hulls import hull_corners
 from .meshes import shape_elements, text_of, write_pose
 from .plausibility import BETWEEN
 
-KEY_FRAMES = ("stand", "standing", "home", "default", "init")
+_KEY_FRAMES = ("stand", "standing", "home", "default", "init")
 """Names of key frames in which a robot stands, whatever the height of its base, in this order."""
-FLOOR_M = 0.05
+_FLOOR_M = 0.05
 """A robot stands in another key frame if its lowest point is so near to the plane z = 0 [m]."""
 UPRIGHT = 0.95
 """Cosine of the most that its base leans there."""
@@ -398,7 +398,7 @@ class _Reader:
             low = min((self._lowest(data, g) for b in bodies for g in self._geoms(b)), default=0.0)
             if data.xmat[base][8] < UPRIGHT:
                 dropped.append(f"{name} (leans)")
-            elif abs(low) > FLOOR_M and name not in KEY_FRAMES:
+            elif abs(low) > _FLOOR_M and name not in _KEY_FRAMES:
                 dropped.append(f"{name} ({low:+.2g} m over z = 0)")
             else:
                 state = SubElement(
@@ -450,7 +450,7 @@ def _meet(one: Index, two: Index) -> bool:
 
 
 def _rank(name: str) -> int:
-    return KEY_FRAMES.index(name) if name in KEY_FRAMES else len(KEY_FRAMES)
+    return _KEY_FRAMES.index(name) if name in _KEY_FRAMES else len(_KEY_FRAMES)
 
 
 def _least(limits: Array) -> float:

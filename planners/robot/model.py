@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     from .reach_sets import Sets
     from .robot_model import RobotModel
 
-HEXAPOD = "hexapod"
-USUAL_SERVO = Servo()
+_HEXAPOD = "hexapod"
+_USUAL_SERVO = Servo()
 """The drives of legs that are drawn up where nothing else is said."""
 REACH_M = 0.35
 """Reach of the limbs of the default hexapod [m]."""
 SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by
 so much [m]."""
-NO_TRUNK: Array = cast(Any, (0.0, 0.0, 0.0))
+_NO_TRUNK: Array = cast(Any, (0.0, 0.0, 0.0))
 """Half sides of the trunk of a robot that does not walk; a class attribute, which an array cannot be."""
-SAME_AS_MODEL = 1e-6
+_SAME_AS_MODEL = 1e-6
 """A walking robot's numbers may differ by so much of them from those of its model: rounding."""
 NEAR = 0.05
 """Share of a robot's height by which its feet may be elsewhere, on the mean."""
@@ -155,7 +155,7 @@ class Robot:
     absent: tuple[str, ...] = ()
     feet: tuple[Foot, ...] = ()
     stand_height_m: float = 0.0
-    trunk_half_m: Array = NO_TRUNK
+    trunk_half_m: Array = _NO_TRUNK
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -197,13 +197,13 @@ class Robot:
             self._check(self.model)
             object.__setattr__(self, "identity", self.model.identity)
         elif self.drawn is None and self._is_hexapod():
-            object.__setattr__(self, "drawn", USUAL_SERVO)
+            object.__setattr__(self, "drawn", _USUAL_SERVO)
         if self.feet:
             _check_feet(self)
 
     def _is_hexapod(self) -> bool:
         """Tell whether name and limbs are those of the default hexapod, whatever it carries."""
-        if self.name != HEXAPOD or len(self.limbs) != len(limbs := _hexapod_limbs()):
+        if self.name != _HEXAPOD or len(self.limbs) != len(limbs := _hexapod_limbs()):
             return False
         return all(_same_limb(limb, other) for limb, other in zip(self.limbs, limbs, strict=True))
 
@@ -257,7 +257,7 @@ class Robot:
         if self.model is not None:
             return OwnLegs(self.model)
         if self.drawn is not None:
-            differs = self.drawn != USUAL_SERVO or not self._is_hexapod()
+            differs = self.drawn != _USUAL_SERVO or not self._is_hexapod()
             return DrawnLegs(
                 self.name, self.mass_kg, self.limbs, self.drawn, self.identity, said=differs
             )
@@ -309,7 +309,7 @@ class Robot:
     @property
     def servo(self) -> Servo:
         """The drives of legs that are drawn up."""
-        return self.drawn or USUAL_SERVO
+        return self.drawn or _USUAL_SERVO
 
     @property
     def inertia(self) -> Array | None:
@@ -374,7 +374,7 @@ def hexapod() -> Robot:
         >>> hexapod().mass_kg, len(hexapod().limbs)
         (10.0, 6)
     """
-    return Robot(name=HEXAPOD, mass_kg=10.0, limbs=_hexapod_limbs())
+    return Robot(name=_HEXAPOD, mass_kg=10.0, limbs=_hexapod_limbs())
 
 
 @lru_cache(maxsize=1)
@@ -432,16 +432,22 @@ def _check_model(robot: Robot, inertia: Array, model: RobotModel, where: str) ->
     It may stand lower, crouched, and not higher.
     """
     mass_kg, expected = model.body.mass_kg, model.body.inertia_kgm2
-    if abs(robot.mass_kg - mass_kg) > SAME_AS_MODEL * mass_kg:
+    if abs(robot.mass_kg - mass_kg) > _SAME_AS_MODEL * mass_kg:
         raise InvalidInput(
             f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {robot.mass_kg:.8g}"
         )
-    if not float(np.abs(inertia - expected).max()) <= SAME_AS_MODEL * float(np.abs(expected).max()):
+    if not float(np.abs(inertia - expected).max()) <= _SAME_AS_MODEL * float(
+        np.abs(expected).max()
+    ):
         raise InvalidInput(
             f"{where}: expected the inertia of its model as it stands, got another one"
         )
     low_m, high_m = (1.0 - DEEPEST) * model.stand_height_m, model.stand_height_m
-    if not (1.0 - SAME_AS_MODEL) * low_m <= robot.stand_height_m <= (1.0 + SAME_AS_MODEL) * high_m:
+    if (
+        not (1.0 - _SAME_AS_MODEL) * low_m
+        <= robot.stand_height_m
+        <= (1.0 + _SAME_AS_MODEL) * high_m
+    ):
         raise InvalidInput(
             f"{where}: expected to stand as high as its model, {high_m:.6g} m, or crouched down to "
             f"{low_m:.6g} m, "

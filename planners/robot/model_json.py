@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 MOST_LETTERS = 2_000_000
 """Most letters of a URDF inside another file."""
-MOST_LEGS, MOST_JOINTS, MOST_PAIRS = 64, 64, 20_000
+_MOST_LEGS, MOST_JOINTS, MOST_PAIRS = 64, 64, 20_000
 Word = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
@@ -48,7 +48,7 @@ class ModelJson(_Keys):
     """
 
     urdf: Annotated[str, Field(max_length=MOST_LETTERS)]
-    legs: Annotated[list[LegJson], Field(min_length=1, max_length=MOST_LEGS)]
+    legs: Annotated[list[LegJson], Field(min_length=1, max_length=_MOST_LEGS)]
     disabled_pairs: Annotated[
         list[Annotated[list[Word], Field(min_length=1, max_length=2)]], Field(max_length=MOST_PAIRS)
     ]

@@ -43,9 +43,9 @@ STEPS = 48
 DIRECTIONS = 128
 MOST_POINTS = 2500
 """Most points of a hull that is turned; more are thinned."""
-MOST_SUMMED = 200
+_MOST_SUMMED = 200
 """Most points of a hull that is added to another one."""
-COARSEST = 0.005
+_COARSEST = 0.005
 """Share of a hull's size: how far the finest thinning moves a point at most."""
 ROUNDING_M = 1e-9
 """Added for the arithmetic."""
@@ -89,7 +89,7 @@ class Cloud:
 
     def fewer(self, most: int) -> Cloud:
         """A cloud that holds this one, of so many points or a few more."""
-        points, slack, share = self.points, 0.0, COARSEST
+        points, slack, share = self.points, 0.0, _COARSEST
         size = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-6)
         while len(points) > most and share < 1.0:
             points, slack = _thinned(self.points, 0.5 * share * size)
@@ -144,7 +144,7 @@ def turned(
 def summed(one: Cloud, two: Cloud) -> Cloud:
     """Every sum of a vector of one and a vector of the other."""
     if len(one.points) * len(two.points) > MOST_POINTS:
-        one, two = (each.fewer(MOST_SUMMED) for each in (one, two))
+        one, two = (each.fewer(_MOST_SUMMED) for each in (one, two))
     points = (one.points[:, None] + two.points[None]).reshape(-1, 3)
     return Cloud(points=_extreme(points), slack_m=one.slack_m + two.slack_m)
 
@@ -197,11 +197,11 @@ def enclosing_ball(points: Array, rounds: int = 200) -> tuple[Array, float]:
 VERSION = "outer-sets/1"
 MOST = 250
 """Most points of a hull that is turned; more are thinned."""
-DEEPER = 2.0
+_DEEPER = 2.0
 """How deep a centre of mass is assumed to get into the ground, in distances that it may be outside of
 the trunk. Drawn robots whose legs are 20 to 85 % of their mass got less than one deep into a wall with
 their bodies beside it and above it, in a search for the deepest."""
-CONTAINS_M = 1e-9
+_CONTAINS_M = 1e-9
 """A set holds another one that is larger by no more than the rounding of a file [m]."""
 
 
@@ -234,13 +234,13 @@ class OuterSets:
             limbs, self.feet_m, self.balls_m, radii_m, strict=True
         ):
             beyond = float(np.linalg.norm(ball[:3] - limb.shoulder_m)) + ball[3] + radius
-            if beyond > limb.reach_m + CONTAINS_M:
+            if beyond > limb.reach_m + _CONTAINS_M:
                 return False
             if limb.reach_rows is None:
                 continue
             corners = Polytope(normals=self.normals, offsets_m=bounds).vertices
             most = (corners @ limb.reach_rows.normals.T).max(axis=0) + radius
-            if np.any(most > limb.reach_rows.bounds_m + CONTAINS_M):
+            if np.any(most > limb.reach_rows.bounds_m + _CONTAINS_M):
                 return False
         return True
 
@@ -494,7 +494,7 @@ class Extent:
         """How far below the ground under it the centre of mass is assumed to be at most, 0 of one that
         never leaves the trunk and inf where no trunk is known [m].
         """
-        return DEEPER * max(self.outward_m, 0.0)
+        return _DEEPER * max(self.outward_m, 0.0)
 
     @classmethod
     def of(cls, robot: Robot) -> Extent:

@@ -21,19 +21,19 @@ from .meshes import Shape, pose_of, shape_points
 
 Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""
-ROUNDED, ROUNDED_KGM2 = 0.05, 4e-6
+ROUNDED, _ROUNDED_KGM2 = 0.05, 4e-6
 """By how much rounding may break the triangle's inequality: as a share of the largest moment, and
 in all [kg m²].
 
 A placeholder, 1e-6 in all six entries of a frame that weighs nothing, has a largest moment of
 3e-6."""
-SLIGHT = 1e-3
+_SLIGHT = 1e-3
 """A moment of this share of M L², M the robot's mass and L its leg, changes nothing: a sensor's
 frame with a placeholder, or with moments that no body has."""
 FAR = 10.0
 """A moment of this many times m R² is one in other units."""
-NO_SHAPE = "no shape"
-VAST = 20.0
+_NO_SHAPE = "no shape"
+_VAST = 20.0
 """A shape of so many lengths of a leg is in other units."""
 LEAST_SHARE = 0.01
 """Share of the robot's mass that its trunk has at least."""
@@ -89,7 +89,7 @@ def body_doubts(
     reach = max((leg.chain.length_m for leg in legs), default=1.0)
     masses = dict[tuple[int | None, int], float]()
     links = [(link.get("name", ""), *link_inertia(link)) for link in root.findall("link")]
-    slight = SLIGHT * sum(mass for _, mass, *_ in links) * reach**2
+    slight = _SLIGHT * sum(mass for _, mass, *_ in links) * reach**2
     for name, mass, centre, moments in links:
         if (mount := mounts.get(name)) is not None:
             masses[mount.leg, mount.joint] = masses.get((mount.leg, mount.joint), 0.0) + mass
@@ -123,16 +123,16 @@ def shape_doubts(
     reach = max((leg.chain.length_m for leg in legs), default=1.0)
     mine = [mounts[shape.link].leg for shape in shapes if shape.link in mounts]
     if None not in mine:
-        yield f"link {_first(mounts, None, -1)}", NO_SHAPE
+        yield f"link {_first(mounts, None, -1)}", _NO_SHAPE
     for shape in shapes:
         points = shape_points(shape)
         size = 0.0 if points is None else float(np.ptp(points, axis=0).max())
-        if size > VAST * reach:
+        if size > _VAST * reach:
             yield f"link {shape.link}", f"a shape of {size:.3g} m: other units?"
     for link in root.findall("link"):
         mass, _, (small, middle, large) = link_inertia(link)
         flat = large > middle + ROUNDED * large  # a rod has two moments that are the same
-        if mass > 0.0 and small <= 0.0 and large > ROUNDED_KGM2 and flat:
+        if mass > 0.0 and small <= 0.0 and large > _ROUNDED_KGM2 and flat:
             yield (
                 f"link {link.get('name')}",
                 f"a moment of inertia of {small:.3g} kg m² beside others",
@@ -144,7 +144,7 @@ def impossible(mass_kg: float, moments: Array) -> str:
     where one may.
     """
     small, middle, large = (float(moment) for moment in moments)
-    room = max(ROUNDED * abs(large), ROUNDED_KGM2)
+    room = max(ROUNDED * abs(large), _ROUNDED_KGM2)
     if mass_kg < 0.0:
         return f"a mass of {mass_kg:g} kg"
     if small < -room:
@@ -156,10 +156,10 @@ def impossible(mass_kg: float, moments: Array) -> str:
 
 def _inertia_doubt(mass: float, moments: Array, size_m: float, slight: float) -> str:
     why = impossible(mass, moments)
-    if why and not (mass >= 0.0 and moments[0] >= -ROUNDED_KGM2 and moments[2] <= slight):
+    if why and not (mass >= 0.0 and moments[0] >= -_ROUNDED_KGM2 and moments[2] <= slight):
         return why
     most = FAR * mass * size_m**2
-    if mass > 0.0 and moments[2] > max(most + ROUNDED_KGM2, slight):
+    if mass > 0.0 and moments[2] > max(most + _ROUNDED_KGM2, slight):
         return f"a moment of inertia of {moments[2]:.3g} kg m², of {mass:.3g} kg within {size_m:.2g} m: other units?"
     return ""
 

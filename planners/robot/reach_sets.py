@@ -34,7 +34,7 @@ from .workspace import Workspace, workspaces_of
 NAME = re.compile(r"^(?P<what>.+)_constraints_in_(?P<foot>[A-Za-z0-9]+).*\.obj$")
 """Name of a file: what the set is of, and the foot that it begins from."""
 COM = "COM"
-PREFERRED = "reduced"
+_PREFERRED = "reduced"
 """Of several files for the same set, the one whose name has this."""
 SLACK_M = 1e-6
 """The ball about a limb's half-spaces is this much larger than the one about their corners."""
@@ -196,7 +196,7 @@ def _files(folder: Path, limbs: Sequence[str]) -> dict[tuple[str, str], Path]:
 
 
 def _one(paths: list[Path]) -> Path:
-    named = [path for path in paths if PREFERRED in path.name.lower()] or paths
+    named = [path for path in paths if _PREFERRED in path.name.lower()] or paths
     if len(named) > 1:
         raise InvalidInput(
             f"{paths[0].parent}: expected one file a set, got {named[0].name} and {named[1].name}"

@@ -131,13 +131,13 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
         return model_of_keys(read_keys(path), path, srdf)
     if path.suffix in ROBOTS:
         semantics = "" if srdf is None else read_text(srdf)
-        return model_of_file(path, srdf=semantics)
+        return _model_of_file(path, srdf=semantics)
     if str(name) in BUILT_IN:
         return hexapod_model()
     raise unknown(name, BUILT_IN)
 
 
-def model_of_file(path: Path, **more: Any) -> RobotModel:
+def _model_of_file(path: Path, **more: Any) -> RobotModel:
     """The robot of a URDF, or of an MJCF, which a name that ends in .xml has unless it is a URDF.
 
     Arguments:
@@ -230,7 +230,7 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
     urdf = folder / keys.urdf
     semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
     try:
-        return model_of_file(
+        return _model_of_file(
             urdf,
             packages=[(folder / each).resolve() for each in keys.packages],
             srdf="" if semantics is None else read_text(semantics),

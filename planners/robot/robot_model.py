@@ -53,15 +53,15 @@ from .urdf_reader import (
     turned,
 )
 
-DROP = 0.75
+_DROP = 0.75
 """Share of how far below its hip a foot can be, at which it stands."""
 SAMPLES = 4000
-NEAREST = 200
+_NEAREST = 200
 ALONG = 0.1
 """A joint's axis is along the first of x, y and z that it has more of."""
-EASINGS, EASING = 100, 0.1
+_EASINGS, _EASING = 100, 0.1
 """Steps towards the middle of the limits, and the longest of one, in halves of them."""
-BACKWARD = 0.2
+_BACKWARD = 0.2
 """Preference of a knee to the rear, where both ways are as good: all legs then bend alike."""
 
 
@@ -84,16 +84,16 @@ def standing(leg: Leg) -> Array:
     feet = leg.chain.feet(angles)
     straight = leg.chain.feet(rest[None])[0]
     target = np.array(
-        [hip[0], 0.5 * (hip[1] + straight[1]), hip[2] + DROP * (float(feet[:, 2].min()) - hip[2])]
+        [hip[0], 0.5 * (hip[1] + straight[1]), hip[2] + _DROP * (float(feet[:, 2].min()) - hip[2])]
     )
-    near = np.argsort(np.linalg.norm(feet - target, axis=1))[:NEAREST]
+    near = np.argsort(np.linalg.norm(feet - target, axis=1))[:_NEAREST]
     middle, half = 0.5 * (leg.lower_rad + leg.upper_rad), 0.5 * (leg.upper_rad - leg.lower_rad)
     angles_found, error = descend(leg, np.repeat(target[None], len(near), axis=0), angles[near])
     strain = np.max(
         np.abs(angles_found - middle) / np.maximum(half, 1e-9), axis=1
     ) + 1e3 * np.maximum(error - REACHED_M, 0.0)
     knees = leg.chain.frames(angles_found)[1][:, -1]
-    strain = strain + BACKWARD * (knees[:, 0] - hip[0]) / max(leg.chain.length_m, 1e-9)
+    strain = strain + _BACKWARD * (knees[:, 0] - hip[0]) / max(leg.chain.length_m, 1e-9)
     best = np.asarray(angles_found[int(np.argmin(strain))])
     return best if len(best) <= 3 else _eased(leg, best)
 
@@ -106,14 +106,14 @@ def _eased(leg: Leg, angles: Array) -> Array:
     """
     middle, half = 0.5 * (leg.lower_rad + leg.upper_rad), 0.5 * (leg.upper_rad - leg.lower_rad)
     target, eased = leg.chain.feet(angles[None]), (angles - middle) / np.maximum(half, 1e-9)
-    for _ in range(EASINGS):
+    for _ in range(_EASINGS):
         foot, jacobian = leg.chain.feet_and_jacobian((middle + half * eased)[None])
         free = np.ones(len(eased), dtype=bool)
         for _ in range(2):  # the second time without joints that are held at their limits
             rows = jacobian[0] * half * free
             step = free * (np.linalg.pinv(rows) @ (rows @ eased + (target - foot)[0]) - eased)
             free &= (np.abs(eased) < 1.0) | (step * eased < 0.0)
-        eased = np.clip(eased + np.clip(step, -EASING, EASING), -1.0, 1.0)
+        eased = np.clip(eased + np.clip(step, -_EASING, _EASING), -1.0, 1.0)
     found, error = descend(leg, target, (middle + half * eased)[None])
     return found[0] if error[0] <= REACHED_M else angles
 
@@ -121,21 +121,21 @@ def _eased(leg: Leg, angles: Array) -> Array:
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is
 there."""
-ROTOR_S2 = 2e-4
+_ROTOR_S2 = 2e-4
 """A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in
 units of what holds the robot's weight at a leg's length [Nm]."""
 STIFFNESS, DAMPING_S = 1.0, 0.04
 """Gains of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the
 robot's weight at a leg's length [Nm], and Kd / Kp [s]."""
-STRONGEST = 10.0
+_STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
-SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
+SLIDES, _IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
 STRAIGHT, BENT = 0.94, 0.9
 """Shares of the greatest distance from its hip that a foot or an ankle gets to: beyond the first
 a leg is straight, and it bends if it gets to the second."""
-KNEE_RAD = 0.6
+_KNEE_RAD = 0.6
 """Angle by which the knee of a straight leg is bent."""
-LEG_M = 0.48
+_LEG_M = 0.48
 """Length of the links of a leg of a robot whose size is 1 [m]."""
 STANDS = 0.25
 """Share of its length by which a leg's foot is below its hip, where a robot stands."""
@@ -214,8 +214,8 @@ class RobotModel:
 
     @property
     def size(self) -> float:
-        """Length of the longest leg's links, in those of a dog of ``LEG_M``."""
-        return max(leg.chain.length_m for leg in self.legs) / LEG_M
+        """Length of the longest leg's links, in those of a dog of ``_LEG_M``."""
+        return max(leg.chain.length_m for leg in self.legs) / _LEG_M
 
     @property
     def leg_names(self) -> tuple[str, ...]:
@@ -264,7 +264,7 @@ class RobotModel:
         slide, and passive ones, which only a file of actuators gives something to hold with.
         """
         idle = [
-            (joint.name, IDLE)
+            (joint.name, _IDLE)
             for leg in self.legs
             for joint in leg.joints
             if not joint.slides and (joint.torque_nm <= 0.0 or joint.velocity_rad_s <= 0.0)
@@ -308,7 +308,7 @@ class RobotModel:
         if self.servo is not None:
             return self.servo.stiffness_nm_rad, self.servo.damping_nms_rad, self.servo.rotor_kg_m2
         stiffness = STIFFNESS * self.carried_nm
-        return stiffness, DAMPING_S * stiffness, ROTOR_S2 * self.carried_nm
+        return stiffness, DAMPING_S * stiffness, _ROTOR_S2 * self.carried_nm
 
     @cached_property
     def rotors_kg_m2(self) -> Array:
@@ -595,7 +595,7 @@ def _unbent(leg: Leg, angles: dict[str, float]) -> bool:
     if not all(name in angles for name in leg.joint_names):
         return False
     stood = np.array([angles[name] for name in leg.joint_names])
-    side = np.where(leg.upper_rad - stood > stood - leg.lower_rad, KNEE_RAD, -KNEE_RAD)
+    side = np.where(leg.upper_rad - stood > stood - leg.lower_rad, _KNEE_RAD, -_KNEE_RAD)
     tries = np.clip(stood + np.diag(side), leg.lower_rad, leg.upper_rad)
     every = leg.random_angles(SAMPLES, np.random.default_rng(0))
     far = _lengths(leg, np.concatenate([stood[None], tries, every]))
@@ -701,7 +701,7 @@ def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
     """Torque limits that are not said, or that no joint of such a robot has."""
     doubts = []
     for leg in legs:
-        most = STRONGEST * body.mass_kg * GRAVITY_M_S2 * leg.chain.length_m
+        most = _STRONGEST * body.mass_kg * GRAVITY_M_S2 * leg.chain.length_m
         for joint in leg.joints:
             if joint.torque_nm <= 0.0:
                 doubts.append(

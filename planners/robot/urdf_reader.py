@@ -19,7 +19,7 @@ from ..errors import InvalidInput, not_installed
 from ..files.arrays import LARGEST
 from ..files.documents import parse_xml, shown
 
-DEEPEST_XML = 30
+_DEEPEST_XML = 30
 MOST_JOINTS, MOST_MOVING = 500, 150
 """Most joints of a URDF, and of those that are not fixed: what pinocchio asks for grows with their
 cube."""
@@ -47,7 +47,7 @@ def parsed(text: str, where: str) -> Element:
     depth that is usual.
     """
     try:
-        root = parse_xml(text, "robot", deepest=DEEPEST_XML)
+        root = parse_xml(text, "robot", deepest=_DEEPEST_XML)
     except InvalidInput as error:
         raise InvalidInput(f"{where}: expected a URDF: {error}") from None
     kinds = [joint.get("type") for joint in root.findall("joint")]
@@ -122,9 +122,9 @@ def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-FLYING = ("floating", "planar")
+_FLYING = ("floating", "planar")
 """Types of a root joint that is the base's own freedom."""
-FLIES = ("JointModelFreeFlyer", "JointModelPlanar")
+_FLIES = ("JointModelFreeFlyer", "JointModelPlanar")
 """The same, as pinocchio calls them."""
 
 
@@ -149,7 +149,7 @@ def remove_root_joint(root: Element) -> bool:
             and world.find("collision") is None
             and world.find("visual") is None
         )
-        if empty and len(roots) == 1 and roots[0].get("type") in FLYING:
+        if empty and len(roots) == 1 and roots[0].get("type") in _FLYING:
             root.remove(roots[0])
             root.remove(world)
             return True
@@ -215,7 +215,7 @@ def built(text: str, where: str) -> Any:
             ) from None
     base = base_joint(model)
     for j in range(base + 1, model.njoints):
-        if model.joints[j].shortname() in FLIES:
+        if model.joints[j].shortname() in _FLIES:
             raise InvalidInput(
                 f"{where}: joint '{model.names[j]}': expected joints that are floating or planar "
                 "above the base alone, "

@@ -196,7 +196,7 @@ LEGS = (4, 6)
 """Numbers of legs that there are gaits for (``problem.gaits.GAITS``)."""
 ROOM = 0.05
 """Share of the leg's length: a foot stands so far inside what it reaches, or farther."""
-CROUCHES = 101
+_CROUCHES = 101
 """Number of heights that are tried."""
 UP = np.array([0.0, 0.0, 1.0])
 UP.setflags(write=False)
@@ -322,7 +322,7 @@ def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: A
 
     Raises InvalidInput, with the foot that lacks most, where none is deep enough.
     """
-    depths = np.linspace(0.0, DEEPEST * model.stand_height_m, CROUCHES)
+    depths = np.linspace(0.0, DEEPEST * model.stand_height_m, _CROUCHES)
     lack = np.array(
         [
             [

@@ -33,26 +33,26 @@ if TYPE_CHECKING:
 
 SAMPLES = 60_000
 """Postures a joint, by which voxels are reached."""
-VOXELS = 36
+_VOXELS = 36
 """Along the leg's length."""
-MOST_FACES, ROUNDS = 200, 4
+_MOST_FACES, ROUNDS = 200, 4
 """Most faces of a polytope while it grows; ellipsoids that are tried."""
-MOST_INSIDE = 12_000
+_MOST_INSIDE = 12_000
 """Voxels by which an ellipsoid is fitted."""
 SEEDS, TRIES = 8_000, 2
 """Postures to start inverse kinematics from, and how many of them for each point."""
-CHECKED, CUTS = 4_000, 16
+CHECKED, _CUTS = 4_000, 16
 """Points by which a polytope is checked, and by which shares are measured; how often it is cut."""
-RETREATS, ENOUGH = (0.5, 1.0, 1.5), 0.4
+_RETREATS, ENOUGH = (0.5, 1.0, 1.5), 0.4
 """Voxels by which half-spaces stay away from those that are not reached, one after the other until
 the polytope covers so much: a thin set, of joints with narrow ranges, is cut to nothing where they
 are near."""
 MISSED = 0.0008
 """Share of a polytope that may be out of reach, as far as its points tell."""
-DEAR = 25.0
+_DEAR = 25.0
 """Points within reach that may be lost with one that is not."""
-MOST_TANGENTS = 20
-USEFUL = 0.15
+_MOST_TANGENTS = 20
+_USEFUL = 0.15
 """Share of the leg's length: feet that are so far below the hip are of use, and count in
 ``cover``."""
 CUBE = np.ones((3, 3, 3), dtype=np.bool_)
@@ -93,7 +93,7 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
     rng = np.random.default_rng(seed)
     voxels, seeds = _Voxels(leg, rng), Seeds(leg, leg.random_angles(SEEDS, rng), tries=TRIES)
     cover, inner = -1.0, Polytope(normals=np.zeros((0, 3)), offsets_m=np.zeros(0))
-    for retreat in RETREATS:
+    for retreat in _RETREATS:
         tried = _cut(voxels.polytope(leg.nominal_m, retreat), seeds, rng)
         useful = voxels.useful(CHECKED, rng)
         held = tried.contains(useful[_reached(seeds, useful)])
@@ -118,7 +118,7 @@ class _Voxels:
     def __init__(self, leg: Leg, rng: np.random.Generator) -> None:
         from scipy.ndimage import binary_closing  # slow to import
 
-        self.size = leg.chain.length_m / VOXELS
+        self.size = leg.chain.length_m / _VOXELS
         feet = leg.chain.feet(leg.random_angles(SAMPLES * len(leg.joints), rng))
         self.reach_m = float(np.linalg.norm(feet - leg.hip_m, axis=1).max())
         self.corner = feet.min(axis=0) - 2.0 * self.size
@@ -128,7 +128,7 @@ class _Voxels:
         reached.ravel()[np.ravel_multi_index(tuple(cells.T), shape)] = True
         self.reached = binary_closing(reached, CUBE)
         swings = leg.chain.frames(leg.stance_rad[None])[1][0, min(1, len(leg.joints) - 1)]
-        self.useful_m = float(swings[2] - USEFUL * leg.chain.length_m)
+        self.useful_m = float(swings[2] - _USEFUL * leg.chain.length_m)
 
     def polytope(self, home: Array, retreat: float) -> Polytope:
         """Half-spaces around the home of a foot that no unreached voxel is in, so many voxels away
@@ -139,7 +139,7 @@ class _Voxels:
         walls = self._centres(binary_dilation(self.reached) & ~self.reached)
         inside = self._centres(self.reached)
         deep = distance_transform_edt(self.reached)[self.reached] * (inside[:, 2] < self.useful_m)
-        deepest, inside = inside[int(np.argmax(deep))], inside[:: 1 + len(inside) // MOST_INSIDE]
+        deepest, inside = inside[int(np.argmax(deep))], inside[:: 1 + len(inside) // _MOST_INSIDE]
         best = -1, np.zeros((0, 3)), np.zeros(0)
         for start in (home, deepest):
             metric, centre = np.eye(3), start
@@ -180,7 +180,7 @@ class _Voxels:
         away = walls - centre
         left = walls[np.argsort(np.einsum("ki,ki->k", away @ inverse, away))]
         normals, offsets = list[Array](), list[float]()
-        while len(left) and len(normals) < MOST_FACES:
+        while len(left) and len(normals) < _MOST_FACES:
             wall = left[0]
             for normal in (
                 inverse @ (wall - centre),
@@ -210,14 +210,14 @@ def _cut(inner: Polytope, seeds: Seeds, rng: np.random.Generator) -> Polytope:
     """The polytope without the parts that inverse kinematics does not reach, tried on fresh points
     in every round.
     """
-    for _ in range(CUTS):
+    for _ in range(_CUTS):
         points = inner.sample(CHECKED, rng)
         missed = ~_reached(seeds, points)
         if np.count_nonzero(missed) <= MISSED * CHECKED:
             break
         tangents = (points[missed] - points.mean(axis=0)) @ np.linalg.inv(np.cov(points.T))
         tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
-        candidates = np.vstack([inner.normals, tangents[:MOST_TANGENTS]])
+        candidates = np.vstack([inner.normals, tangents[:_MOST_TANGENTS]])
         normals, offsets = _best_faces(candidates, points, missed)
         if not len(normals):
             break
@@ -230,7 +230,7 @@ def _best_faces(candidates: Array, points: Array, missed: np.ndarray) -> tuple[A
     each of those, less one for each other point that it leaves out.
     """
     normals, offsets = list[Array](), list[float]()
-    along, value = points @ candidates.T, np.where(missed, DEAR, -1.0)
+    along, value = points @ candidates.T, np.where(missed, _DEAR, -1.0)
     order = np.argsort(-along, axis=0).T  # of all points that are left, a row each candidate
     while missed.any():
         worth = np.cumsum(value[order], axis=1).T

@@ -99,7 +99,7 @@ Kind = Literal["postures", "courses"]
 """The two kinds of question that planners are asked."""
 POSTURE_LIMIT_S, COURSE_LIMIT_S = 30.0, 60.0
 """Time limits of one posture problem and of one course where none is given [s]."""
-GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
+_GIVEN = "with the reach that the problem gives the legs of {}, whatever else they reach"
 """Reason of an infeasible posture of a robot's file: problems are drawn over the inner sets of its
 legs."""
 
@@ -262,7 +262,7 @@ class Acceptance:
 def _given(problem: Problem) -> str:
     """Set that a proof of a posture problem is over, where its robot may reach further."""
     return (
-        GIVEN.format(problem.robot.identity)
+        _GIVEN.format(problem.robot.identity)
         if problem.is_posture and problem.robot.identity
         else ""
     )

@@ -37,15 +37,15 @@ from .cuts import LEAF
 from .exact import ExactPlanner
 from .witness import Iteration, witnesses
 
-CLEAR = 1e-3
+_CLEAR = 1e-3
 """Contacts have to lack this share of the weight, so that a solver's tolerance has no say."""
-AZIMUTH = np.arange(8) * np.pi / 4.0
-ELEVATION = 1.05
+_AZIMUTH = np.arange(8) * np.pi / 4.0
+_ELEVATION = 1.05
 DIRECTIONS = np.column_stack(
     [
-        np.cos(ELEVATION) * np.cos(AZIMUTH),
-        np.cos(ELEVATION) * np.sin(AZIMUTH),
-        np.full(8, np.sin(ELEVATION)),
+        np.cos(_ELEVATION) * np.cos(_AZIMUTH),
+        np.cos(_ELEVATION) * np.sin(_AZIMUTH),
+        np.full(8, np.sin(_ELEVATION)),
     ]
 )
 """Unit vectors d, steep: on walls it is friction that lacks, and a little to the side the normals
@@ -65,7 +65,7 @@ def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
     most = np.maximum(along[..., 0] + scaled.friction[..., None] * shear, 0.0)
     pushed = np.matmul(np.maximum(scaled.like.force_max[:, 0], 0.0), most)
     like = scaled.like
-    least = like.weight * (DIRECTIONS[:, 2] - CLEAR)
+    least = like.weight * (DIRECTIONS[:, 2] - _CLEAR)
     if like.layout.wrench:
         least = least - DIRECTIONS @ like.wrench[0, :3]
     return np.asarray((pushed < least).any(axis=1))
@@ -134,7 +134,7 @@ def gone_on(
     return _accepted(batch, iteration.scaled, iteration.claims(until), tolerance)
 
 
-def with_toes(batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: float = 1e-6) -> Found:
+def _with_toes(batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: float = 1e-6) -> Found:
     """The middle of what these postures' toes leave, by the index of the problem; none where that
     has no inside.
     """
@@ -295,7 +295,7 @@ class _Batch:
             )
             if answer.solution is not None:
                 postures[k] = answer.solution
-        for k, (posture, off) in with_toes(
+        for k, (posture, off) in _with_toes(
             self._batch, postures, tolerance=self._accept.tolerance
         ).items():
             self.answers[k] = replace(self.answers[k], solution=posture, report=None, residual=off)

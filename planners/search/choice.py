@@ -33,16 +33,16 @@ from .nogoods import Nogoods
 from .pieces import Standing
 
 Features = dict[str, NDArray[np.float32]]
-BOUND = 8.0
+_BOUND = 8.0
 """Bound on what is seen, in length scales: farther things are seen at the bound."""
 BOUNDS = {
     "offered": (0.0, 1.0),
     "left": (0.0, 1.0),
     "normals": (-1.0, 1.0),
     "footing": (-1.0, 1.0),
-    "friction": (0.0, BOUND),
-    "grip": (0.0, BOUND),
-    "reach": (0.0, BOUND),
+    "friction": (0.0, _BOUND),
+    "grip": (0.0, _BOUND),
+    "reach": (0.0, _BOUND),
 }
 
 
@@ -68,7 +68,7 @@ class CourseFeatures:
     def bounds(self) -> dict[str, tuple[float, float, int]]:
         """The least and the greatest value of every feature, and how many values it has."""
         return {
-            name: (*BOUNDS.get(name, (-BOUND, BOUND)), values.size)
+            name: (*BOUNDS.get(name, (-_BOUND, _BOUND)), values.size)
             for name, values in self._blank().items()
         }
 
@@ -107,7 +107,7 @@ class CourseFeatures:
         seen["goal"][:] = (course.goal_m - com_m) / scale
         seen["left"][:] = (course.frames - 1 - frame) / max(course.frames - 1, 1)
         return {
-            name: np.clip(values, -BOUND, BOUND).astype(np.float32).ravel()
+            name: np.clip(values, -_BOUND, _BOUND).astype(np.float32).ravel()
             for name, values in seen.items()
         }
 
@@ -143,7 +143,7 @@ WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
 LEAST = 3e-6
 """A gap is relative to the objective, or to this where the objective is smaller."""
-DIVES, SWEEPS, CUT_PRICE, GUMBEL = 12, 4, 200.0, 0.3
+_DIVES, SWEEPS, _CUT_PRICE, _GUMBEL = 12, 4, 200.0, 0.3
 """Numbers of the dive: tries, sweeps of a descent over the choices, price of a violated cut, noise
 on the preference."""
 Project = Callable[[Scaled, Point, bool], Point]
@@ -262,11 +262,11 @@ class ChoiceSearch:
             self._blame_stances(guess)
         rng = np.random.default_rng(0)
         preference = _preference(self._scaled)
-        for k in range(DIVES):
+        for k in range(_DIVES):
             if self.found is not None or self._late():
                 break
             self.dived = k + 1
-            noise = GUMBEL * rng.gumbel(size=preference.shape) if k else 0.0
+            noise = _GUMBEL * rng.gumbel(size=preference.shape) if k else 0.0
             self._try(self._dive(preference, np.argmax(preference + noise, axis=1), rng))
 
     def _dive(self, preference: Array, choice: Index, rng: np.random.Generator) -> Index:
@@ -280,7 +280,7 @@ class ChoiceSearch:
                 rest = value - finite[:, p, choice[p]]
                 violation = np.maximum(rest[:, None] + finite[:, p], 0.0).sum(axis=0)
                 violation = violation + self._nogoods.covering(choice, int(p))
-                choice[p] = int(np.argmin(CUT_PRICE * violation - preference[p]))
+                choice[p] = int(np.argmin(_CUT_PRICE * violation - preference[p]))
                 value = rest + finite[:, p, choice[p]]
             if (before == choice).all():
                 break

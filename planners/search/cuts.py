@@ -217,13 +217,13 @@ WHOLE = 1e-4
 PATCH_UNIT_M = 0.2
 """A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut
 the patch instead."""
-NEAR_ENDS = 0.1
+_NEAR_ENDS = 0.1
 """A force interval is split where the lift has the force, but no nearer to an end than this share
 of it."""
 FLAT = 0.1
 """Pieces of a patch may leave out so large a share of the gap; of a patch that is bent more, only
 forces are split."""
-WORTH, WORTH_LEAST = 3.0, 2e-3
+WORTH, _WORTH_LEAST = 3.0, 2e-3
 """Below the root, SCP steps on only where the first toes leave less than this many bounds, and
 this, of moment."""
 PROVABLE = None
@@ -234,7 +234,7 @@ WIDENED = 5e-6
 counts."""
 STEPS = 4
 """Most linearised steps of SCP at a node."""
-BENEATH = 0.9
+_BENEATH = 0.9
 """A point that leaves less than this share of the gap says that no proof will be accepted; of the
 lift's bound at the root, in units of what a point may leave, ``ABOVE`` says that no point will."""
 ABOVE = 20.0
@@ -355,7 +355,7 @@ class CutSearch:
         """
         choice, start = node.lift.rounded()
         worth, steps = (
-            float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST,
+            float("inf") if node is self.root else WORTH * node.lift.bound + _WORTH_LEAST,
             STEPS,
         )
         if self._wanted is Status.INFEASIBLE:  # a point only saves the rest of the search
@@ -372,7 +372,7 @@ class CutSearch:
         """Tell whether the wanted result cannot come any more: a bound lies above every point, or a
         point below all proofs.
         """
-        beneath = self._gap is not None and self._least <= BENEATH * self._gap
+        beneath = self._gap is not None and self._least <= _BENEATH * self._gap
         above = node is self.root and node.lift.bound > ABOVE * self._on_surface
         vain = (self._wanted is Status.INFEASIBLE and beneath) or (
             self._wanted is Status.FEASIBLE and above
@@ -439,7 +439,7 @@ def branch(
         row = (2.0, float(foothold), float(number), first, second)
         return row, [scaled.with_piece(candidate, part) for part in cut(piece, first, second)]
     force = float(lift.by_vertex[scaled.layout.contact_vertices[0] == contact, axis].sum())
-    room = NEAR_ENDS * width
+    room = _NEAR_ENDS * width
     value = min(max(force, least + room), most - room) if width > 0.0 else 0.5 * (least + most)
     value = min(max(value, float(low[contact, axis])), float(high[contact, axis]))
     below, above = high.copy(), low.copy()

@@ -38,7 +38,7 @@ from .cuts import CutSearch, bent_patches, branch
 from .enveloped import over_sides
 from .two_stage import TwoStagePlanner, decide
 
-REFUTED_MARGIN = 1e-6
+_REFUTED_MARGIN = 1e-6
 """A box is refuted where P1's margin exceeds this: a hundred times the solver's tolerance."""
 ROUNDING = 1e-9
 SWEEPS = 3
@@ -149,7 +149,7 @@ class BoxSearch:
             return OpenBox(
                 box=box, margin=0.0, point=middle, gaps=np.zeros((len(middle), 3, 3)), depth=depth
             ), None
-        if answer.margin > REFUTED_MARGIN or answer.at is None or answer.excess is None:
+        if answer.margin > _REFUTED_MARGIN or answer.at is None or answer.excess is None:
             return None
         gaps = np.abs(answer.excess)
         return OpenBox(

@@ -40,14 +40,14 @@ FINEST_M, MOST_CELLS = 0.005, 300_000
 MOST_NODES, MOST_PIECES = 7, 600
 """Surfaces are put together until there are so few; more footholds than this are not looked at."""
 DIRECTIONS = 32
-TOGETHER_M, SAME_M, SAME_COS = 0.06, 0.01, 0.9994
+_TOGETHER_M, SAME_M, _SAME_COS = 0.06, 0.01, 0.9994
 """Pieces of one plane, to 1 cm and 2 degrees, are one surface where they are no farther apart than
 this [m]."""
 SLACK_M = 1e-6
 """Room for rounding [m]."""
-COVERED_M = 1e-3
+_COVERED_M = 1e-3
 """Cracks between surfaces twice as wide are closed [m]."""
-LEVELS = 12
+_LEVELS = 12
 """Heights about which moments are taken."""
 Cells = NDArray[np.bool_]
 
@@ -171,7 +171,7 @@ class _Flood:
             flat = patch.vertices_m[:, :2]
             (i, j), (k, m) = (
                 [int(np.searchsorted(line, end)) for line, end in zip((x, y), ends, strict=True)]
-                for ends in (flat.min(axis=0) - COVERED_M, flat.max(axis=0) + COVERED_M)
+                for ends in (flat.min(axis=0) - _COVERED_M, flat.max(axis=0) + _COVERED_M)
             )
             along, aside = x[i:k, None], y[j:m]
             out = np.full((k - i, m - j), -np.inf)
@@ -180,8 +180,8 @@ class _Flood:
             rise = patch.normal[:2] / patch.normal[2]
             height = patch.centre_m[2] - (along - patch.centre_m[0]) * rise[0]
             height = height - (aside - patch.centre_m[1]) * rise[1]
-            sunk = height - COVERED_M / patch.normal[2]
-            lower = np.where(out <= COVERED_M, sunk, np.inf)
+            sunk = height - _COVERED_M / patch.normal[2]
+            lower = np.where(out <= _COVERED_M, sunk, np.inf)
             ground[i:k, j:m] = np.minimum(ground[i:k, j:m], lower)
             if number in self.tops:
                 higher = np.where(out <= 0.0, sunk, -np.inf)
@@ -195,7 +195,7 @@ class _Flood:
 
         count = int((inside_m - self.half) / self.spacing)
         steps = self.spacing * np.arange(-count, count + 1)
-        away = np.hypot(steps[:, None], steps) + self.half + COVERED_M
+        away = np.hypot(steps[:, None], steps) + self.half + _COVERED_M
         result = np.full(self.shape, -np.inf)
         for ring in np.unique(away[away <= inside_m]):
             highest = maximum_filter(ground, footprint=away == ring, mode="constant", cval=-np.inf)
@@ -231,7 +231,7 @@ class _Flood:
         tops = np.unique(
             np.concatenate([p.vertices_m[:, 2] for node in nodes for p in node]).round(3)
         )
-        levels = np.unique(np.quantile(tops, np.linspace(0.0, 1.0, LEVELS), method="nearest"))
+        levels = np.unique(np.quantile(tops, np.linspace(0.0, 1.0, _LEVELS), method="nearest"))
         result = np.full((len(nodes), len(levels), DIRECTIONS), -np.inf)
         for i, piece in ((i, piece) for i, node in enumerate(nodes) for piece in node):
             steep = float(np.arccos(min(piece.normal[2], 1.0)) + np.arctan(piece.friction))
@@ -303,10 +303,10 @@ def _nodes(pieces: Sequence[Patch]) -> list[list[int]]:
     normals = np.array([each.normal for each in pieces])
     middles = np.array([each.centre_m for each in pieces])
     off = np.abs(np.einsum("ik,ijk->ij", normals, middles - middles[:, None]))
-    level = (np.maximum(off, off.T) < SAME_M) & (normals @ normals.T > SAME_COS)
+    level = (np.maximum(off, off.T) < SAME_M) & (normals @ normals.T > _SAME_COS)
     from scipy.sparse.csgraph import connected_components  # slow to import
 
-    beside = level & (away < TOGETHER_M)
+    beside = level & (away < _TOGETHER_M)
     count, of = connected_components(beside, directed=False)
     groups = [np.flatnonzero(of == k).tolist() for k in range(count)]
     gaps = np.array([[away[np.ix_(one, two)].min() for two in groups] for one in groups])

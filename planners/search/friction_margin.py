@@ -26,15 +26,15 @@ from .two_stage import TwoStagePlanner
 LOG = logging.getLogger(__name__)
 SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""
-CAUTION = 0.5
+_CAUTION = 0.5
 """Fraction of the time that all shares but the last, and plans that press, may use together."""
 EACH = 0.5
 """Fraction of what is left of that which one of them may use."""
-SPARE, SPARE_S = 1.0, 1.0
+SPARE, _SPARE_S = 1.0, 1.0
 """A push that nothing depends on, as of a robot whose legs are drawn up, is looked for as long as the
 plan took, and at least so long [s]; what is begun is ended. Nobody executes a plan for a robot whose
 legs are not known: it is not looked for."""
-TIME_ENDED = "the time limit ended before the search for contacts began"
+_TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
 def slippery(course: Problem, share: float) -> Problem:
@@ -75,7 +75,7 @@ def plan_with_reserve(
     Arguments:
         deadline: when all of this has to end (``time.perf_counter()``), for planners whose time can
             be limited (``with_limit``), whose own limit is one for all shares, too. The more
-            cautious shares and ``presses`` may take ``CAUTION`` of the time, the last share the
+            cautious shares and ``presses`` may take ``_CAUTION`` of the time, the last share the
             rest.
 
     Raises:
@@ -84,7 +84,7 @@ def plan_with_reserve(
     begin, own_s = time.perf_counter(), getattr(planner, "time_limit_s", math.inf)
     if len(shares) > 1:
         deadline = min(deadline, begin + (COURSE_LIMIT_S if own_s is None else own_s))
-    cautious = begin + CAUTION * (deadline - begin)
+    cautious = begin + _CAUTION * (deadline - begin)
     outcome: Answer[Plan] | None = None
     for share in shares:
         limited = in_time(planner, deadline if share == shares[-1] else cautious)
@@ -122,7 +122,7 @@ def plan_with_reserve(
                 bound=outcome.bound if exact else float("nan"),
             )
     return outcome or Answer(
-        status=Status.UNDECIDED, method=planner.name, problem=course, message=TIME_ENDED
+        status=Status.UNDECIDED, method=planner.name, problem=course, message=_TIME_ENDED
     )
 
 
@@ -154,7 +154,7 @@ def _braced(
     if not course.robot.source.joint_names:
         return outcome, borne
     patience_s = (
-        math.inf if course.robot.source.own else max(SPARE_S, SPARE * outcome.effort.seconds)
+        math.inf if course.robot.source.own else max(_SPARE_S, SPARE * outcome.effort.seconds)
     )
     deadline = min(deadline, time.perf_counter() + patience_s)
     for share in PUSHES:

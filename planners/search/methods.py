@@ -413,10 +413,10 @@ METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")
 """The names of the package's own methods for postures."""
 COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
 """The names of those for courses."""
-OWN_OF: Mapping[Kind | None, tuple[str, ...]] = MappingProxyType(
+_OWN_OF: Mapping[Kind | None, tuple[str, ...]] = MappingProxyType(
     {"postures": METHODS, "courses": COURSE_METHODS, None: tuple(OWN)}
 )
-COURSE_ALONE = ("reserve", "envelope_use", "gap")
+_COURSE_ALONE = ("reserve", "envelope_use", "gap")
 """Settings that concern courses alone; of ``Micp`` also its projection, of ``TwoStage`` its limit
 of solves."""
 
@@ -452,7 +452,7 @@ def known(of: Kind | None = None) -> tuple[str, ...]:
     """The names of all planners of this kind of question, as far as their names say; nothing is
     imported.
     """
-    return (*OWN_OF[of], *(name for name in PLANNERS.names() if name not in OWN))
+    return (*_OWN_OF[of], *(name for name in PLANNERS.names() if name not in OWN))
 
 
 def _named(name: str, of: Kind | None) -> Make:
@@ -463,7 +463,7 @@ def _named(name: str, of: Kind | None) -> Make:
     called = CALLED[of]
     if name not in OWN:
         return PLANNERS.get(name, called=called, known=known(of))
-    if name not in OWN_OF[of]:  # known without a look at other packages
+    if name not in _OWN_OF[of]:  # known without a look at other packages
         raise PLANNERS.unknown(name, called, known(of))
     return PLANNERS.get(name)
 
@@ -481,7 +481,7 @@ def settings_of(name: str, of: Kind | None = "postures") -> tuple[str, ...]:
     if of != "postures":
         return parameters
     more = "projection" if make is Micp else "max_solves" if make is TwoStage else ""
-    return tuple(one for one in parameters if one not in (*COURSE_ALONE, more))
+    return tuple(one for one in parameters if one not in (*_COURSE_ALONE, more))
 
 
 def make_planner(

@@ -24,7 +24,7 @@ from .cuts import PROVABLE, CutSearch, Node, alone, of_stance
 
 NODES = 120
 """Most nodes of the search whether a stance can be held."""
-WIDER_LEAST = 8
+_WIDER_LEAST = 8
 """A widened one may take the nodes that it took before times the most candidates of a limb let in,
 and so many more."""
 
@@ -148,7 +148,7 @@ class Nogoods:
                 continue
             wider = mask.copy()
             wider[group] = 1.0
-            nodes = int(everything[group].sum(axis=1).max()) * len(root.rows()[0]) + WIDER_LEAST
+            nodes = int(everything[group].sum(axis=1).max()) * len(root.rows()[0]) + _WIDER_LEAST
             nogood = self._refuted(scaled.only(everything * wider), stance, nodes, share)
             if nogood is not None:
                 mask, root = wider, nogood

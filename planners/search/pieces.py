@@ -233,7 +233,7 @@ def beginning(plan: Plan, last: int) -> Plan:
     )
 
 
-def spliced(course: Problem, frame: int, onward: Problem) -> Problem:
+def _spliced(course: Problem, frame: int, onward: Problem) -> Problem:
     """A course up to a key frame, and another one on from there, whose frame 0 is that frame.
 
     The limbs that lift first in the other one have to be those that would lift next. Raises
@@ -332,7 +332,7 @@ written each time, and a run that is interrupted plans so much anew."""
 PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
-PlanPiece = Callable[[Problem, "Array | None", float], Answer[Plan]]
+_PlanPiece = Callable[[Problem, "Array | None", float], Answer[Plan]]
 """Planner of a piece: its course, the joints of the robot that stands where it begins, and when to
 be done."""
 Detour = Callable[[Standing, "list[Array]"], Problem]
@@ -390,7 +390,7 @@ def in_pieces(course: Problem) -> bool:
 
 def plan_pieces(
     course: Problem,
-    piece: PlanPiece,
+    piece: _PlanPiece,
     *,
     detour: Detour | None = None,
     kept: Kept | None = None,
@@ -494,7 +494,7 @@ def plan_pieces(
                 course=course, plan=so_far, pieces=count, tried_m=tuple(tried), failed=failed
             )
         tried.append(course.com_nominal_m[so_far.problem.frames - 1 :])
-        course = spliced(course, so_far.problem.frames - 1, onward)
+        course = _spliced(course, so_far.problem.frames - 1, onward)
         plans = [replace(so_far, problem=course_window(course, 0, so_far.problem.frames - 1))]
 
 
@@ -515,7 +515,7 @@ def _said(plan: Plan, pieces: list[Mapping[str, Any]]) -> Plan:
 
 
 def _one(
-    course: Problem, at: int, last: int, plans: list[Plan], piece: PlanPiece, deadline: float
+    course: Problem, at: int, last: int, plans: list[Plan], piece: _PlanPiece, deadline: float
 ) -> Answer[Plan]:
     """The answer of the piece from frame ``at`` to ``last``."""
     state = Standing.at_end(plans[-1]) if plans else None
@@ -536,7 +536,7 @@ def _shorter(
     at: int,
     cycle: int,
     plans: list[Plan],
-    piece: PlanPiece,
+    piece: _PlanPiece,
     deadline: float,
 ) -> Plan | None:
     """An accepted plan of the first part of a piece that failed; None for none."""

@@ -56,24 +56,24 @@ LEAST_S = 8.0
 plans are found, and on a busy computer shares of what is left are soon shares of nothing."""
 PAUSE_S = 1.0
 """What a processor does in less time says nothing [s]."""
-SEARCH = 0.75
+_SEARCH = 0.75
 """Fraction of the time within which contacts are to be found, so that they can still be bent and
 judged."""
-ALL_FRICTION = (1.0,)
+_ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
-PIECES = 0.9
+_PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
 STEEP = 0.4
 """Gradient of the ground from which on layouts are looked at before any plan is bent (22°)."""
 LOOK_S = 6.0
 """Processor time that such a look at a layout takes at most [s]."""
-LAID = "no plan over this layout, which is one of many"
+_LAID = "no plan over this layout, which is one of many"
 """Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
 UNPROVED = (
     "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
 )
-NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
+_NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
 
 
 def plan_course(
@@ -132,7 +132,7 @@ def plan_course(
     stated = stated and not hasattr(question, "onward")
     question = _loaded(question, wrench)
     if shares is None:
-        shares = SHARES if getattr(planner, "reserve", False) else ALL_FRICTION
+        shares = SHARES if getattr(planner, "reserve", False) else _ALL_FRICTION
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
     spent = list[Effort]()
@@ -162,7 +162,7 @@ def plan_course(
                 detour=detour,
                 kept=kept,
                 progress=progress,
-                deadline=_search_end(end, PIECES),
+                deadline=_search_end(end, _PIECES),
             )
             so_far = _whole(pieces, planner.name, spent, end)
             if kept is not None and so_far.status is Status.FEASIBLE:
@@ -174,7 +174,7 @@ def plan_course(
         search_end = end if limits is None else _search_end(end)
         outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
         if outcome.certificate is not None and not stated:
-            outcome = _undecided(outcome, LAID + _slipping(outcome, alternative))
+            outcome = _undecided(outcome, _LAID + _slipping(outcome, alternative))
         elif (
             outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer"
         ):
@@ -196,7 +196,7 @@ def plan_course(
     return _laid_out(question, layouts, answered, deadline, stated)
 
 
-def _search_end(end: float, share: float = SEARCH) -> float:
+def _search_end(end: float, share: float = _SEARCH) -> float:
     """When a search has to end whose plan is to be bent and judged by then."""
     now = time.perf_counter()
     return end if math.isinf(end) else now + share * max(end - now, 0.0)
@@ -419,7 +419,7 @@ def _refuted(
     outcome = None if limited is None else limited.solve(slippery(outer, share))
     if outcome is not None and outcome.certificate is not None:
         return outcome
-    return _undecided(inner, NO_TIME if outcome is None else UNPROVED)
+    return _undecided(inner, _NO_TIME if outcome is None else UNPROVED)
 
 
 def _as_wide(course: Problem) -> Problem:
@@ -463,7 +463,7 @@ def replan(
     frame: int = 0,
     horizon: int | None = None,
     planner: Planner | Callable[[Problem], Planner] | None = None,
-    shares: Sequence[float] = ALL_FRICTION,
+    shares: Sequence[float] = _ALL_FRICTION,
     presses: Sequence[float] = (),
     limits: WholeBodyLimits | None = None,
     deadline: float = math.inf,

@@ -44,7 +44,7 @@ QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
 NODES = 2000
 """Of each search over the lift, where nobody says."""
-CHOICE_SHARE = 0.75
+_CHOICE_SHARE = 0.75
 """Share of the time limit that the search over choices may use where cuts in space, which get the
 rest, are of use."""
 
@@ -343,7 +343,7 @@ class TwoStagePlanner(TimeLimited):
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
         """The search over the patches of one course, run."""
         assert self.projection is not None
-        share = CHOICE_SHARE if self.cuts else 1.0
+        share = _CHOICE_SHARE if self.cuts else 1.0
         max_nodes, projection = NODES if self.max_nodes is None else self.max_nodes, self.projection
         limits = SearchLimits(max_nodes=max_nodes, gap=self.gap, share=share)
 

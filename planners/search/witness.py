@@ -168,7 +168,7 @@ def _reason(report: Report[Plan], *, bent: bool) -> str:
 
 LOOKS = 8
 """Steps between two looks at who is there, after each of which the moments are linearised anew."""
-SHRINK = 1e-3
+_SHRINK = 1e-3
 """K is made smaller by this share, so that the iteration ends inside of it."""
 INSIDE = 1e-9
 SPREAD, TURN = 0.25, 0.3
@@ -318,19 +318,19 @@ class _Sets:
     @cached_property
     def radii(self) -> Array:
         """Radii of the balls of c and u, made smaller, shape (N + 1,)."""
-        return np.append(self.scaled.like.com_radius, self.scaled.like.reach) * (1.0 - SHRINK)
+        return np.append(self.scaled.like.com_radius, self.scaled.like.reach) * (1.0 - _SHRINK)
 
     @cached_property
     def cones(self) -> tuple[Array, Array, Array, Array]:
         """μ, 1 + μ², and where cones begin and end, all of them made smaller, (B, N), but (N,)
         where they begin.
         """
-        friction = self.scaled.friction * (1.0 - SHRINK)
+        friction = self.scaled.friction * (1.0 - _SHRINK)
         return (
             friction,
             1.0 + friction * friction,
-            self.low * (1.0 + SHRINK),
-            self.high * (1.0 - SHRINK),
+            self.low * (1.0 + _SHRINK),
+            self.high * (1.0 - _SHRINK),
         )
 
     def start(self) -> Array:
@@ -380,7 +380,7 @@ class _Sets:
         weights, turn, balls, forces = self.parts
         _to_simplex(x[:, weights].reshape(self.scaled.vertices.shape[:3]), SPREAD)
         tilt, (friction, steep, low, high) = (
-            TURN * self.scaled.like.tilt * (1.0 - SHRINK),
+            TURN * self.scaled.like.tilt * (1.0 - _SHRINK),
             self.cones,
         )
         turned = x[:, turn]
@@ -406,7 +406,7 @@ class _Sets:
             rows[:, 3:, 3:] = _side_by_side(np.matmul(skew(toes), scaled.frames))
             right[:, 3:] = _of_weight(scaled, rows[:, 3:], 0)
         y -= _times(_back(rows), _times(rows, y) - right)
-        tilt = scaled.like.tilt * (1.0 - SHRINK)
+        tilt = scaled.like.tilt * (1.0 - _SHRINK)
         rotation = np.minimum(np.maximum(x[:, turn] / TURN, -tilt), tilt)
         return PointBatch(
             com=y[:, :3] + scaled.like.com,

@@ -18,7 +18,7 @@ SIDES = 16
 """Sides of the polygon of the places where it is."""
 TINY = 1e-12
 """Variance of a slope that is known to the last digit."""
-NEGATIVE = 1e-9
+_NEGATIVE = 1e-9
 """Error of a covariance by rounding, as a share of its largest entry."""
 
 
@@ -49,7 +49,7 @@ class Certainty:
         object.__setattr__(self, "covariance", read_only(self.covariance, (3, 3), "covariance"))
         least = float(np.linalg.eigvalsh(self.covariance)[0])
         skew = float(np.abs(self.covariance - self.covariance.T).max())
-        if max(skew, -least) > NEGATIVE * float(np.abs(self.covariance).max()):
+        if max(skew, -least) > _NEGATIVE * float(np.abs(self.covariance).max()):
             raise InvalidInput(
                 "covariance: expected a symmetric matrix without negative eigenvalues, got "
                 f"{self.covariance.tolist()}"

@@ -18,10 +18,10 @@ from scipy.special import chdtri
 from ..files.arrays import Array
 from .elevation import LAYER_M, ElevationMap
 
-QUIETEST = (0.04, 0.12, 0.35)
+_QUIETEST = (0.04, 0.12, 0.35)
 """Quantiles of the residuals of small windows from which the noise is estimated, the least: no edge
 crosses those."""
-POINTS_PER_CELL = 2.0
+_POINTS_PER_CELL = 2.0
 FINEST_M = 0.01
 """Side of the smallest cell of a cloud [m]."""
 
@@ -69,7 +69,7 @@ class GroundCells:
         low, high = points_m.min(axis=0), points_m.max(axis=0)
         area = max(float(np.prod(high[:2] - low[:2])), coarsest_m**2)
         spacing = min(
-            max(float(np.sqrt(POINTS_PER_CELL * area / len(points_m))), FINEST_M), coarsest_m
+            max(float(np.sqrt(_POINTS_PER_CELL * area / len(points_m))), FINEST_M), coarsest_m
         )
         places = (points_m[:, :2] - low[:2]) / spacing
         cells = np.round(places).astype(np.int64)
@@ -130,7 +130,7 @@ class GroundCells:
         known = np.arange(3.0, freedom.max() + 1.0)  # of every possible freedom its quantiles, once
         least = [
             np.quantile(squares / chdtri(known, 1.0 - share)[freedom - 3], share)
-            for share in QUIETEST
+            for share in _QUIETEST
         ]
         return float(np.sqrt(min(least)))
 
@@ -258,17 +258,17 @@ def mean_square(planes: Array, moments: Array) -> Array:
 
 WIDEST_M = 0.13
 """Side of the largest squares of samples: most grounds have some that no edge crosses [m]."""
-MOST_SQUARES = 12_000
+_MOST_SQUARES = 12_000
 """Squares of one size that are looked at, at most."""
-FEWEST_SQUARES = 60
-RISES, BROAD_RISE = (1.06, 1.2), 2.0
+_FEWEST_SQUARES = 60
+RISES, _BROAD_RISE = (1.06, 1.2), 2.0
 """Residuals of white noise over narrow squares do not grow with the distance of samples: not by the
 second factor, and not by the first where those of wide squares grow by a third."""
-LENGTHS_M = np.geomspace(0.015, 0.2, 23)
+_LENGTHS_M = np.geomspace(0.015, 0.2, 23)
 """Lengths that are tried [m]."""
-LONGEST_M = 0.1
+_LONGEST_M = 0.1
 """What is correlated over more is the shape of the ground [m]."""
-HILLS = 2.0
+_HILLS = 2.0
 """Wide squares are off planes by no more than so many deviations of the noise by narrow ones."""
 WHOLE = 0.9
 """Neighbours that are off planes by more than this share of the noise are not alike."""
@@ -281,10 +281,10 @@ WHITE = np.array([0.0, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7])
 LEAST, BIN, SMOOTH = 0.15, 0.05, 0.35
 """Of a mode its least share of the highest one; width of the bins of logarithms of variances, and
 of what they are smoothed by."""
-QUIET, TRUSTED = 0.04, 2.0
+QUIET, _TRUSTED = 0.04, 2.0
 """Quantile beside the mode, and how many times as large as by it the deviation by the mode may
 be."""
-OFTEN = 3
+_OFTEN = 3
 """A cell of a cloud is as good as so many places along each of its sides."""
 
 
@@ -330,15 +330,15 @@ def correlated_noise(cells: GroundCells, told_m: float | None = None) -> Noise |
     broad = _residuals(cells, wide=True)
     spread = max(broad, default=0.0) / max([*narrow[:1], 1e-9])
     if told_m is not None:
-        white = not narrow or (rise <= RISES[0] and spread <= BROAD_RISE)
+        white = not narrow or (rise <= RISES[0] and spread <= _BROAD_RISE)
         return None if white else _alike(cells, narrow[0], told_m, _fitted(cells, broad, wide=True))
-    if rise <= RISES[1] and spread <= BROAD_RISE:
+    if rise <= RISES[1] and spread <= _BROAD_RISE:
         return None
     noise = _fitted(cells, broad, wide=True)
-    if noise is not None and noise.length_m <= LONGEST_M:
+    if noise is not None and noise.length_m <= _LONGEST_M:
         return noise
     noise = _fitted(cells, narrow, wide=False)  # edges cross the wide squares, or it is a hill
-    if noise is None or noise.length_m > LONGEST_M or max(broad) > HILLS * noise.deviation_m:
+    if noise is None or noise.length_m > _LONGEST_M or max(broad) > _HILLS * noise.deviation_m:
         return None
     return noise
 
@@ -373,10 +373,10 @@ def _alike(cells: GroundCells, near_m: float, told_m: float, fitted: Noise | Non
     """
     if near_m > WHOLE * told_m:
         return None
-    left = np.array([_remaining(cells, (1, 1), length) for length in LENGTHS_M.tolist()])
-    length_m = float(LENGTHS_M[np.abs(np.log(left / (near_m / told_m) ** 2)).argmin()])
+    left = np.array([_remaining(cells, (1, 1), length) for length in _LENGTHS_M.tolist()])
+    length_m = float(_LENGTHS_M[np.abs(np.log(left / (near_m / told_m) ** 2)).argmin()])
     noise = Noise(deviation_m=told_m, length_m=length_m, correlated=1.0, near_m=near_m)
-    if fitted is None or fitted.length_m > LONGEST_M:
+    if fitted is None or fitted.length_m > _LONGEST_M:
         return noise
     seen = replace(fitted, deviation_m=told_m)
     per_m2 = cells.spacing_m**-2
@@ -407,7 +407,7 @@ def _fitted(cells: GroundCells, deviations: list[float], *, wide: bool) -> Noise
     shapes = np.array(
         [
             [_remaining(cells, (step, step if wide else 1), length) for step in steps]
-            for length in LENGTHS_M.tolist()
+            for length in _LENGTHS_M.tolist()
         ]
     )
     models = np.sqrt(white[:, None, None] + (1.0 - white[:, None, None]) * shapes)
@@ -416,7 +416,7 @@ def _fitted(cells: GroundCells, deviations: list[float], *, wide: bool) -> Noise
     share, length = np.unravel_index(int(misfits.argmin()), misfits.shape)
     return Noise(
         deviation_m=float(scales[share, length]),
-        length_m=float(LENGTHS_M[length]),
+        length_m=float(_LENGTHS_M[length]),
         correlated=float(1.0 - white[share]),
         near_m=deviations[0],
     )
@@ -427,14 +427,14 @@ def _along(cells: GroundCells, *steps: int) -> float | None:
     n, m = (count - 2 * step for count, step in zip(cells.known.shape, steps, strict=True))
     if min(n, m) < 1:
         return None
-    stride = int(np.ceil(np.sqrt(n * m / MOST_SQUARES)))
+    stride = int(np.ceil(np.sqrt(n * m / _MOST_SQUARES)))
     i, j = np.meshgrid(np.arange(0, n, stride), np.arange(0, m, stride), indexing="ij")
     sums = np.zeros((10, *i.shape))
     for u in (0, steps[0], 2 * steps[0]):
         for v in (0, steps[1], 2 * steps[1]):
             sums += cells.moments[:, u : u + n : stride, v : v + m : stride]
     whole = sums[0] >= 6.0
-    if np.count_nonzero(whole) < FEWEST_SQUARES:
+    if np.count_nonzero(whole) < _FEWEST_SQUARES:
         return None
     _, rms = solved(about(sums, i + steps[0], j + steps[1])[:, whole])
     freedom = np.round(sums[0][whole]) - 3.0
@@ -442,7 +442,7 @@ def _along(cells: GroundCells, *steps: int) -> float | None:
     known, of = np.unique(freedom, return_inverse=True)
     quiet = float(np.quantile(squares / chdtri(known, 1.0 - QUIET)[of], QUIET))
     mode = _lowest_mode(squares / freedom)
-    return float(np.sqrt(mode if mode <= TRUSTED**2 * quiet else quiet))
+    return float(np.sqrt(mode if mode <= _TRUSTED**2 * quiet else quiet))
 
 
 def _lowest_mode(variances: Array) -> float:
@@ -459,7 +459,7 @@ def _lowest_mode(variances: Array) -> float:
 
 def _remaining(cells: GroundCells, steps: tuple[int, int], length_m: float) -> float:
     """Share of the variance of correlated noise that planes through such cells leave."""
-    within = (np.arange(OFTEN) + 0.5) / OFTEN - 0.5 if cells.sparse else np.zeros(1)
+    within = (np.arange(_OFTEN) + 0.5) / _OFTEN - 0.5 if cells.sparse else np.zeros(1)
     x, y = (
         values.ravel()
         for values in np.meshgrid(

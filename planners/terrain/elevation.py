@@ -17,7 +17,7 @@ LAYER_M = 0.05
 """Points of a cell this far below its highest one are of the surface seen from above [m]."""
 FARTHEST = 1e15
 """Cells from the origin, numbers of which are still exact."""
-MOST_FILLED = 400_000
+_MOST_FILLED = 400_000
 """Holes in cells that are filled at once."""
 HIGHEST_M = 0.9 * LARGEST
 """No height of a map is farther from 0: what is planned on it is higher, and stays within what
@@ -260,7 +260,7 @@ def _membrane(heights: Array, hole: NDArray[np.bool_]) -> Array:
     """
     if not hole.any():
         return heights
-    if hole.sum() > MOST_FILLED:
+    if hole.sum() > _MOST_FILLED:
         from scipy.ndimage import distance_transform_edt  # slow to import
 
         nearest = distance_transform_edt(hole, return_distances=False, return_indices=True)

@@ -32,12 +32,12 @@ STRAIGHT = 1e-3
 SAME_M = 1e-9
 """Corners closer than this are one."""
 
-Loop = list[int]
+_Loop = list[int]
 Point = Sequence[float]
 Corners = dict[int, Point]
 
 
-def convex_pieces(polygon: Any) -> list[Array]:
+def _convex_pieces(polygon: Any) -> list[Array]:
     """The pieces of a polygon of shapely's, each by its corners to the left, shape (U, 2) [m]."""
     outline = np.asarray(polygon.exterior.coords)[:-1]
     if not polygon.interiors:
@@ -79,7 +79,7 @@ def _exact(piece: Array) -> Array:
     return np.asarray(hull.exterior.coords)[-2::-1] if hull.geom_type == "Polygon" else piece
 
 
-def _merged(loops: list[Loop], flat: Corners) -> list[Loop]:
+def _merged(loops: list[_Loop], flat: Corners) -> list[_Loop]:
     """Loops that touch along edges, merged pair by pair while the union stays convex."""
     pieces, merged = dict(enumerate(loops)), True
     while merged:
@@ -95,7 +95,7 @@ def _merged(loops: list[Loop], flat: Corners) -> list[Loop]:
     return [_straightened(loop, flat) for loop in pieces.values()]
 
 
-def _border(loops: list[Loop]) -> Loop | None:
+def _border(loops: list[_Loop]) -> _Loop | None:
     """The border of pieces that touch along edges, as one loop; None where it is not one (holes,
     pinched corners).
     """
@@ -113,7 +113,7 @@ def _border(loops: list[Loop]) -> Loop | None:
     return loop if len(loop) == open_edges else None
 
 
-def _touching(pieces: dict[int, Loop]) -> list[tuple[int, int]]:
+def _touching(pieces: dict[int, _Loop]) -> list[tuple[int, int]]:
     """Pairs of pieces that share an edge, those that share most first."""
     owner = {
         (a, b): key
@@ -128,12 +128,12 @@ def _touching(pieces: dict[int, Loop]) -> list[tuple[int, int]]:
     return [pair for pair, _ in pairs.most_common()]
 
 
-def _turns(loop: Loop, flat: Corners) -> Array:
+def _turns(loop: _Loop, flat: Corners) -> Array:
     """Sine of the turn at every corner, positive to the left, shape (len(loop),)."""
     return np.array([_turn(flat[a], flat[b], flat[c]) for a, b, c in _corners(loop)])
 
 
-def _corners(loop: Loop) -> Iterator[tuple[int, int, int]]:
+def _corners(loop: _Loop) -> Iterator[tuple[int, int, int]]:
     """Each corner of a loop between the one before and the one after it."""
     return zip([loop[-1], *loop[:-1]], loop, [*loop[1:], loop[0]], strict=True)
 
@@ -151,11 +151,11 @@ def _turn(before: Point, here: Point, after: Point) -> float:
     )
 
 
-def _convex(loop: Loop, flat: Corners) -> bool:
+def _convex(loop: _Loop, flat: Corners) -> bool:
     return all(_turn(flat[a], flat[b], flat[c]) > -STRAIGHT for a, b, c in _corners(loop))
 
 
-def _straightened(loop: Loop, flat: Corners) -> Loop:
+def _straightened(loop: _Loop, flat: Corners) -> _Loop:
     """The loop without corners on a straight line."""
     return [
         corner for corner, turn in zip(loop, _turns(loop, flat), strict=True) if turn > STRAIGHT
@@ -166,9 +166,9 @@ COPLANAR_RAD = 1e-3
 """Triangles whose normals differ by less may be of one facet [rad]."""
 FLAT_M = 2e-4
 """No corner of a facet is farther off its plane [m]."""
-ROUNDED_M = 1e-3
+_ROUNDED_M = 1e-3
 """Nor is a corner of one that neighbours make up whose corners were rounded [m]."""
-SNAP_M = 1e-8
+_SNAP_M = 1e-8
 """Corners of a facet are moved by up to half of this to fit each other [m]."""
 CRACK_M = 2e-5
 """Cracks between triangles of a facet that are no wider are closed [m]."""
@@ -247,7 +247,7 @@ class FlatPiece:
         yield from (
             piece
             for part in parts_of(self.polygon)
-            for piece in convex_pieces(part)
+            for piece in _convex_pieces(part)
             if wide(piece, least_m)
         )
 
@@ -271,7 +271,7 @@ def parts_of(polygon: Any) -> list[Any]:
     ):  # it crosses itself within the last digits, and triangulations want it not to
         polygon = polygon.buffer(0.0)
     parts = shapely.get_parts(polygon) if hasattr(polygon, "geoms") else [polygon]
-    return [part for part in parts if part.geom_type == "Polygon" and part.area > SNAP_M**2]
+    return [part for part in parts if part.geom_type == "Polygon" and part.area > _SNAP_M**2]
 
 
 def wide(piece: Array, least_m: float) -> bool:
@@ -316,13 +316,13 @@ def _united(triangles: Any) -> Any:
     notches of corners that were rounded.
     """
     shapely = shapely_module()
-    whole = shapely.union_all(triangles, grid_size=SNAP_M)
+    whole = shapely.union_all(triangles, grid_size=_SNAP_M)
     if whole.geom_type != "Polygon" or len(whole.interiors):
         closed = whole.buffer(CRACK_M, join_style="mitre").buffer(-CRACK_M, join_style="mitre")
         whole = closed if closed.area > 0.0 else whole
-    whole = whole.simplify(SNAP_M)
-    notched = whole.convex_hull.area - whole.area > SNAP_M
-    return whole.simplify(ROUNDED_M) if notched else whole
+    whole = whole.simplify(_SNAP_M)
+    notched = whole.convex_hull.area - whole.area > _SNAP_M
+    return whole.simplify(_ROUNDED_M) if notched else whole
 
 
 def _joined(
@@ -353,7 +353,7 @@ def _joined(
 def _unrounded(
     labels: NDArray[np.int_], corners: Array, normals: Array, pairs: NDArray[np.int_]
 ) -> NDArray[np.int_]:
-    """Labels with neighbouring groups as one whose corners are all within ``ROUNDED_M`` of one
+    """Labels with neighbouring groups as one whose corners are all within ``_ROUNDED_M`` of one
     plane: again and again two groups that fit each other better than any other of their neighbours.
 
     Arguments:
@@ -384,7 +384,7 @@ def _unrounded(
         best = np.full(number, np.inf)
         np.minimum.at(best, one, rms)
         np.minimum.at(best, other, rms)
-        both = np.flatnonzero((rms <= np.minimum(best[one], best[other])) & (rms < ROUNDED_M))
+        both = np.flatnonzero((rms <= np.minimum(best[one], best[other])) & (rms < _ROUNDED_M))
         both = both[np.unique(one[both], return_index=True)[1]]
         both = both[np.unique(other[both], return_index=True)[1]]
         both = both[~np.isin(one[both], other[both])]
@@ -402,8 +402,8 @@ def _unrounded(
         )
         worst = np.zeros(len(both))
         np.maximum.at(worst, pair[labels[mine]], np.where(facing > 0.5, off.max(axis=1), np.inf))
-        tried = np.concatenate([tried, key[rms >= ROUNDED_M], key[both[worst > ROUNDED_M]]])
-        one, other = one[both[worst <= ROUNDED_M]], other[both[worst <= ROUNDED_M]]
+        tried = np.concatenate([tried, key[rms >= _ROUNDED_M], key[both[worst > _ROUNDED_M]]])
+        one, other = one[both[worst <= _ROUNDED_M]], other[both[worst <= _ROUNDED_M]]
         for total in (*sums, up):
             total[one] += total[other]
         whose = np.arange(number)

@@ -70,7 +70,7 @@ LEAST_M = 1e-3
 def _stairs(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     low_x, high_x, half = _ends(extent)
     run, phase, friction = rng.uniform(0.24, 0.32), rng.uniform(0.0, 1.0), rng.uniform(0.6, 0.9)
-    riser = RISER_M * level
+    riser = _RISER_M * level
     patches, footing = list[Patch](), list[bool]()
     first = int(np.floor(low_x / run - phase))
     for step in range(first, int(np.ceil(high_x / run - phase))):
@@ -92,10 +92,10 @@ def _stairs(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
 def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.6, 0.9)
     shifts, tops = (
-        rng.uniform(-0.5, 0.5, (STONES, STONES, 2)),
-        rng.uniform(-1.0, 1.0, (STONES, STONES)),
+        rng.uniform(-0.5, 0.5, (_STONES, _STONES, 2)),
+        rng.uniform(-1.0, 1.0, (_STONES, _STONES)),
     )
-    side, apart = STONE_M[0] + (STONE_M[1] - STONE_M[0]) * level, APART_M * level
+    side, apart = _STONE_M[0] + (_STONE_M[1] - _STONE_M[0]) * level, APART_M * level
     pitch = side + apart
     if extent is not SCENE:
         shifts = _within(rng.uniform(-0.5, 0.5, (FAR, FAR, 2)), shifts)
@@ -106,7 +106,7 @@ def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
         low, high = middle - 0.5 * side, middle + 0.5 * side
         if _outside(low, high, extent):
             continue
-        top = STONE_TOP_M * level * float(tops[i, j])
+        top = _STONE_TOP_M * level * float(tops[i, j])
         patches.append(_level(low[0], high[0], low[1], high[1], top, friction))
     figures = {
         "side_m": side,
@@ -129,8 +129,8 @@ def _gaps(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terr
 
 def _beams(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     low_x, high_x, _ = _ends(extent)
-    offset, friction = rng.uniform(-BEAM_OFFSET_M, BEAM_OFFSET_M), rng.uniform(0.6, 0.9)
-    width = BEAM_M[0] + (BEAM_M[1] - BEAM_M[0]) * level
+    offset, friction = rng.uniform(-_BEAM_OFFSET_M, _BEAM_OFFSET_M), rng.uniform(0.6, 0.9)
+    width = _BEAM_M[0] + (_BEAM_M[1] - _BEAM_M[0]) * level
     patch = _level(low_x, high_x, offset - 0.5 * width, offset + 0.5 * width, 0.0, friction)
     return _standing([patch], {"width_m": width, "offset_m": offset, "friction": friction})
 
@@ -138,10 +138,10 @@ def _beams(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Ter
 def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.4, 0.7)
     heights, leans = (
-        rng.standard_normal((STONES, STONES)),
-        rng.uniform(-1.0, 1.0, (STONES, STONES, 2)),
+        rng.standard_normal((_STONES, _STONES)),
+        rng.uniform(-1.0, 1.0, (_STONES, _STONES, 2)),
     )
-    deviation, lean = RUBBLE_M * level, RUBBLE_RAD * level
+    deviation, lean = _RUBBLE_M * level, _RUBBLE_RAD * level
     if extent is not SCENE:
         heights = _within(rng.standard_normal((FAR, FAR)), heights)
         leans = _within(rng.uniform(-1.0, 1.0, (FAR, FAR, 2)), leans)
@@ -176,7 +176,7 @@ def _slopes(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
 def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     low_x, high_x, _ = _ends(extent)
     friction, shares = rng.uniform(0.6, 1.0), rng.uniform(0.45, 0.55)
-    apart = WALLS_M[0] + (WALLS_M[1] - WALLS_M[0]) * level
+    apart = _WALLS_M[0] + (_WALLS_M[1] - _WALLS_M[0]) * level
     patches = []
     for y, inward in ((shares * apart, -1.0), ((shares - 1.0) * apart, 1.0)):
         corners = np.array([(x, y, z) for x, z in _around(low_x, high_x, -0.6, 1.2)])
@@ -189,16 +189,16 @@ def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Ter
     return Terrain(patches=tuple(patches), footing=(True, True), rise=None, figures=figures)
 
 
-STONES, FAR = 15, 41
+_STONES, FAR = 15, 41
 """Stones and blocks along each axis of a scene and of all the ground, before those outside are left
 out."""
-RISER_M = 0.5
-STONE_M, APART_M, STONE_TOP_M = (0.25, 0.05), 0.60, 0.05
+_RISER_M = 0.5
+_STONE_M, APART_M, _STONE_TOP_M = (0.25, 0.05), 0.60, 0.05
 GAP_M = 1.0
-BEAM_M, BEAM_OFFSET_M = (1.2, 0.04), 0.3
-BLOCK_M, RUBBLE_M, RUBBLE_RAD = 0.4, 0.6, 0.8
+_BEAM_M, _BEAM_OFFSET_M = (1.2, 0.04), 0.3
+BLOCK_M, _RUBBLE_M, _RUBBLE_RAD = 0.4, 0.6, 0.8
 SLOPE_RAD = 0.8
-WALLS_M = (0.56, 1.06)
+_WALLS_M = (0.56, 1.06)
 TERRAIN_FAMILIES: Registry[Family | Draw] = Registry(
     "family",
     "stancekit.families",

@@ -366,7 +366,7 @@ class Footholds:
         }
 
 
-SINGLE = 0.8
+_SINGLE = 0.8
 """Surfaces of a mesh by its triangles, where most triangles are alone in their planes."""
 
 
@@ -408,7 +408,7 @@ def footholds_of(
         hint = ""
         if footholds.refused_m2["edge"] + footholds.refused_m2["small"] > 0.0:
             hint = f"; no surface has room for a foot that is {2e3 * limits.inset_m:.3g} mm wide (margin_m)"
-            if isinstance(terrain, TriangleMesh) and len(footholds.surfaces) > SINGLE * len(
+            if isinstance(terrain, TriangleMesh) and len(footholds.surfaces) > _SINGLE * len(
                 terrain.triangles
             ):
                 hint = "; triangles of a scan that lean by its noise have no planes: make it a map"

@@ -326,7 +326,7 @@ ROUND_M, SLOPE = 0.03, 3.0
 """Radius of an edge, about that of a foot [m], and gradient of what falls beyond it (72°)."""
 SPACING_M = 0.025
 """Spacing of the grid [m]."""
-FIRST_M = 0.15
+_FIRST_M = 0.15
 """Distance from a patch at which its fall is looked at first; twice as far as long as it is above
 all else [m]."""
 
@@ -359,7 +359,7 @@ def rounded(
     for patch in up:
         _raise_to(heights, x, y, patch, 0.0)
     for patch in up:
-        reach = FIRST_M
+        reach = _FIRST_M
         while _raise_to(heights, x, y, patch, reach):
             reach *= 2.0
     return HeightField(x, y, heights, name)

@@ -15,7 +15,7 @@ from ..files.arrays import Array, checked
 
 Kind = Literal["mesh", "grid", "cloud"]
 Holes = Literal["no-go", "fill"]
-UPS = ("x", "y", "z")
+_UPS = ("x", "y", "z")
 KINDS: tuple[Kind, ...] = ("mesh", "grid", "cloud")
 SUFFIXES_OF: dict[Kind, tuple[str, ...]] = {
     "grid": (".npy", ".npz", ".csv", ".png"),
@@ -24,7 +24,7 @@ SUFFIXES_OF: dict[Kind, tuple[str, ...]] = {
 }
 """Endings of files that say by their name what they hold, but for a .ply."""
 SUFFIXES = tuple(suffix for suffixes in SUFFIXES_OF.values() for suffix in suffixes)
-HOLES: tuple[Holes, ...] = ("no-go", "fill")
+_HOLES: tuple[Holes, ...] = ("no-go", "fill")
 MOST_TRIANGLES = 200_000
 """Most triangles of a mesh, unless it is said otherwise."""
 WIDEST_M = 200.0
@@ -66,7 +66,7 @@ class ImportOptions:
     most_triangles: int = MOST_TRIANGLES
 
     def __post_init__(self) -> None:
-        for name, known in (("kind", (None, *KINDS)), ("up", UPS), ("holes", HOLES)):
+        for name, known in (("kind", (None, *KINDS)), ("up", _UPS), ("holes", _HOLES)):
             if getattr(self, name) not in known:
                 words = ", ".join(word for word in known if word)
                 raise InvalidInput(f"{name}: expected one of {words}, got {getattr(self, name)!r}")
@@ -92,7 +92,7 @@ class ImportOptions:
         """Points of the file, shape (K, 3), in the world's frame [m]: unit, then axis, then
         offset.
         """
-        turn = [UPS.index(axis) for axis in self.axes]
+        turn = [_UPS.index(axis) for axis in self.axes]
         with np.errstate(over="ignore"):  # what is too far away is refused by its readers
             return np.asarray(
                 self.unit_m * points[:, turn] + np.asarray(self.offset_m, dtype=np.float64)

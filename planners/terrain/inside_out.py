@@ -21,11 +21,11 @@ from .correlation import GroundCells, Labels, Noise, boxed, residuals
 
 WINDOW_M, FEWEST = 0.06, 2
 """Half width of the window that a step is looked for in [m], and the fewest cells."""
-SEEN = 4.0
+_SEEN = 4.0
 """Steps are seen that are so many deviations high."""
-RESIDUE = 0.02
+_RESIDUE = 0.02
 """Share of the variance that is taken for white at least: no noise is as smooth as its model."""
-MEDIAN, ENOUGH = 0.6745, 40
+_MEDIAN, ENOUGH = 0.6745, 40
 """Half of all values of a normal distribution are within so many deviations; and the number of
 windows from which the deviation is estimated."""
 
@@ -55,7 +55,7 @@ def _weights(x: Array, y: Array, edge: Array, noise: Noise) -> tuple[Array, floa
     standard deviation that the noise leaves to this estimate [m].
     """
     apart = ((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2) / noise.length_m**2
-    smooth = min(noise.correlated, 1.0 - RESIDUE)
+    smooth = min(noise.correlated, 1.0 - _RESIDUE)
     covariance = smooth * np.exp(-apart) + (1.0 - smooth) * np.eye(len(x))
     terms = np.column_stack([edge, np.ones_like(x), x, y])
     weighted = np.linalg.solve(covariance, terms)
@@ -91,13 +91,13 @@ def hidden_edges(
         if not inside.any():
             continue
         if np.count_nonzero(inside) >= ENOUGH:
-            deviation = float(np.median(size[inside])) / MEDIAN
+            deviation = float(np.median(size[inside])) / _MEDIAN
         unseen.append(deviation)
-        beside_edges |= inside & (size > SEEN * deviation)
+        beside_edges |= inside & (size > _SEEN * deviation)
     return beside_edges, max(unseen, default=noise.deviation_m)
 
 
-LEAST_M3 = 1e-6
+_LEAST_M3 = 1e-6
 """Volume below which a solid is not judged [m³]."""
 OFF = 1e-3
 """Distance of a sample from its triangle, as a share of the root of the triangle's area."""
@@ -108,13 +108,13 @@ FLAT = 1e-6
 no larger a share."""
 SAMPLES = 3
 """Triangles of a piece, its largest ones, that are looked at."""
-FINEST, MOST_ENTRIES = 512, 4_000_000
+FINEST, _MOST_ENTRIES = 512, 4_000_000
 """Cells along each side of the table of triangles that rays are looked up in, and its entries, at
 most."""
 MOST_PAIRS = 20_000_000
 """Rays times triangles near them that are looked at; what is beyond, on the smallest triangles, is
 not judged."""
-RAY = np.array(
+_RAY = np.array(
     [
         [0.736167, -0.543238, 0.403671],
         [0.676762, 0.597202, -0.430515],
@@ -264,7 +264,7 @@ def _pieces(
     together = _balanced(
         group[piece[owner]][opened], edge[opened], ahead[opened], int(group.max()) + 1
     )[group]
-    suspects = np.flatnonzero((alone & (volume < -LEAST_M3)) | (~alone & together))
+    suspects = np.flatnonzero((alone & (volume < -_LEAST_M3)) | (~alone & together))
     return piece, suspects, (alone | together)[piece]
 
 
@@ -304,7 +304,7 @@ def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
     """Winding number of closed triangles, shape (T, 3, 3), about points, shape (P, 3); 0 for points
     not looked at.
     """
-    turned, rays = surface @ RAY, points @ RAY
+    turned, rays = surface @ _RAY, points @ _RAY
     flat, low = turned[:, :, :2], turned[:, :, :2].min(axis=(0, 1))
     size = np.maximum(flat.max(axis=(0, 1)) - low, 1e-9) * (1.0 + 1e-9)
     cells = FINEST
@@ -315,7 +315,7 @@ def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
         )
         wide = last - first + 1
         count = wide.prod(axis=1)
-        if count.sum() <= MOST_ENTRIES or cells == 1:
+        if count.sum() <= _MOST_ENTRIES or cells == 1:
             break
         cells //= 2
     owner = np.repeat(np.arange(len(flat)), count)

@@ -19,7 +19,7 @@ from .polygon import half_planes
 BLOCK_M = 0.08
 """Side of the blocks by whose means a surface is held against its plane: about what a foot and its
 path need [m]."""
-PATH_M = 0.15
+_PATH_M = 0.15
 """Side of the squares of cells by which a piece is held against its plane, 3 cells at least [m]."""
 UNSEEN = 0.5
 """How many of its own deviations the mean square of what a piece is off its plane may be larger than it seems."""
@@ -27,7 +27,7 @@ KNOWN = 4.0
 """The noise counts as much as so many blocks beside those of a surface."""
 LEVEL_M = 1e-3
 """Exact heights that are off their plane by no more are on it to a foot [m]."""
-LEAST_STEP_M, BLURRED = 0.01, 1.5
+LEAST_STEP_M, _BLURRED = 0.01, 1.5
 """A step lower than this is no edge to a foot [m]; and the most that noise moves an edge, in
 samples' distances."""
 
@@ -89,7 +89,7 @@ def certainties(
         covariance = np.zeros((3, 3))
         covariance[0, 0], covariance[1:, 1:] = 1.0 / one[k], np.linalg.inv(matrix)
         blur = spacing * min(
-            2.0 * (noise_m / steps[k]) ** 2, BLURRED
+            2.0 * (noise_m / steps[k]) ** 2, _BLURRED
         )  # where a step begins, in noisy samples
         result.append(
             Certainty(
@@ -142,7 +142,7 @@ def excess_squares(
     planes = fitted(labels, cells)[0]
     a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
     one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
-    side = max(2 * round(0.5 * PATH_M / cells.spacing_m) + 1, 3)
+    side = max(2 * round(0.5 * _PATH_M / cells.spacing_m) + 1, 3)
     count, off = boxed(np.stack([one, z - a * x - b * y - c * one]), side)
     count = np.maximum(count, cells.weight)
     chance = noise_m**2 / count
@@ -162,7 +162,7 @@ def with_local(
     for piece in pieces:
         inside = _cells_in(piece, own, cells)
         off_m2, chance_m2 = excess_m2[:, *inside.T].mean(axis=1) if len(inside) else (0.0, 0.0)
-        paths = max(len(inside) * (cells.spacing_m / PATH_M) ** 2, 1.0)
+        paths = max(len(inside) * (cells.spacing_m / _PATH_M) ** 2, 1.0)
         rough_m2 = max(off_m2 + UNSEEN * chance_m2 * np.sqrt(2.0 / paths), 0.0)
         result.append(_no_smoother(piece, float(np.sqrt(rough_m2))))
     return result

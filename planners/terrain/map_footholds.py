@@ -69,17 +69,17 @@ FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
 TWO = 0.5
 """Two planes are far nearer than one if their rms is less than this share of its."""
-NARROWEST_M = 0.08
+_NARROWEST_M = 0.08
 """Halves that are narrower in the mean are waves of one surface [m]."""
 HIDDEN = 0.5
 """A step that is not seen is this many of its deviations high, from place to place."""
 QUIET = 0.25
 """Noise below this share of the roughness is a part of it."""
-FLATTEST = 0.02
+_FLATTEST = 0.02
 """Heights without noise are off a narrow strip by no more than this share of the roughness."""
 STRAIGHT = 0.25
 """The outline that bodies keep out of is made simpler by no more than this, in cells."""
-POCKET = 1.0
+_POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
 
@@ -183,7 +183,7 @@ def _planes_of(
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
     cell_m2 = spacing**2 / normal_z
     flattest = (
-        most_rms * _slack(count) if noisy else np.full(len(planes), FLATTEST * limits.roughness_m)
+        most_rms * _slack(count) if noisy else np.full(len(planes), _FLATTEST * limits.roughness_m)
     )
     within = _inner_rms(labels, cells, rms) if cells.sparse else rms
     level, flat = normal_z >= np.cos(limits.slope_rad), within <= most_rms * _slack(count)
@@ -391,12 +391,12 @@ def _inner(polygon: Any) -> Any:
     pocket = (
         np.inf if polygon.interiors else shapely.hausdorff_distance(polygon.exterior, hull.exterior)
     )
-    if pocket <= POCKET:
+    if pocket <= _POCKET:
         return hull.buffer(-max(pocket, 0.5), join_style="mitre").simplify(0.05)
     return (
         polygon.buffer(-0.5, join_style="mitre")
-        .simplify(POCKET)
-        .buffer(-POCKET, join_style="mitre")
+        .simplify(_POCKET)
+        .buffer(-_POCKET, join_style="mitre")
     )
 
 
@@ -425,7 +425,7 @@ def _surfaces(
     _, group = connected_components(graph, directed=False)
     labels = np.where(ground, group.reshape(heights.shape), -1)
     return _parted(
-        renumbered(labels), heights, plane[2], limits.rms_m, max(NARROWEST_M / spacing, 2.0)
+        renumbered(labels), heights, plane[2], limits.rms_m, max(_NARROWEST_M / spacing, 2.0)
     )
 
 

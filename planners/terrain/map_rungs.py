@@ -27,7 +27,7 @@ LONG, ROWS = 3.0, 3
 """A rung is so many times as long as wide, and so many cells wide."""
 ROUND = 0.03
 """Heights are off the cylinder by no more, in radii, beside the noise."""
-BENT, NOISY = 0.08, 0.3
+BENT, _NOISY = 0.08, 0.3
 """Heights are off a plane by so many radii more than off the cylinder; and the most noise, in radii: with more the
 cylinder that fits is not where the rung is."""
 ARC_RAD = 0.7
@@ -227,7 +227,7 @@ def _rung(
         return None
     if rms > np.hypot(ROUND * radius, 1.2 * noise_m / np.sqrt(max(weights.mean(), 1.0))):
         return None
-    if noise_m > NOISY * radius or off_plane**2 - rms**2 < (BENT * radius) ** 2:
+    if noise_m > _NOISY * radius or off_plane**2 - rms**2 < (BENT * radius) ** 2:
         return None
     beside = across - v0 - turn * along
     if min(beside.max(), -beside.min()) < np.sin(ARC_RAD) * radius or abs(rise) > np.tan(slope_rad):

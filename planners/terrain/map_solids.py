@@ -26,23 +26,23 @@ FREE_M = 0.25
 """Points of a column with so much free height below them hang over the ground [m]."""
 SAME_M = 0.1
 """The ground below what hangs over it differs by no more from that of the cells beside it [m]."""
-BESIDES = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0))
+_BESIDES = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0))
 ROUNDS = 3
 """So many cells from ground that is seen below something the ground below it may be unseen."""
 BESIDE = 2
 """What hangs over the ground does so in so many of the eight cells beside it: single points are
 noise."""
-WALL_M = 0.3
+_WALL_M = 0.3
 """Cells so far above one beside them have sides that bodies run into [m]."""
-NARROW_M, HIGH_M, NOISES = 0.25, 0.1, 6.0
+NARROW_M, _HIGH_M, NOISES = 0.25, 0.1, 6.0
 """What is narrower and so far above the ground to both sides is solid [m]; more, by so many
 deviations, where there is noise. Heights within as many of a surface are on it: of a hundred thousand one is
 four off."""
 ALIKE_M = (0.05, 0.2, np.inf)
 """Cells whose tops and bottoms differ by no more are covered by one box [m]: the first with which
-there are no more than ``MOST_BOXES``."""
-MOST_BOXES = 300
-SUNK_M = 0.01
+there are no more than ``_MOST_BOXES``."""
+_MOST_BOXES = 300
+_SUNK_M = 0.01
 """Boxes on the ground end so far below their highest point, where feet may stand [m]."""
 APART_M = 5e-4
 """Between neighbouring boxes, so that each is a body of its own [m]."""
@@ -138,7 +138,7 @@ def _together(under: NDArray[np.bool_], floor: Array) -> NDArray[np.bool_]:
         beside = np.zeros(under.shape)
         padded, known = np.pad(floor, 1, constant_values=np.nan), np.pad(under, 1)
         n, m = under.shape
-        for i, j in BESIDES:
+        for i, j in _BESIDES:
             here = np.s_[1 + i : 1 + i + n, 1 + j : 1 + j + m]
             with np.errstate(invalid="ignore"):
                 even = np.abs(padded[here] - floor) <= SAME_M
@@ -158,7 +158,7 @@ def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np
         count, height = np.zeros(under.shape), np.zeros(under.shape)
         known = np.pad(under, 1), np.pad(np.where(under, floor, 0.0), 1)
         n, m = under.shape
-        for i, j in BESIDES:
+        for i, j in _BESIDES:
             here = np.s_[1 + i : 1 + i + n, 1 + j : 1 + j + m]
             count += known[0][here]
             height += known[1][here]
@@ -221,11 +221,11 @@ def standing_boxes(terrain: ElevationMap, noise_m: float) -> Array:
     lowest = np.where(ground & np.isfinite(lowest), lowest, -np.inf)
     opened = maximum_filter(lowest, size=wide)[wide:-wide, wide:-wide]
     with np.errstate(invalid="ignore"):
-        wall = known & (heights - beside > max(WALL_M, NOISES * noise_m))
-        narrow = known & (heights - opened > max(HIGH_M, NOISES * noise_m))
+        wall = known & (heights - beside > max(_WALL_M, NOISES * noise_m))
+        narrow = known & (heights - opened > max(_HIGH_M, NOISES * noise_m))
     solid = wall | narrow
     floor = np.minimum(beside, np.where(narrow, opened, np.inf))
-    bottom, top = np.where(solid, floor, np.inf), np.where(solid, heights - SUNK_M, -np.inf)
+    bottom, top = np.where(solid, floor, np.inf), np.where(solid, heights - _SUNK_M, -np.inf)
     corner = np.array([terrain.x_m[0], terrain.y_m[0]]) - 0.5 * spacing
     return covered(bottom, top, corner, spacing)
 
@@ -239,11 +239,11 @@ def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
     for alike in ALIKE_M:
         rectangles = list(_rectangles(bottom, top, alike))
         boxes = np.array(rectangles, dtype=np.float64).reshape(-1, 6)
-        if len(boxes) <= MOST_BOXES:
+        if len(boxes) <= _MOST_BOXES:
             break
     boxes[:, :2] = corner[0] + spacing * boxes[:, :2] + [APART_M, -APART_M]
     boxes[:, 2:4] = corner[1] + spacing * boxes[:, 2:4] + [APART_M, -APART_M]
-    boxes[:, 5] = np.maximum(boxes[:, 5], boxes[:, 4] + 2.0 * SUNK_M)
+    boxes[:, 5] = np.maximum(boxes[:, 5], boxes[:, 4] + 2.0 * _SUNK_M)
     return boxes
 
 

@@ -46,7 +46,7 @@ STRAIGHT, BENT, ROUND = 1e-5, 0.02, 0.02
 their squares; and how far corners may be off the circle, in radii."""
 ARC_RAD = 0.3
 """A rung's surface goes on to both sides of its highest line by this or more [rad]."""
-COARSE_RAD = 0.2
+_COARSE_RAD = 0.2
 """Sides of a mesh that lean by more where the line is are taken as they are; sixteen sides are
 round [rad]."""
 
@@ -62,7 +62,7 @@ class MeshRung:
     @property
     def turn_rad(self) -> float:
         """Angle by which its surface turns from the middle of the line to the border."""
-        return max(self.rung.turn_rad, self.lean_rad if self.lean_rad > COARSE_RAD else 0.0)
+        return max(self.rung.turn_rad, self.lean_rad if self.lean_rad > _COARSE_RAD else 0.0)
 
     def line(self, corners_m: Array) -> FlatPiece:
         """Highest line of the rung as a strip, where triangles of it, with corners of shape (K, 3,
@@ -172,22 +172,22 @@ def _rung(corners: Array, normals: Array, axis: Array, flat_m: float) -> Rung | 
 
 THINNEST_M = 0.008
 """What is behind a facet is no thinner [m]."""
-INWARD = 0.1
+_INWARD = 0.1
 """Depths are looked at in the middle of a patch and so far from its corners towards it."""
-BEGIN_M = 1e-4
+_BEGIN_M = 1e-4
 """Triangles that are no deeper are of the facet itself [m]."""
 PAIRS = 2_000_000
 """Rays and triangles that are looked at together, at most."""
 
 
-def with_depths(patches: Sequence[Patch], mesh: TriangleMesh) -> tuple[Patch, ...]:
+def _with_depths(patches: Sequence[Patch], mesh: TriangleMesh) -> tuple[Patch, ...]:
     """Patches of a mesh, those as thin as their solid whose solid is thinner than usual."""
     if not patches:
         return ()
     places = list[Array]()
     for patch in patches:
         middle = patch.centre_m
-        places.append(np.vstack([middle, patch.vertices_m + INWARD * (middle - patch.vertices_m)]))
+        places.append(np.vstack([middle, patch.vertices_m + _INWARD * (middle - patch.vertices_m)]))
     owner = np.repeat(np.arange(len(patches)), [len(each) for each in places])
     ways = -np.array([patch.normal for patch in patches])[owner]
     depths = np.full(len(patches), np.inf)
@@ -223,14 +223,14 @@ def _depths(places: Array, ways: Array, corners: Array) -> Array:
         )
         depth = np.vecdot(normal, a - places[ray]) / along
         hit = places[ray] + depth[:, None] * way
-        inside = (depth > BEGIN_M) & (depth < THICKNESS_M)
+        inside = (depth > _BEGIN_M) & (depth < THICKNESS_M)
         for one, other in ((a, b), (b, c), (c, a)):
             inside &= np.vecdot(np.cross(other - one, hit - one), normal) >= 0.0
         np.minimum.at(depths, ray[inside], depth[inside])
     return depths
 
 
-ABOVE_M = 1e-4
+_ABOVE_M = 1e-4
 """What is no higher above a facet is on it [m]."""
 THIN_M = 1e-5
 """Borders this close are one [m]."""
@@ -276,7 +276,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         pieces=tuple(pieces),
         area_m2=sum(piece.area_m2 for piece in pieces),
         refused_m2=refused,
-        surfaces=with_depths(
+        surfaces=_with_depths(
             [patch for facet in facets for patch in facet.patches(SMALLEST_M, friction)], mesh
         ),
         limits=limits,
@@ -434,10 +434,10 @@ class _Around:
         """Part of a facet that has nothing within the clearance above it."""
         corners = self._corners[self._near(facet, clearance_m)]
         heights = facet.plane.height(corners)
-        within = (heights.max(axis=1) > ABOVE_M) & (heights.min(axis=1) < clearance_m)
+        within = (heights.max(axis=1) > _ABOVE_M) & (heights.min(axis=1) < clearance_m)
         corners, heights = corners[within], heights[within]
         flat = facet.plane.flat(corners)
-        whole = (heights.min(axis=1) >= ABOVE_M) & (heights.max(axis=1) <= clearance_m)
+        whole = (heights.min(axis=1) >= _ABOVE_M) & (heights.max(axis=1) <= clearance_m)
         cut = [
             _slab(*each, clearance_m) for each in zip(flat[~whole], heights[~whole], strict=True)
         ]
@@ -455,7 +455,7 @@ class _Around:
         parts = [self._parts(facet) for facet in facets]
         points = [
             facet.plane.world(np.array([_within(part) for part in of]).reshape(-1, 2))
-            + ABOVE_M * facet.plane.normal
+            + _ABOVE_M * facet.plane.normal
             for facet, of in zip(facets, parts, strict=True)
         ]
         facet_of = np.repeat(np.arange(len(facets)), [len(of) for of in points])
@@ -477,7 +477,7 @@ class _Around:
         """
         corners = facet.plane.world(np.array(self._shapely.get_coordinates(facet.polygon)))
         corners = np.concatenate([corners, corners + above_m * facet.plane.normal])
-        low, high = corners.min(axis=0) - ABOVE_M, corners.max(axis=0) + ABOVE_M
+        low, high = corners.min(axis=0) - _ABOVE_M, corners.max(axis=0) + _ABOVE_M
         near = np.asarray(self._tree.query(self._shapely.box(*low[:2], *high[:2])))
         near = near[(self._low[near, 2] <= high[2]) & (self._high[near, 2] >= low[2])]
         return np.setdiff1d(near, facet.triangles, assume_unique=True)
@@ -487,8 +487,8 @@ class _Around:
         parts = parts_of(facet.polygon)
         if not parts:
             return []
-        corners = self._corners[self._near(facet, 2.0 * ABOVE_M)]
-        heights = facet.plane.height(corners) - ABOVE_M
+        corners = self._corners[self._near(facet, 2.0 * _ABOVE_M)]
+        heights = facet.plane.height(corners) - _ABOVE_M
         across = (heights.min(axis=1) < 0.0) & (heights.max(axis=1) > 0.0)
         ends = np.concatenate(
             [_crossings(facet.plane.flat(corners[across]), heights[across]), self._shadows(facet)]
@@ -511,7 +511,7 @@ class _Around:
         2).
         """
         heights = facet.plane.height(self._open)
-        over = heights.max(axis=1) > ABOVE_M
+        over = heights.max(axis=1) > _ABOVE_M
         along = np.array([*LEAN, 1.0])
         rise = float(facet.plane.normal @ along)
         if abs(rise) < 1e-6:
@@ -585,7 +585,7 @@ def _slab(flat: Array, heights: Array, top: float) -> Array:
     shape (U, 2).
     """
     points, levels = flat, heights
-    for sign, level in ((-1.0, -ABOVE_M), (1.0, top)):
+    for sign, level in ((-1.0, -_ABOVE_M), (1.0, top)):
         if len(points) < 3:
             break
         over = sign * levels - level

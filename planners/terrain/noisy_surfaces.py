@@ -37,7 +37,7 @@ from .correlation import (
 from .footholds import FootholdLimits
 from .inside_out import half_window, hidden_edges
 
-FINE_SD_M = 0.0035
+_FINE_SD_M = 0.0035
 """Deviation that the height of a square's plane is to have at its middle; squares are as large as
 that takes [m]."""
 COARSE_SD_M = 0.012
@@ -49,7 +49,7 @@ TURN_RAD = 0.12
 [rad]."""
 FEWEST = 6
 """Samples that a plane is fitted to."""
-FEWEST_ALIKE = 2.0
+_FEWEST_ALIKE = 2.0
 """The same of samples whose noise is alike, by what they count."""
 SURE = 16.4
 """Mean plus three deviations of χ² of six degrees of freedom, as many as 3 × 3 blocks leave a
@@ -57,28 +57,28 @@ plane."""
 ALIKE = 25.0
 """Two surfaces of one plane have a larger sum of squares than of two planes by more than this, in
 variances of the noise, once in ten thousand times."""
-OF_PLACES = np.array([1.0] * 6 + [0.0] * 4)[:, None]
+_OF_PLACES = np.array([1.0] * 6 + [0.0] * 4)[:, None]
 """Of moments those without heights."""
 OFF = 2.5
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 FARTHEST = 3.0
 """A cell is off the plane of its surface by no more than this, in deviations."""
-AGREEMENT, SWEEPS = 1.5, 4
+_AGREEMENT, SWEEPS = 1.5, 4
 """What a neighbour of the same surface counts for, as a difference of squares in variances of the
 noise, and how often borders are looked at."""
-JUDGED_M, CHOSEN = 0.1, 6.0
+_JUDGED_M, _CHOSEN = 0.1, 6.0
 """Side of the blocks by which surfaces are joined at last [m], and how many deviations those of the
 smaller one may be off, whose cells were chosen by their heights."""
-ROUNDS, LLOYD, JOINED = 12, 4, 16
-TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
+ROUNDS, LLOYD, _JOINED = 12, 4, 16
+_TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
 """Cells farther than this off a surface that is no plane are taken from it, in its largest rms,
 round by round."""
-LUMPS, LUMP_SD, LUMP_ROUGH = (3, 5, 7), 3.5, 2.0
+_LUMPS, LUMP_SD, _LUMP_ROUGH = (3, 5, 7), 3.5, 2.0
 """Sides of squares of cells whose means over a surface are looked at, and how far they may be off its plane: in
 deviations of the mean, and in times the roughness."""
 LOOKS = 4
 """How often hidden edges are looked for, each time without those that were found."""
-CLOSED, MOST_VOTES, ALONE = 3, 5, 4.5
+CLOSED, _MOST_VOTES, ALONE = 3, 5, 4.5
 """How often single cells are closed, how many of eight neighbours of one surface that takes, and
 how far off it they may be in deviations of the noise."""
 
@@ -94,7 +94,7 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
     labels = np.full(cells.known.shape, -1)
     if np.count_nonzero(cells.known) < FEWEST:
         return labels
-    fine, coarse = (_side(cells, noise_m, sd) for sd in (FINE_SD_M, COARSE_SD_M))
+    fine, coarse = (_side(cells, noise_m, sd) for sd in (_FINE_SD_M, COARSE_SD_M))
     sides = sorted({fine, (fine + coarse) // 2, coarse}, reverse=True)
     for side in sides:
         left = cells.known & (labels < 0)
@@ -172,8 +172,8 @@ def _lumps(
     a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
     one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
     sums = np.stack([one, z - a * x - b * y - c * one])
-    rough_m = LUMP_ROUGH * limits.roughness_m
-    for side in LUMPS:
+    rough_m = _LUMP_ROUGH * limits.roughness_m
+    for side in _LUMPS:
         count, off = boxed(sums, side)
         most = (LUMP_SD * noise_m) ** 2 * count + (rough_m * count) ** 2
         lumps |= (labels >= 0) & (off**2 > most)
@@ -194,7 +194,7 @@ def _between_edges(cells: GroundCells, near_m: float) -> Labels:
 def _trimmed(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
     """Surfaces that are no planes within the noise, without the cells that are farthest off."""
     most = float(np.hypot(limits.roughness_m, noise_m))
-    for share in TRIMMED:
+    for share in _TRIMMED:
         planes, rms, count = fitted(labels, cells)
         bent = rms > most * (1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0)))
         if not bent.any():
@@ -218,7 +218,7 @@ def _closed(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
         best = around[votes.argmax(axis=0), np.arange(len(i))]
         a, b, c = planes[np.maximum(best, 0)].T if len(planes) else np.zeros((3, len(i)))
         off = np.abs(a * x[i, j] + b * y[i, j] + c - mean[i, j])
-        chosen = (votes.max(axis=0) >= MOST_VOTES) & ~(off > ALONE * noise_m)
+        chosen = (votes.max(axis=0) >= _MOST_VOTES) & ~(off > ALONE * noise_m)
         if not chosen.any():
             break
         labels = labels.copy()
@@ -437,7 +437,7 @@ def _joined(
     """
     pairs, sums = _touching(labels), sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
     whose = np.arange(sums.shape[1])
-    for _ in range(JOINED):
+    for _ in range(_JOINED):
         if not pairs.size:
             break
         planes, rms = solved(sums)
@@ -446,7 +446,9 @@ def _joined(
         worse = solved(both)[1] ** 2 * both[0] - squares[pairs[0]] - squares[pairs[1]]
         smaller = np.where(sums[0][pairs[0]] < sums[0][pairs[1]], pairs[0], pairs[1])
         few = sums[0][smaller]
-        apart = mean_square(planes[:, pairs[0]] - planes[:, pairs[1]], sums[:, smaller] * OF_PLACES)
+        apart = mean_square(
+            planes[:, pairs[0]] - planes[:, pairs[1]], sums[:, smaller] * _OF_PLACES
+        )
         unseen = (
             0.5 * limits.roughness_m
         ) ** 2 + 12.0 * noise_m**2 / few  # two deviations of the smaller one's plane
@@ -487,7 +489,7 @@ def _excess(
     excesses = []
     for squares, freedom, times in (
         (together, len(places) - 3.0, 3.0),
-        (alone, float(len(alone)), CHOSEN),
+        (alone, float(len(alone)), _CHOSEN),
     ):
         freedom = max(freedom, 1.0)
         excesses.append(
@@ -501,11 +503,11 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     than their noise, all together and those of the smaller one alone: noise parts a wide surface
     here and there, and each part is biased.
     """
-    side = max(round(JUDGED_M / cells.spacing_m), 1)
+    side = max(round(_JUDGED_M / cells.spacing_m), 1)
     wide, count = labels.shape[1] // side + 2, int(labels.max(initial=-1)) + 1
     pairs, whose, (i, j) = _touching(labels), np.arange(count), np.nonzero(labels >= 0)
     keys, parts = (i // side * wide + j // side) * count + labels[i, j], cells.moments[:, i, j]
-    for _ in range(JOINED):
+    for _ in range(_JOINED):
         if not pairs.size:
             break
         keys, of = np.unique(keys, return_inverse=True)
@@ -553,7 +555,7 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
         )
         votes = np.sum(around[None] == candidates[:, None], axis=1)
         near = off <= FARTHEST**2 * cells.weight
-        energy = np.where((candidates >= 0) & near, off - AGREEMENT * votes, np.inf)
+        energy = np.where((candidates >= 0) & near, off - _AGREEMENT * votes, np.inf)
         alone = ~np.isfinite(energy).any(axis=0)
         best = np.where(alone, -1, candidates[energy.argmin(axis=0), np.arange(len(i))])
         if np.array_equal(best, label):
@@ -565,7 +567,7 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
 def _large_enough(labels: Labels, cells: GroundCells) -> Labels:
     """Labels without surfaces of few samples, and parts apart from each other."""
     labels = _apart(labels)
-    fewest = FEWEST if cells.weight == 1.0 else max(FEWEST * cells.weight, FEWEST_ALIKE)
+    fewest = FEWEST if cells.weight == 1.0 else max(FEWEST * cells.weight, _FEWEST_ALIKE)
     count = np.bincount(
         labels[labels >= 0],
         weights=cells.moments[0][labels >= 0],

@@ -113,7 +113,7 @@ class Ground:
 
 WELD_M = 1e-6
 """Corners of patches that are closer are one."""
-SAME_AREA = 1e-4
+_SAME_AREA = 1e-4
 """A convex body's patches are as large as its hull, up to this share."""
 BLOCK = 10_000
 """So many triangles are looked at together, seen from some points."""
@@ -254,7 +254,7 @@ def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
         ((corners - patch.vertices_m[0]) @ patch.normal).max() > WELD_M for patch in patches
     ):
         return False
-    return abs(ConvexHull(corners).area / sum(map(_area, patches)) - 1.0) < SAME_AREA
+    return abs(ConvexHull(corners).area / sum(map(_area, patches)) - 1.0) < _SAME_AREA
 
 
 def _closes(patches: Sequence[Patch]) -> bool:

@@ -153,7 +153,7 @@ def _prism(border: Array, normal: Array, thickness_m: float) -> Array:
     return np.concatenate([border[apart], border[apart] - thickness_m * normal])
 
 
-FLATNESS = 2e-3
+_FLATNESS = 2e-3
 """Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not
 for a bent patch."""
 
@@ -396,7 +396,7 @@ def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
     defects = (
         (diameter < 1e-4, "a patch with an area, got one of diameter {0:g} m"),
         (
-            off_plane > FLATNESS * diameter,
+            off_plane > _FLATNESS * diameter,
             "a plane with the given normal, got vertices {1:.3g} mm off it",
         ),
         (np.abs(area) < 1e-4 * diameter**2, "a patch with an area, got {2:.3g} m² on {0:.3g} m"),

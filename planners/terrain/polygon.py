@@ -29,7 +29,7 @@ VOID_M = -0.6
 """Height of what is between stones and in gaps, where a height is needed [m]."""
 EDGE_M = 1e-9
 """Neighbouring surfaces have no seam between them [m]."""
-ROUNDING_M2 = 1e-9
+_ROUNDING_M2 = 1e-9
 """An area below this says nothing of the side that a point is on [m²]."""
 UPRIGHT = 0.1
 """A surface whose normal has a smaller upward share is a riser or a wall: it has no height at a
@@ -177,7 +177,7 @@ def _clearly_outside(corners: Corners, point: Corner) -> bool:
         (to_x - x) * (point[1] - y) - (to_y - y) * (point[0] - x)
         for (x, y), (to_x, to_y) in zip(corners, corners[1:] + corners[:1], strict=True)
     ]
-    return min(turns) < -ROUNDING_M2 and max(turns) > ROUNDING_M2
+    return min(turns) < -_ROUNDING_M2 and max(turns) > _ROUNDING_M2
 
 
 class Surface:

@@ -25,7 +25,7 @@ WIDEST_M = 48.0
 """Where there is room for that on what is no wider than this [m]."""
 AROUND, UP = 32, 17
 """Points of a circle, and circles of a ball."""
-HOLLOW = 1.05
+_HOLLOW = 1.05
 """A mesh whose hull has so many times its volume is hollow."""
 
 
@@ -157,7 +157,7 @@ def _mesh(model: Any, mesh: int) -> Surface | None:
         corners, triangles, volume = _hull(points)
     except QhullError:
         return None
-    if volume > HOLLOW * (within := float(np.linalg.det(points[faces]).sum()) / 6.0):
+    if volume > _HOLLOW * (within := float(np.linalg.det(points[faces]).sum()) / 6.0):
         warnings.warn(
             f"mesh {model.mesh(mesh).name}: its hull is the ground, as MuJoCo has it, of {volume:.3g} m³, "
             f"where the mesh has {within:.3g}",

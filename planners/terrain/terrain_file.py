@@ -26,11 +26,11 @@ MAY_HOLD = SUFFIXES_OF | {
     "grid": (*SUFFIXES_OF["grid"], *SUFFIXES_OF["mesh"]),
 }
 """A mesh that is read as a grid is seen from above."""
-AS_MAP = "simplify it, or have its upper side read as a map with kind=grid and a spacing_m"
+_AS_MAP = "simplify it, or have its upper side read as a map with kind=grid and a spacing_m"
 """Advice about a mesh with more triangles than are wanted."""
-MOST_SEEN = 3_000_000
+_MOST_SEEN = 3_000_000
 """Triangles of such a mesh."""
-ROWS_POINTS = 200_000
+_ROWS_POINTS = 200_000
 """Points at which a spline is looked at in one go."""
 TOLERANCE_M = 0.025
 """Height by which a spline may swing beyond the heights about a cell; beyond, the terrain is too
@@ -53,10 +53,10 @@ def read_terrain(
     if options.height_m is not None and path.suffix.lower() != ".png":
         raise InvalidInput(f"height_m: expected a .png with it, got {path}")
     if kind == "mesh":
-        corners, triangles = _surface(path, options.most_triangles, AS_MAP)
+        corners, triangles = _surface(path, options.most_triangles, _AS_MAP)
         return TriangleMesh.of(corners, triangles, options, label)
     if kind == "grid" and path.suffix.lower() in SUFFIXES_OF["mesh"]:
-        seen = _surface(path, max(options.most_triangles, MOST_SEEN))
+        seen = _surface(path, max(options.most_triangles, _MOST_SEEN))
         mesh = TriangleMesh.as_given(*seen, options, label)
         mesh.check_size()
         return mesh.from_above(options.spacing_m).with_holes(options.holes)
@@ -137,7 +137,7 @@ def _check_held(field: HeightField, tolerance_m: float) -> None:
     h = field.heights_m
     corners = np.stack([h[:-1, :-1], h[1:, :-1], h[:-1, 1:], h[1:, 1:]])
     x, y = (0.5 * (line[1:] + line[:-1]) for line in (field.x_m, field.y_m))
-    rows = max(1, ROWS_POINTS // len(y))
+    rows = max(1, _ROWS_POINTS // len(y))
     middles = np.concatenate(
         [
             field.height(np.stack(np.meshgrid(x[k : k + rows], y, indexing="ij"), axis=-1))

@@ -24,7 +24,7 @@ NEAR_M = 1e-6
 EDGE = 1e-5
 """A node is under a triangle up to this share beyond its edges: corners are often in single
 precision."""
-FLAT_M2 = 1e-14
+_FLAT_M2 = 1e-14
 """Twice the area, seen from above, below which a triangle covers nothing [m²]."""
 PAIRS = 1_000_000
 """Pairs of a triangle and a node that are looked at together, unless one triangle alone has
@@ -53,7 +53,7 @@ def raised(triangles: Array, x_m: Array, y_m: Array) -> Array:
     counts = (last - first).prod(axis=1)
     a, b, c = (flat[:, corner] for corner in range(3))
     doubles = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
-    there = np.flatnonzero((counts > 0) & (np.abs(doubles) >= FLAT_M2))
+    there = np.flatnonzero((counts > 0) & (np.abs(doubles) >= _FLAT_M2))
     ends = np.cumsum(counts[there])
     begin = 0
     while begin < len(there):

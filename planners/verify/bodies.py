@@ -66,7 +66,7 @@ def further_groups(plan: Plan) -> tuple[Group, ...]:
     return tuple(groups)
 
 
-NO_ANGLES = "the plan has no joint angles that the motion could go through"
+_NO_ANGLES = "the plan has no joint angles that the motion could go through"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,7 +236,7 @@ def check_bodies(
     if plan.problem.uncarried:
         return (group,)  # nobody asks for a motion
     unchecked = (
-        NO_ANGLES if plan.joints_rad is None else LATE if time.perf_counter() > deadline else ""
+        _NO_ANGLES if plan.joints_rad is None else LATE if time.perf_counter() > deadline else ""
     )
     if unchecked:
         return group, Group("motion", unit="m", message=unchecked, verdict="not checked")

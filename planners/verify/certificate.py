@@ -31,7 +31,7 @@ Side = Array | None
 """Corners of a side of a least step; None where it is open."""
 Node = tuple[Index, Array, Array, tuple[Side, ...]]
 """The piece that each candidate still has, the force boxes, and the side of each least step."""
-Replayed = tuple[list[Node], Array]
+_Replayed = tuple[list[Node], Array]
 """The leaves in preorder and their multipliers."""
 MOST_CORNERS = 1_000_000
 """Most corners of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
@@ -183,7 +183,7 @@ class Forest:
         """The whole patches of the first problem's candidates, shape (U, 3) each."""
         return self._pieces[: len(self.numbers.candidate)]
 
-    def replay(self, problem: int, certificate: Certificate) -> Replayed:
+    def replay(self, problem: int, certificate: Certificate) -> _Replayed:
         """The leaves of a tree over one of the problems: patches and force boxes are cut again as
         the nodes say.
 
@@ -256,7 +256,7 @@ class Forest:
             )
         return leaves, rows
 
-    def leaves(self, replayed: dict[int, Replayed]) -> Leaves:
+    def leaves(self, replayed: dict[int, _Replayed]) -> Leaves:
         """The leaves of several problems' trees, by problem, ascending."""
         nodes = [node for leaves, _ in replayed.values() for node in leaves]
         rows = np.concatenate([rows for _, rows in replayed.values()])
@@ -507,7 +507,7 @@ def check_certificates(certificates: Sequence[Certificate]) -> Array:
     for kind in set(kinds):
         rows = [row for row, of_kind in enumerate(kinds) if of_kind == kind]
         forest = Forest.of_postures([problems[row] for row in rows])
-        replayed: dict[int, Replayed] = {}
+        replayed: dict[int, _Replayed] = {}
         for q, row in enumerate(rows):
             try:
                 replayed[q] = forest.replay(q, certificates[row])

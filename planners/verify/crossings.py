@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
 TOES_M = 1e-6
 """Toes are where they were when the next part begins, within this [m]."""
-BODY_M, TURN_RAD = 2e-3, 0.1
+_BODY_M, TURN_RAD = 2e-3, 0.1
 """So is the body, which goes from one pose to the other while all limbs stand [m, rad]."""
-JOINTS_RAD = 0.25
+_JOINTS_RAD = 0.25
 """And every joint: what a centre of mass of the whole robot, by which leaps go, and one of its body,
 by which key frames go, make of one pose [rad]."""
-BROKEN = np.inf
+_BROKEN = np.inf
 """Value of a part's group whose numbers are none of a plan: nobody asks for its ends."""
-BodyOf = Callable[[LeapPlan], "LeapBody"]
+_BodyOf = Callable[[LeapPlan], "LeapBody"]
 """Legs of a leap; made once for all that is asked of them."""
 UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
 
@@ -66,7 +66,7 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
     if not defect:
         body_of = cache(_leap_body)
         groups = list(_parts(crossing, body_of))
-        if not any(group.value == BROKEN for group in groups):
+        if not any(group.value == _BROKEN for group in groups):
             groups += _seams(crossing, body_of)
         groups += _proof(crossing)
     return Report(groups=tuple(groups), answer=crossing, tolerance=0.0, defect=defect)
@@ -114,7 +114,7 @@ def differs(mine: Robot, other: Robot) -> str:
     return ""
 
 
-def _parts(crossing: Crossing, body_of: BodyOf) -> Iterator[Group]:
+def _parts(crossing: Crossing, body_of: _BodyOf) -> Iterator[Group]:
     for k, part in enumerate(crossing.parts, 1):
         if isinstance(part, Plan):
             report = check_plan(part, joints=True)
@@ -129,7 +129,7 @@ def _parts(crossing: Crossing, body_of: BodyOf) -> Iterator[Group]:
 def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
     """Verdict of a part's own verifier."""
     words = "; ".join(filter(None, (report.message, report.failures)))
-    worst = BROKEN if report.defect else max(report.worst, 0.0)
+    worst = _BROKEN if report.defect else max(report.worst, 0.0)
     if not report.accepted:
         return Group(name, value=worst, unit="1", message=words, verdict="violated")
     if report.unchecked:
@@ -138,7 +138,7 @@ def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
     return Group(name, value=worst, limit=report.tolerance, unit="1", verdict="holds")
 
 
-def _over(crossing: Crossing, k: int, plan: LeapPlan, body_of: BodyOf) -> Iterator[Group]:
+def _over(crossing: Crossing, k: int, plan: LeapPlan, body_of: _BodyOf) -> Iterator[Group]:
     """A leap over the terrain: its toes on it, its whole body off it."""
     leap = plan.problem
     patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
@@ -156,14 +156,14 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan, body_of: BodyOf) -> Iterat
         yield Group(name, unit="m", message=str(error), verdict="not checked")
 
 
-def _seams(crossing: Crossing, body_of: BodyOf) -> Iterator[Group]:
+def _seams(crossing: Crossing, body_of: _BodyOf) -> Iterator[Group]:
     """Gaps between each part and the next."""
     for k, (before, after) in enumerate(pairwise(crossing.parts), 1):
         name = f"{k} to {k + 1}"
         a, b = _end(before, body_of, last=True), _end(after, body_of, last=False)
         names = crossing.robot.limb_names
         yield _seam(f"{name}: toes", np.linalg.norm(a.toes_m - b.toes_m, axis=1), TOES_M, names)
-        yield _seam(f"{name}: body", np.linalg.norm([a.com_m - b.com_m], axis=1), BODY_M)
+        yield _seam(f"{name}: body", np.linalg.norm([a.com_m - b.com_m], axis=1), _BODY_M)
         turn = np.abs(a.rotation_rad - b.rotation_rad)
         yield _seam(f"{name}: turn", turn, TURN_RAD, ("x", "y", "z"))
         if a.angles_rad is None or b.angles_rad is None:
@@ -171,7 +171,7 @@ def _seams(crossing: Crossing, body_of: BodyOf) -> Iterator[Group]:
             yield Group(f"{name}: joints", unit="rad", message=message, verdict="not checked")
             continue
         short = np.mod(a.angles_rad - b.angles_rad + np.pi, 2.0 * np.pi) - np.pi
-        yield _seam(f"{name}: joints", np.abs(short), JOINTS_RAD)
+        yield _seam(f"{name}: joints", np.abs(short), _JOINTS_RAD)
 
 
 def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -> Group:
@@ -182,7 +182,7 @@ def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -
     return Group(name, value=value, limit=limit, unit=unit, where=names[k] if names else "")
 
 
-def _end(part: Plan | LeapPlan, body_of: BodyOf, *, last: bool) -> _End:
+def _end(part: Plan | LeapPlan, body_of: _BodyOf, *, last: bool) -> _End:
     """State in which a part begins, or ends."""
     k = -1 if last else 0
     if isinstance(part, Plan):
@@ -243,9 +243,9 @@ def _another_way(crossing: Crossing, problem: Any) -> str:
     first, last = crossing.first, crossing.parts[-1].problem
     if not isinstance(problem, Passage):
         return "one layout of key frames, which proves nothing of others"
-    if np.linalg.norm(problem.start_m - first.com_nominal_m[0, :2]) > BODY_M:
+    if np.linalg.norm(problem.start_m - first.com_nominal_m[0, :2]) > _BODY_M:
         return "another start"
     goal_m = last.goal_m if isinstance(last, Problem) else last.goal.com_m
-    if np.linalg.norm(problem.goal_m - goal_m[:2]) > BODY_M:
+    if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M:
         return "another goal"
     return ""

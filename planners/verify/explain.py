@@ -89,7 +89,7 @@ class Explanation:
 LIMITS = ("friction", "force", "reach", "body", "tilt")
 """Limits of all limbs together: friction, largest normal force, reach, the room of the centre of
 mass, and the body's tilt."""
-GROWTHS = (0.1, 0.3, 1.0)
+_GROWTHS = (0.1, 0.3, 1.0)
 """Shares by which every limit grows: the first that weakens a proof says which does most."""
 SEVERAL = "several"
 """Where no single limit, twice as large, weakens the proof."""
@@ -108,7 +108,7 @@ def hindrances(certificates: Sequence[Certificate]) -> list[str]:
     leaves = forest.leaves({k: forest.replay(k, each) for k, each in enumerate(certificates)})
     numbers, names = forest.numbers, [SEVERAL] * len(certificates)
     now = _bounds(numbers, leaves)
-    for share in GROWTHS:
+    for share in _GROWTHS:
         grown = np.array([_bounds(*_grown(numbers, leaves, name, share)) for name in LIMITS])
         least = grown.min(axis=0)
         for k in np.flatnonzero(least < now - 1e-12):
@@ -149,7 +149,7 @@ def _grown(numbers: Numbers, leaves: Leaves, name: str, share: float) -> tuple[N
     return numbers, replace(leaves, upper=np.where(outermost, more * leaves.upper, leaves.upper))
 
 
-FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = (
+_FRICTION_CAP, _REACH_CAP_M, _FORCE_CAP, _RADIUS_CAP_M, _TILT_CAP_RAD = (
     10.0,
     1.0,
     10.0,
@@ -160,12 +160,12 @@ FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = (
 scale), radius."""
 OF_COURSE = "of this course as it states its layout"
 """Subject of a proof about a course, whose frames, candidates and limits are part of the question."""
-FALLING = ("steps.progress_m", "steps.least_toe_m", "steps.least_rotation_rad")
+_FALLING = ("steps.progress_m", "steps.least_toe_m", "steps.least_rotation_rad")
 """Limits that have to fall."""
 SIDES = 64
 """Of the pyramids around friction cones by which it asks whether feet slip."""
-BISECTIONS = 30
-MOST_GRIP, MOST_LENGTH, COURSE_BISECTIONS = 3.0, 2.0, 12
+_BISECTIONS = 30
+MOST_GRIP, _MOST_LENGTH, _COURSE_BISECTIONS = 3.0, 2.0, 12
 """For courses it looks no further than these (friction, to one part in 4,096; m or rad)."""
 
 
@@ -217,7 +217,7 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
         if cap <= 0.0 or np.all(grow(cap) > least):
             low = math.inf
         else:
-            for _ in range(BISECTIONS):
+            for _ in range(_BISECTIONS):
                 middle = 0.5 * (low + high)
                 low, high = (middle, high) if np.all(grow(middle) > least) else (low, middle)
         relaxations.append(
@@ -245,14 +245,14 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
             )
 
         mu = contact.patch.friction
-        search("friction", contact.leg, "1", mu, FRICTION_CAP - mu, friction)
-        search("reach", contact.leg, "m", contact.reach_m, REACH_CAP_M, reach)
+        search("friction", contact.leg, "1", mu, _FRICTION_CAP - mu, friction)
+        search("reach", contact.leg, "m", contact.reach_m, _REACH_CAP_M, reach)
         search(
             "force_max",
             contact.leg,
             "N",
             float(contact.force_max[0]) * force,
-            FORCE_CAP * force,
+            _FORCE_CAP * force,
             normal_force,
         )
     search(
@@ -260,7 +260,7 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
         "",
         "m",
         float(problem.com_radius_m[0]),
-        RADIUS_CAP_M,
+        _RADIUS_CAP_M,
         lambda by: leaf_bounds(
             replace(numbers, com_radius=numbers.com_radius + by / unit_m), leaves
         ),
@@ -270,7 +270,7 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
         "",
         "rad",
         float(numbers.tilt[0]),
-        TILT_CAP_RAD - float(numbers.tilt[0]),
+        _TILT_CAP_RAD - float(numbers.tilt[0]),
         lambda by: leaf_bounds(replace(numbers, tilt=numbers.tilt + by), leaves),
     )
     relaxations.sort(key=lambda r: (math.isinf(r.needed), r.relative, r.needed - r.now))
@@ -369,7 +369,7 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
         least, most, worst = most, MOST_GRIP, stance
         if not bears(under, most):
             return None
-        for _ in range(COURSE_BISECTIONS):
+        for _ in range(_COURSE_BISECTIONS):
             middle = 0.5 * (least + most)
             least, most = (least, middle) if bears(under, middle) else (middle, most)
     if worst is None or least == 0.0:  # any grip would do, if feet could press without end
@@ -502,9 +502,9 @@ def _lengths(
     )
     relaxations = []
     for size, name, now, scale, unit in rows:
-        falls = name in FALLING
+        falls = name in _FALLING
         by = value / size * scale if size > 1e-9 else math.inf
-        if by <= (now if falls else MOST_LENGTH):
+        if by <= (now if falls else _MOST_LENGTH):
             relaxations.append(
                 Relaxation(
                     parameter=name,
@@ -543,7 +543,7 @@ def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:
     low, high = 0.0, MOST_GRIP
     if proves(high):
         return math.inf
-    for _ in range(COURSE_BISECTIONS):
+    for _ in range(_COURSE_BISECTIONS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if proves(middle) else (low, middle)
     return low

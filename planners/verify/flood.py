@@ -46,7 +46,7 @@ MOST_NODES, MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05
 STEEPEST_RAD = 1.5
 """Slope and friction together from which a contact may pull."""
 ROOM_M = 1e-9
-SEAM_M = 1e-3
+_SEAM_M = 1e-3
 """Cracks between surfaces twice as wide are no holes in the ground [m]."""
 SECTIONS = 60
 ASSUMED = (
@@ -330,9 +330,9 @@ class _Replay:
             part = tuple(slice(max(a, 0), max(b, 0)) for a, b in zip(low, end, strict=True))
             slope = -patch.normal[:2] / patch.normal[2]
             height = patch.vertices_m[0, 2] + (points[part] - flat[0]) @ slope
-            sunk = height - SEAM_M / patch.normal[2]
+            sunk = height - _SEAM_M / patch.normal[2]
             away = _away(points[part], flat)
-            ground[part] = np.minimum(ground[part], np.where(away <= SEAM_M, sunk, np.inf))
+            ground[part] = np.minimum(ground[part], np.where(away <= _SEAM_M, sunk, np.inf))
             if number in self._tops:
                 above[part] = np.maximum(above[part], np.where(away <= ROOM_M, sunk, -np.inf))
         heights: Array = np.maximum(np.where(np.isinf(ground), -np.inf, ground), above)
@@ -346,7 +346,7 @@ class _Replay:
         padded = np.pad(ground, count, constant_values=-np.inf)
         for i in range(-count, count + 1):
             for j in range(-count, count + 1):
-                away = self.size * float(np.hypot(i, j)) + self.half + SEAM_M
+                away = self.size * float(np.hypot(i, j)) + self.half + _SEAM_M
                 if away <= radius:
                     moved = padded[count + i :, count + j :][: self.counts[0], : self.counts[1]]
                     result = np.maximum(result, moved + np.sqrt(radius**2 - away**2))

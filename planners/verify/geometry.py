@@ -24,14 +24,14 @@ FLAT = 1e-12
 triangles."""
 
 
-FOLLOWING, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+_FOLLOWING, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 """The corner of a triangle, or the axis of space, after each, and the one after that."""
 
 
 def cross(a: Array, b: Array) -> Array:
     """a × b along the last axis (``np.cross`` takes ten times as long on a few vectors)."""
-    first = a.take(FOLLOWING, axis=-1) * b.take(LAST, axis=-1)
-    return np.asarray(first - a.take(LAST, axis=-1) * b.take(FOLLOWING, axis=-1))
+    first = a.take(_FOLLOWING, axis=-1) * b.take(_LAST, axis=-1)
+    return np.asarray(first - a.take(_LAST, axis=-1) * b.take(_FOLLOWING, axis=-1))
 
 
 def length(vectors: Array) -> Array:
@@ -99,7 +99,7 @@ def patch_distances(polygons: list[Array], toes: Array) -> Array:
 
 def triangle_distances(triangles: Array, points: Array) -> Array:
     """Distance of points, shape (T, 3), from triangles, shape (T, 3, 3); shape (T,)."""
-    edges = triangles.take(FOLLOWING, axis=1) - triangles
+    edges = triangles.take(_FOLLOWING, axis=1) - triangles
     away = points[:, None] - triangles
     normals = cross(edges[:, 0], edges[:, 1])
     sides = np.vecdot(
@@ -221,10 +221,10 @@ def sag(polygon: Array) -> float:
 
 THICK_M = 1e-3
 """A toe so far from the terrain stands on it, as in walks [m]: rounded files, merged facets."""
-SAME_WAY = float(np.cos(0.02))
+_SAME_WAY = float(np.cos(0.02))
 """Cosine between normals of a foothold and of the terrain under it: more than a mesh's facets
 differ, 1 % of a cone."""
-ROUGHER = 1e-9
+_ROUGHER = 1e-9
 """Of friction: what rounding makes of it."""
 AROUND, FAR_M = 64, 0.3
 """Ways from a toe along which the border of its surface is looked for, and how far [m]."""
@@ -251,7 +251,7 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
     high = np.array([patch.vertices_m.max(axis=0) for patch in terrain])
     near = list[list[int]]()
     for patch, toe in zip(patches, toes, strict=True):
-        bears = (normals @ patch.normal >= SAME_WAY) & (friction >= patch.friction - ROUGHER)
+        bears = (normals @ patch.normal >= _SAME_WAY) & (friction >= patch.friction - _ROUGHER)
         about = np.where(
             bears,
             np.linalg.norm(np.maximum(low - toe, 0.0) + np.maximum(toe - high, 0.0), axis=1),
@@ -286,7 +286,7 @@ def certainty_under(
         for i, other in enumerate(terrain)
         if other.certainty is not None
         and not other.certainty.exact
-        and other.normal @ patch.normal >= SAME_WAY
+        and other.normal @ patch.normal >= _SAME_WAY
         and abs(gap := float(other.normal @ (toe - other.vertices_m[0]))) <= THICK_M
         and (gap := float(patch_distances([other.vertices_m], toe[None])[0])) <= THICK_M
     ]
@@ -338,7 +338,7 @@ def _same_surface(one: Patch, other: Patch) -> bool:
     )
 
 
-POINTS_SUM = 1e-9
+_POINTS_SUM = 1e-9
 """Forces at the points of a foot add up to the foot's, up to this share of the largest."""
 
 
@@ -384,7 +384,7 @@ def forces_defect(whole: Array, points: Array, counts: tuple[int, ...]) -> str:
     with np.errstate(all="ignore"):  # absurd magnitudes are no sum, either
         most = float(np.abs(whole).max(initial=0.0) + np.abs(points).max(initial=0.0))
         off = float(np.abs(points.sum(axis=-2) - whole).max(initial=0.0))
-    if not off <= POINTS_SUM * most or math.isinf(most):
+    if not off <= _POINTS_SUM * most or math.isinf(most):
         return "point_forces_n: expected forces that add up to forces_n"
     idle = np.arange(points.shape[-2]) >= np.array(counts)[:, None]
     if points[..., idle, :].any():

@@ -171,7 +171,7 @@ def least_works(
     return np.asarray(value.max(axis=0)), np.asarray((value - widened).max(axis=0))
 
 
-def misses_cone(lower: Array, upper: Array, friction: Array) -> NDArray[np.bool_]:
+def _misses_cone(lower: Array, upper: Array, friction: Array) -> NDArray[np.bool_]:
     """Tell where no force is within ``SLACK`` of both force box, shape (V, 3) each, and friction
     cone; shape (V,).
     """
@@ -320,7 +320,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     m = Multipliers.of(who, leaves.multipliers)
     gripped = m.gripped(who, numbers.row_normals[q])
     pulls = m.reach if gripped is None else m.reach + gripped
-    toes = toe_pulls(who, pulls, m)
+    toes = _toe_pulls(who, pulls, m)
     apart_normals, apart_bounds, linear = with_sides(numbers, leaves)
     if len(who.apart):
         toes += relative_pulls(who.apart, apart_normals, m.relative_reach, toes.shape[1])
@@ -456,7 +456,7 @@ def _candidates(
     friction = numbers.friction[problem, candidate_row]
     works = least_works(a, lower, upper, friction)
     missed = (
-        np.bincount(row, weights=misses_cone(lower, upper, friction), minlength=len(pair)) > 0.0
+        np.bincount(row, weights=_misses_cone(lower, upper, friction), minlength=len(pair)) > 0.0
     )
 
     work = np.stack([np.bincount(row, weights=each, minlength=len(pair)) for each in works])
@@ -540,7 +540,7 @@ def body_pulls(
     return pull, twist
 
 
-def toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
+def _toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
     """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3).
 
     Arguments:

@@ -1,7 +1,7 @@
 """Is this a leap? Newton and Euler, integrated finely from the forces alone, and every limit
 between instants, too.
 
-Knows toes, forces and the question; c, v, L and Θ are integrated anew (RK4 in ``SUBSTEPS`` steps
+Knows toes, forces and the question; c, v, L and Θ are integrated anew (RK4 in ``_SUBSTEPS`` steps
 per interval) and what a plan says of them is held against that. Rotations are exact here, R =
 exp([Θ]×), in reach, length and speed of legs.
 """
@@ -28,7 +28,7 @@ from ..terrain.obstacles import Obstacles
 from .moving_body import BodyPath, MovingBodyMeasurements
 from .postures import violation
 
-BODY_UNITS = {
+_BODY_UNITS = {
     "joints": "m",
     "joint_speed": "1",
     "torque": "1",
@@ -206,7 +206,7 @@ def _group(
         name=name,
         value=float(values[row, column]),
         limit=limit,
-        unit=BODY_UNITS[name],
+        unit=_BODY_UNITS[name],
         where=names[column],
         limb=limbs[column] if limbs else "",
         when=float(times_s[row]),
@@ -227,13 +227,14 @@ def _body_groups(plan: LeapPlan, limits: LeapBodyLimits = LeapBodyLimits()) -> t
     try:
         return tuple(LeapBodyMeasurements(LeapBody(plan)).groups(limits))
     except InvalidInput as error:
-        return unjudged(str(error))
+        return _unjudged(str(error))
 
 
-def unjudged(why: str) -> tuple[Group, ...]:
+def _unjudged(why: str) -> tuple[Group, ...]:
     """The groups of a leap's whole body, which nobody judged."""
     return tuple(
-        Group(name, unit=BODY_UNITS[name], message=why, verdict="not checked") for name in LEAP_BODY
+        Group(name, unit=_BODY_UNITS[name], message=why, verdict="not checked")
+        for name in LEAP_BODY
     )
 
 
@@ -247,7 +248,7 @@ def with_body(
     return replace(report, groups=(*others, *_body_groups(report.answer, limits)))
 
 
-SUBSTEPS = 16
+_SUBSTEPS = 16
 TOLERANCE = 1e-3
 """Largest violation that is accepted, without unit."""
 UNJUDGED = "its legs are not judged: its robot has limbs alone"
@@ -298,7 +299,7 @@ def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
     judge = _Judge(plan)
     has_legs = plan.problem.robot.source.own
     report = Report(
-        groups=(*judge.groups(), *unjudged("not asked for" if has_legs else UNJUDGED)),
+        groups=(*judge.groups(), *_unjudged("not asked for" if has_legs else UNJUDGED)),
         answer=plan,
         tolerance=TOLERANCE,
         figures={"momentum_error": judge.momentum_error},
@@ -395,10 +396,10 @@ class _Judge:
                 if j >= 0:
                     pushes = pushes + plan.forces_n[k, i] / mass
                     twists = twists + np.cross(plan.toes_m[j], plan.forces_n[k, i] / mass)
-            step = (self.ends[k + 1] - self.ends[k]) / SUBSTEPS
+            step = (self.ends[k + 1] - self.ends[k]) / _SUBSTEPS
             swung = plan.turned_rad[k] / (self.ends[k + 1] - self.ends[k])
             path = [state]
-            for _ in range(SUBSTEPS):
+            for _ in range(_SUBSTEPS):
                 one = self._rate(state, pushes, twists, swung)
                 two = self._rate(state + 0.5 * step * one, pushes, twists, swung)
                 three = self._rate(state + 0.5 * step * two, pushes, twists, swung)

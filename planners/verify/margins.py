@@ -43,9 +43,9 @@ SAME = 1e-5
 finds twice."""
 TINY = 1e-9
 """A part of the weight, or a length [m], that is none."""
-FRICTION_STEPS = 5
+_FRICTION_STEPS = 5
 """Halvings of the interval in which the least share of the friction is sought."""
-OUTLINE = 24
+_OUTLINE = 24
 """Directions of a support region that is drawn."""
 
 
@@ -227,7 +227,7 @@ def support_region(plan: Plan, stance: Stance) -> Array:
     """
     at = _contacts(plan, plan.problem.stances.index(stance))
     farthest = _Program(len(at.friction)).support(at, _shift(at.borne))
-    turns = np.linspace(0.0, 2.0 * math.pi, OUTLINE, endpoint=False)
+    turns = np.linspace(0.0, 2.0 * math.pi, _OUTLINE, endpoint=False)
     corners = [farthest(np.array([math.cos(turn), math.sin(turn)])) for turn in turns]
     if any(corner is None for corner in corners):
         return np.zeros((0, 2))
@@ -482,7 +482,7 @@ def _friction_left(program: _Program, at: _Contacts, enough: float = math.inf) -
     if enough <= 1.0 and stands(1.0 - enough):
         return enough
     most, little = 1.0, 0.0
-    for _ in range(FRICTION_STEPS):
+    for _ in range(_FRICTION_STEPS):
         middle = 0.5 * (most + little)
         if stands(middle):
             most = middle

@@ -140,7 +140,7 @@ def _root(certainty: Certainty) -> Array:
 
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
-NOT_ASKED = tuple(Group(name, verdict="not asked for") for name in WHOLE_BODY)
+_NOT_ASKED = tuple(Group(name, verdict="not asked for") for name in WHOLE_BODY)
 """The whole body where nobody asks for it."""
 
 
@@ -177,7 +177,7 @@ def check_plan(
         from .margins import margin_group  # Clarabel, of this alone
 
         return replace(report, groups=(*report.groups, margin_group(plan)))
-    body = check_whole_body(plan, deadline=deadline) if joints else NOT_ASKED
+    body = check_whole_body(plan, deadline=deadline) if joints else _NOT_ASKED
     if margins or plan.problem.push_n > 0.0:
         from .margins import margin_group  # Clarabel, of this alone
 

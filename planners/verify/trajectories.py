@@ -190,7 +190,7 @@ def _phases(holds: Flags) -> Iterator[FootPhase]:
                 yield FootPhase(foot, first, end - 1, whole=first > 0 and end < len(holds))
 
 
-MOST_EDGES = 4000
+_MOST_EDGES = 4000
 """Windows begin and end at every sample of trajectories up to so many, and at every so-manieth of
 longer ones."""
 EVEN = 1e-9
@@ -223,7 +223,7 @@ class MomentumMeasurements:
         impulses = (
             np.concatenate([np.zeros((1, 3)), np.cumsum(residual.values, axis=0)]) * self.step_s
         )
-        stride = 1 + (len(impulses) - 1) // MOST_EDGES
+        stride = 1 + (len(impulses) - 1) // _MOST_EDGES
         edges = np.unique(np.append(np.arange(0, len(impulses), stride), len(impulses) - 1))
         sums, lasts = np.ascontiguousarray(impulses[edges].T), edges * self.step_s
         worst, begins = 0.0, 0
@@ -416,7 +416,7 @@ def defect_of(trajectory: Trajectory, step_s: float) -> str:
 
 TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
-OVERFLOW = "the numbers overflow"
+_OVERFLOW = "the numbers overflow"
 __all__ = ["GROUPS", "WalkLimits", "check_trajectory", "with_body"]
 
 
@@ -437,7 +437,7 @@ def check_trajectory(
         measured = TrajectoryMeasurements(trajectory)
         groups = _measured(measured, limits, body=body)
         if not all(math.isfinite(group.value) for group in groups):
-            return _refused(trajectory, limits, OVERFLOW)
+            return _refused(trajectory, limits, _OVERFLOW)
         return Report(
             groups=groups,
             answer=trajectory,
@@ -462,7 +462,7 @@ def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> 
             for group in _groups(*whole_body(TrajectoryMeasurements(report.answer), limits))
         }
     if not all(math.isfinite(group.value) for group in groups.values()):
-        return _refused(report.answer, limits, OVERFLOW)
+        return _refused(report.answer, limits, _OVERFLOW)
     return replace(report, groups=tuple(groups.get(group.name, group) for group in report.groups))
 
 

@@ -190,9 +190,9 @@ class Series:
 
 Flags = NDArray[np.bool_]
 
-APART_M, CLOSE_M, NEAR_M = 0.08, 0.02, 0.1
+APART_M, _CLOSE_M, NEAR_M = 0.08, 0.02, 0.1
 """How far apart points of the trunk are, and where something is near; and what near is [m]."""
-FEELER_M = 1e-5
+_FEELER_M = 1e-5
 """Half the base over which the slope of the surface is felt [m]."""
 
 
@@ -277,9 +277,9 @@ class TrajectoryMeasurements:
         normals, (…, 3).
         """
         xy, terrain = points[..., :2], self.trajectory.terrain
-        steps = FEELER_M * np.array([[1.0, 0.0], [0.0, 1.0]])
+        steps = _FEELER_M * np.array([[1.0, 0.0], [0.0, 1.0]])
         slope = [
-            (terrain.height(xy + step) - terrain.height(xy - step)) / (2.0 * FEELER_M)
+            (terrain.height(xy + step) - terrain.height(xy - step)) / (2.0 * _FEELER_M)
             for step in steps
         ]
         up = np.stack([-slope[0], -slope[1], np.ones(xy.shape[:-1])], axis=-1)
@@ -385,7 +385,7 @@ class TrajectoryMeasurements:
         depth = (self.trajectory.terrain.height(points[..., :2]) - points[..., 2]).max(axis=1)
         near = np.flatnonzero((self._tops(points[..., :2]) > points[..., 2]).any(axis=1))
         if len(near):
-            close = self._placed(near, CLOSE_M)
+            close = self._placed(near, _CLOSE_M)
             depth[near] = np.maximum(
                 depth[near],
                 (self.trajectory.terrain.height(close[..., :2]) - close[..., 2]).max(axis=1),

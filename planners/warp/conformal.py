@@ -25,9 +25,9 @@ from .quadrature import QuadratureGrid, SeparableSolver
 from .report import TORSO_M, MapReport, conformal_error, least_determinant, match_error
 from .spline_map import STEEPEST_FADE, SplineMap, terrain_digest
 
-MEMORY = 8
-SHORTEST_MOVE = 1e-5
-RIDGE = 0.003
+_MEMORY = 8
+_SHORTEST_MOVE = 1e-5
+_RIDGE = 0.003
 """Larger ones tame the control points beyond the corners more, and cost iterations."""
 
 
@@ -40,7 +40,7 @@ def descend(
     With a barrier det J > 0 at ψ is expected; the line search keeps it.
     """
     began = process_time()
-    solver = SeparableSolver(energy.grid, energy.match_weight, RIDGE)
+    solver = SeparableSolver(energy.grid, energy.match_weight, _RIDGE)
     pairs: list[tuple[Array, Array]] = []
     now = energy.at(psi)
     history, seconds, evaluations, message = [now], [process_time() - began], 1, "iteration limit"
@@ -50,7 +50,7 @@ def descend(
         share = 1.0
         state = energy.at(psi + way)
         evaluations += 1
-        while not state.total <= now.total + 1e-4 * share * slope and share > SHORTEST_MOVE:
+        while not state.total <= now.total + 1e-4 * share * slope and share > _SHORTEST_MOVE:
             share *= _shrink(now, state, share * slope)
             state = energy.at(psi + share * way)
             evaluations += 1
@@ -59,7 +59,7 @@ def descend(
             break
         step, turn = share * way, state.gradient - now.gradient
         if float(np.sum(step * turn)) > 1e-12:
-            pairs = [*pairs, (step, turn)][-MEMORY:]
+            pairs = [*pairs, (step, turn)][-_MEMORY:]
         gained = now.total - state.total
         psi, now = psi + step, state
         history.append(now)
@@ -96,7 +96,7 @@ def _preconditioned(
 
 
 SHORTEST = 1e-6
-MOST_PRODUCTS = 80
+_MOST_PRODUCTS = 80
 """Products with the normal matrix in one Gauss-Newton step."""
 
 
@@ -221,7 +221,7 @@ def _conjugate_gradients(
     near = precondition(left)
     way, size = near, float(np.sum(left * near))
     first, count = size, 0
-    while count < MOST_PRODUCTS and size > tolerance**2 * first:
+    while count < _MOST_PRODUCTS and size > tolerance**2 * first:
         count += 1
         bent = product(way)
         share = size / float(np.sum(way * bent))
@@ -237,26 +237,26 @@ CELLS, HEIGHT_M = (24, 24, 6), 2.3
 """The grid of a domain of 8 m, and the band: five times ANYmal's height at rest (Pan et al. §V)."""
 MATCH_TOLERANCE_M = 0.0008
 """Distance by which the ground may miss the terrain where it is measured; 1 mm anywhere."""
-BARRIER = 0.01
-PUBLISHED_BARRIER = 0.001
-MATCH_WEIGHT = 3.0
+_BARRIER = 0.01
+_PUBLISHED_BARRIER = 0.001
+_MATCH_WEIGHT = 3.0
 """Weight of the fast path's E_match, in 1/m; the snap does the rest."""
-SMOOTHINGS = (0.0, 0.6, 1.0, 1.5, 2.5)
+_SMOOTHINGS = (0.0, 0.6, 1.0, 1.5, 2.5)
 """Deviations of the Gaussian under which the terrain is matched, in cells."""
 STEEPEST = 1.9
 """Steepest slope of a matched surface: the ground of a map that follows a steeper one in cells of
 .3 m overhangs."""
-SHORTEST_FADE_M = 0.4
+_SHORTEST_FADE_M = 0.4
 """The least height at which the snap has faded out; where it lifts the ground more, it fades more
 slowly."""
-LARGEST_FADE = 0.4
+_LARGEST_FADE = 0.4
 """Share of a column's height that the snap may squeeze away where it fades the fastest."""
 MARGIN = 4
 """Grid lines of the snap beyond the terrain: its error at its ends falls to a quarter with each."""
 DET_FLOOR = 0.1
 """Least min det J at which the fast path stops trying."""
 MOST_CONTROLS = 200_000
-SEPARABLE, FEWEST_CELLS = ("gauss-newton", "accelerated"), 3
+_SEPARABLE, FEWEST_CELLS = ("gauss-newton", "accelerated"), 3
 """Methods that solve axis by axis, and the cells along one: with fewer, two points a cell do not
 tell cells + 3 splines apart."""
 
@@ -330,7 +330,7 @@ def fit_map(
             can hold.
     """
     began = process_time()
-    if method in SEPARABLE and min(_cells(cells)) < FEWEST_CELLS:
+    if method in _SEPARABLE and min(_cells(cells)) < FEWEST_CELLS:
         raise InvalidInput(
             f"cells: expected {FEWEST_CELLS} or more along each axis with {method}, got {cells}"
         )
@@ -340,7 +340,7 @@ def fit_map(
     if method == "fast":
         return _fast(field, grid, iterations, began)
     energy = MapEnergy.published(
-        grid, field, barrier=PUBLISHED_BARRIER if method == "gauss-newton" else 0.0
+        grid, field, barrier=_PUBLISHED_BARRIER if method == "gauss-newton" else 0.0
     )
     if method == "accelerated":
         energy = replace(energy, scale="nearest")
@@ -357,7 +357,7 @@ def fit_map(
 def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: float) -> MapFit:
     failed = "the terrain is too steep"
     for target, sigma in _targets(field, grid):
-        energy = MapEnergy(grid=grid, field=target, match_weight=MATCH_WEIGHT, barrier=BARRIER)
+        energy = MapEnergy(grid=grid, field=target, match_weight=_MATCH_WEIGHT, barrier=_BARRIER)
         descent = descend(energy, shear(grid, target), iterations)
         smooth = f"matched the terrain smoothed over {sigma:.2g} m before the snap" if sigma else ""
         try:
@@ -369,7 +369,7 @@ def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: floa
             return fit
         failed = f"min det J is {fit.report.least_det:.3f} after the snap"
     start = shear(grid, field)
-    history = [MapEnergy(grid=grid, field=field, match_weight=MATCH_WEIGHT).at(start)]
+    history = [MapEnergy(grid=grid, field=field, match_weight=_MATCH_WEIGHT).at(start)]
     plain = Descent(psi=start, history=history, seconds=[process_time() - began], evaluations=1)
     message = f"a shear (x, y, z + h), for no optimised map will do: {failed}"
     fit = _snapped(field, grid, plain, message, began, fade_m=1e3 * grid.axes[2].high)
@@ -386,7 +386,7 @@ def _targets(field: HeightField, grid: QuadratureGrid) -> Iterator[tuple[HeightF
     cells can follow.
     """
     cell = max(axis.cell_m for axis in grid.axes[:2])
-    for share in SMOOTHINGS:
+    for share in _SMOOTHINGS:
         if share and not field.even:
             return
         target = field.smoothed(share * cell) if share else field
@@ -414,7 +414,7 @@ def _snapped(
         xy = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
         delta = field.height(xy) - bare.ground_inverse(xy)[1]
         fade = (
-            max(SHORTEST_FADE_M, STEEPEST_FADE * float(delta.max()) / LARGEST_FADE)
+            max(_SHORTEST_FADE_M, STEEPEST_FADE * float(delta.max()) / _LARGEST_FADE)
             if fade_m is None
             else fade_m
         )

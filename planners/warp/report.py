@@ -16,7 +16,7 @@ from .spline_map import SplineMap
 
 FINER = 6
 """Lines a cell on which det J is checked; the quadrature has two or three."""
-GROUND_LINES = 81
+_GROUND_LINES = 81
 TORSO_M = 0.5
 """Height above the ground at which the torso's conformal error is measured [m]."""
 
@@ -87,7 +87,7 @@ def spread(values: Array) -> dict[str, float]:
     }
 
 
-def conformal_error(warp: SplineMap, height_m: float = 0.0, lines: int = GROUND_LINES) -> Array:
+def conformal_error(warp: SplineMap, height_m: float = 0.0, lines: int = _GROUND_LINES) -> Array:
     """1 − σ_min/σ_max of J on a regular grid at z̄ = height, shape (lines, lines): 0 where φ keeps
     angles.
     """

@@ -31,12 +31,12 @@ from stancekit.planners.robot.urdf_reader import pinocchio
 
 EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
-TURNING = 1.5
+_TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
 ROUNDS = 4
 """The least force holds others in hardly more rounds than two: then the program is asked."""
 _EVEN = EVEN * np.eye(6)
-WEIGHTS = read_only(np.repeat([1.0, TURNING], 3), (6,), "weights")
+WEIGHTS = read_only(np.repeat([1.0, _TURNING], 3), (6,), "weights")
 PLANNED = 0.95
 """Share of μ that forces may use where the plan uses as much."""
 
@@ -151,7 +151,7 @@ class BodyController:
             return planned_n
         rows = slice(None) if whole else stands
         frames = sample.frames[rows]
-        maps = np.concatenate([frames, TURNING * skew(arms_m[rows]) @ frames], axis=1)
+        maps = np.concatenate([frames, _TURNING * skew(arms_m[rows]) @ frames], axis=1)
         planned = np.einsum("nik,ni->nk", frames, planned_n[rows])
         question = _Asked(
             arms=maps.transpose(1, 0, 2).reshape(6, -1),

@@ -105,7 +105,7 @@ class LoopReport:
 Answer = TypeVar("Answer")
 
 
-def held_while(runner: Runner, work: Callable[[], Answer]) -> Answer:
+def _held_while(runner: Runner, work: Callable[[], Answer]) -> Answer:
     """The answer of some work, while something real is sent again and again where it is."""
     world = runner.world
     if not world.real or world.dry:
@@ -123,7 +123,7 @@ def held_while(runner: Runner, work: Callable[[], Answer]) -> Answer:
 
 
 KNOTS = 31
-SLOWER = 2.0
+_SLOWER = 2.0
 """The way back takes so many times as long as the way there: then nothing is faster than it was."""
 
 
@@ -146,7 +146,7 @@ class Retreat:
     @property
     def duration_s(self) -> float:
         """Duration [s]."""
-        return SLOWER * (self._end_s - self._begin_s)
+        return _SLOWER * (self._end_s - self._begin_s)
 
     @property
     def knots_s(self) -> Array:
@@ -166,7 +166,7 @@ class Retreat:
         )
 
 
-def step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state: State) -> Record:
+def _step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state: State) -> Record:
     """Undo the step to a key frame of a plan, from where the robot was measured; what was measured
     on the way.
 
@@ -361,7 +361,7 @@ class ClosedLoop:
                 f"limb {plan.problem.robot.limb_names[limb]}: nothing at frame {self._frame}"
             )
             runner.decide("step back", self._surfaces[-1])
-        back = step_back(runner, prepared, self._frame - begun, state)
+        back = _step_back(runner, prepared, self._frame - begun, state)
         self._count(back, begun)
         for patch, toe_m in places:
             self._planning.course = without(self._planning.course, patch, toe_m, self._frame + 1)
@@ -443,13 +443,13 @@ class ClosedLoop:
             except InvalidInput:
                 return made(WholeBodyLimits(), 0)
         try:
-            return held_while(runner, partial(made, None, 0))
+            return _held_while(runner, partial(made, None, 0))
         except InvalidInput as error:
             failed: InvalidInput | PlanningFailed = error
         for what, limits, horizon in OTHERWISE:
             runner.decide(what, str(failed))
             try:
-                return held_while(runner, partial(made, limits, horizon))
+                return _held_while(runner, partial(made, limits, horizon))
             except (InvalidInput, PlanningFailed) as error:
                 failed = error
         raise failed

@@ -260,7 +260,7 @@ the stances of a window share toes and a body that steps."""
 NODES = 20
 """Most choices of candidates that are looked at within boxes before the lift is asked, which is
 quicker."""
-RADIUS = 0.1
+_RADIUS = 0.1
 """Radius of the triangles that are shown of larger patches, of a course's length scale: about the
 mean of what is learned."""
 
@@ -432,7 +432,7 @@ def seen(
         {contact.leg: contact for contact in problem.contacts},
         MIRROR if mirror else np.ones(3),
     )
-    contacts, radius = [], RADIUS * course.length_scale_m
+    contacts, radius = [], _RADIUS * course.length_scale_m
     for leg in legs:
         contact = by_leg[leg]
         toe = course.footholds[

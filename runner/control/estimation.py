@@ -23,7 +23,7 @@ from .tracker import Target
 
 LEAST = 3
 """So many feet tell how the body is turned."""
-SMOOTH_S = 0.03
+_SMOOTH_S = 0.03
 """Time constant of the body's velocity."""
 
 
@@ -66,7 +66,7 @@ class LegOdometry:
         self._before = stood
         turned = Rotation.from_matrix(self.rotation @ rotation.T).as_rotvec()
         moved = self._rate_hz * np.concatenate([self.origin_m - origin, turned])
-        share = 1.0 - np.exp(-1.0 / (SMOOTH_S * self._rate_hz))
+        share = 1.0 - np.exp(-1.0 / (_SMOOTH_S * self._rate_hz))
         before = moved if self._velocity is None else self._velocity
         self._velocity = before + share * (moved - before)
         return replace(

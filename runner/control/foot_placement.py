@@ -25,15 +25,15 @@ from stancekit.planners.robot.kinematics import Kinematics
 from ..worlds.world import State
 from .body_feedback import BodyPose
 
-SMOOTH_HZ = 60.0
+_SMOOTH_HZ = 60.0
 """Rate [1/s] at which a foot's target goes to where the foot was found to have landed."""
-EARLY = 0.05
+_EARLY = 0.05
 """A foot that comes down and feels this share of the weight has landed."""
 QUIET, LISTEN_S = 4.0, 0.5
 """What a foot feels is a contact above so many standard deviations of what feet in the air felt,
 about for this time [s]. A surface does not pull: what they feel below zero is noise, and half of
 it."""
-BORNE, BORNE_S = 0.1, 0.1
+_BORNE, _BORNE_S = 0.1, 0.1
 """A foot holds its place in the world, not under the body, until it has felt this share of the
 weight, about for this time [s]: what bears nothing pulls no body to its place, it only slides."""
 LEVEL = 0.5
@@ -116,7 +116,7 @@ class FootPlacement:
     ) -> None:
         self._kinematics, self._feedback, self._weight = kinematics, feedback, weight_n
         self._step_s, self._period_s = step_s, period_s
-        self._left = np.exp(-SMOOTH_HZ * period_s)
+        self._left = np.exp(-_SMOOTH_HZ * period_s)
         self._most_step = STEP * kinematics.model.stand_height_m
         self._landed, self._planned = first.feet_m, first.feet_m
         self._stepped, self.moved_m, self._drift = (np.zeros_like(first.feet_m) for _ in range(3))
@@ -227,8 +227,8 @@ class FootPlacement:
         self._planned, self._heard = then.feet_m, True
         away = goal - self._depth[:, None] * then.normals - self.moved_m
         # ẍ = ω² (goal − x) − 2 ω ẋ over a period, exactly: whatever ω T is
-        turns, left = SMOOTH_HZ * self._period_s, self._left
-        coming = self._drift - SMOOTH_HZ * away
+        turns, left = _SMOOTH_HZ * self._period_s, self._left
+        coming = self._drift - _SMOOTH_HZ * away
         self.moved_m = self.moved_m + away - left * (away - self._period_s * coming)
         self._drift = left * (self._drift - turns * coming)
 
@@ -240,7 +240,7 @@ class FootPlacement:
         self.touched = stands & (before | self._touches(felt))
         if not stands.all():
             comes = np.vecdot(then.feet_m - now.feet_m, then.normals) < 0.0
-            early = felt >= max(EARLY * self._weight, self._touch_n)
+            early = felt >= max(_EARLY * self._weight, self._touch_n)
             self.touched |= ~stands & comes & (before | early)
         landed = self.touched & ~before
         if landed.any():
@@ -283,8 +283,8 @@ class FootPlacement:
             carried: that way, shape (N, 3).
             held: which feet stay where they landed, shape (N,).
         """
-        gone = np.minimum(np.maximum(felt / (BORNE * self._weight), 0.0), 1.0) - self._borne
-        self._borne = np.where(held, self._borne + gone * self._period_s / BORNE_S, 0.0)
+        gone = np.minimum(np.maximum(felt / (_BORNE * self._weight), 0.0), 1.0) - self._borne
+        self._borne = np.where(held, self._borne + gone * self._period_s / _BORNE_S, 0.0)
         bears = (1.0 - self._borne)[:, None] * carried
         if self._step_s == 0.0:
             return np.asarray(bears)

@@ -29,7 +29,7 @@ from ..log import TOUCH_N, Record
 from ..worlds.world import State
 from .tracker import Target
 
-BEARS, OF_WEIGHT = 8.0, 0.2
+BEARS, _OF_WEIGHT = 8.0, 0.2
 """A foot that should press with so many times what a touch is, or with this share of a light
 robot's weight,"""
 SILENT_S = 0.3
@@ -46,7 +46,7 @@ class SilentFeet:
 
     def __init__(self, rate_hz: float, weight_n: float, names: Sequence[str]) -> None:
         self._periods, self._names = SILENT_S * rate_hz, names
-        self._presses_n = min(BEARS * TOUCH_N, OF_WEIGHT * weight_n)
+        self._presses_n = min(BEARS * TOUCH_N, _OF_WEIGHT * weight_n)
         self._silent = np.zeros(len(names))
 
     def found(
@@ -73,26 +73,26 @@ class SilentFeet:
         )
 
 
-BLOCK_S = 0.05
+_BLOCK_S = 0.05
 """What a foot feels is looked at in blocks of this length."""
 STOOD_S = 0.1
 """A foot that was put down less than this ago may still find its place."""
-SLIDES_M_S, HELD_M_S = 0.01, 0.002
+SLIDES_M_S, _HELD_M_S = 0.01, 0.002
 """A foot that should stand and moves faster than this slides, one that is slower than that
 holds."""
 LOADED_N = 3.0
-CARRIED = 0.5
+_CARRIED = 0.5
 """Share of what feet together should carry; where they carry less the body falls, and what they
 feel is no friction."""
-SHARED_NOISE, SLIDE_NOISE, HELD_NOISE = 0.015, 0.015, 0.03
+_SHARED_NOISE, _SLIDE_NOISE, _HELD_NOISE = 0.015, 0.015, 0.03
 """Standard deviations σ_0 of what all feet err by together; σ of one slide, besides the spread
 within it and between slides; σ_h of the largest ratio that held."""
-CHANGED = 3.0
+_CHANGED = 3.0
 """Evidence so many standard deviations above a slide that comes after it was of other ground."""
-NEWEST = 4
+_NEWEST = 4
 """So many slides count, the newest: the same foot that slides again tells nothing new."""
 SHARES = np.linspace(0.005, 1.0, 200)
-TAIL = 0.05
+_TAIL = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +169,7 @@ class FrictionEstimator:
         """By all that was added, but for what a later slide contradicts: friction may have
         changed.
         """
-        slides = [felt for felt in self._felt if felt.slid][-NEWEST:]
+        slides = [felt for felt in self._felt if felt.slid][-_NEWEST:]
         held = [felt.ratio for felt in self._felt if not felt.slid]
         likelihood = np.zeros(len(SHARES))
         if slides:
@@ -177,14 +177,14 @@ class FrictionEstimator:
             between = float(np.var(ratios, ddof=1)) if len(slides) > 1 else 0.0
             each = float(np.mean([felt.noise**2 for felt in slides])) + between
             likelihood -= (SHARES - ratios.mean()) ** 2 / (
-                2.0 * (SHARED_NOISE**2 + each / len(slides))
+                2.0 * (_SHARED_NOISE**2 + each / len(slides))
             )
         if held:
-            likelihood += log_ndtr((SHARES - max(held)) / HELD_NOISE)
+            likelihood += log_ndtr((SHARES - max(held)) / _HELD_NOISE)
         best = len(SHARES) - 1 - int(np.argmax(likelihood[::-1]))
         mass = np.cumsum(np.exp(likelihood - likelihood[best]))
         low, high = (
-            float(SHARES[np.searchsorted(mass, part * mass[-1])]) for part in (TAIL, 1.0 - TAIL)
+            float(SHARES[np.searchsorted(mass, part * mass[-1])]) for part in (_TAIL, 1.0 - _TAIL)
         )
         share = float(SHARES[best])
         return FrictionInterval(
@@ -207,7 +207,7 @@ def _contradicted(old: _Felt, slide: _Felt) -> bool:
     """Tell whether there was more friction then than this slide, which came later, leaves room
     for.
     """
-    return old.ratio - slide.ratio > CHANGED * float(np.hypot(old.noise, slide.noise))
+    return old.ratio - slide.ratio > _CHANGED * float(np.hypot(old.noise, slide.noise))
 
 
 def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
@@ -221,7 +221,7 @@ def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
     normal = np.einsum("tij,tij->ti", forces, normals)
     across = np.linalg.norm(forces - normal[:, :, None] * normals, axis=2)
     wanted = np.array([target.sample.forces_n[:, 2].sum() for target in targets])
-    carried = forces[:, :, 2].sum(axis=1) >= CARRIED * wanted
+    carried = forces[:, :, 2].sum(axis=1) >= _CARRIED * wanted
     counts = (foothold >= 0) & (normal >= LOADED_N) & (friction > 0.0) & carried[:, None]
     ratio = across / np.where(counts, normal * friction, np.inf)
     moved = np.diff(feet, axis=0, prepend=feet[:1])
@@ -251,7 +251,7 @@ def _stance(ratio: Array, moved: Array, counts: NDArray[np.bool_], period_s: flo
     """Evidence of a stance, in blocks counted from its end; None where it bore nothing all the
     time.
     """
-    block, held, slid = max(2, round(BLOCK_S / period_s)), 0.0, list[float]()
+    block, held, slid = max(2, round(_BLOCK_S / period_s)), 0.0, list[float]()
     for end in range(len(ratio), block - 1, -block):
         rows = slice(end - block, end)
         if not counts[rows].all():
@@ -260,15 +260,15 @@ def _stance(ratio: Array, moved: Array, counts: NDArray[np.bool_], period_s: flo
         if speed >= SLIDES_M_S:
             slides = np.linalg.norm(moved[rows], axis=1) >= SLIDES_M_S * period_s
             slid += ratio[rows][slides].tolist()
-        elif speed < HELD_M_S:
+        elif speed < _HELD_M_S:
             held = max(held, float(np.median(ratio[rows])))
     if slid:
         return _Felt(
             slid=True,
             ratio=float(np.median(slid)),
-            noise=float(np.hypot(SLIDE_NOISE, _spread(slid))),
+            noise=float(np.hypot(_SLIDE_NOISE, _spread(slid))),
         )
-    return _Felt(slid=False, ratio=held, noise=HELD_NOISE) if held > 0.0 else None
+    return _Felt(slid=False, ratio=held, noise=_HELD_NOISE) if held > 0.0 else None
 
 
 def _spread(values: Sequence[float]) -> float:

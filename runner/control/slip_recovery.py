@@ -36,7 +36,7 @@ Shares = tuple[float, ...]
 """Shares of the friction that a plan counts on, that there may be: the most cautious first."""
 Estimate = Callable[[Record, float], Shares]
 WINDOW_S = 0.05
-SLID_M = 0.0015
+_SLID_M = 0.0015
 """A loaded foot that moved so far along its surface within the window slides."""
 STOOD_S = 0.1
 """A foot that was put down less than this ago may still find its place."""
@@ -47,7 +47,7 @@ STAND_S = 0.3
 KNOTS = 9
 ATTEMPTS = 8
 """So often forces are chosen anew while feet slide on."""
-GRIP_S = 0.1
+_GRIP_S = 0.1
 """So long new forces take to stop a foot."""
 
 
@@ -74,7 +74,7 @@ class SlipDetector:
         along = moved - np.einsum("ij,ij->i", moved, sample.normals)[:, None] * sample.normals
         loaded = np.einsum("ij,ij->i", state.forces_n, sample.normals) > LOADED_N
         stands = sample.stands & (self._since >= self._stood)
-        return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > SLID_M))
+        return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > _SLID_M))
 
 
 class StandingMotion:
@@ -245,4 +245,4 @@ def _still_slips(
     slips: SlipDetector, record: Record, rate_hz: float, target: Target, state: State
 ) -> bool:
     """Tell whether feet slide although they were pressed for a while."""
-    return bool(slips.slipping(target, state).any()) and len(record.pairs) > GRIP_S * rate_hz
+    return bool(slips.slipping(target, state).any()) and len(record.pairs) > _GRIP_S * rate_hz

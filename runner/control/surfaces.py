@@ -29,11 +29,11 @@ from .tracker import Target
 
 BEARS = 4.0
 """A foot that should bear so many times what a touch is, and feels none, has found nothing,"""
-EMPTY_S = 0.05
+_EMPTY_S = 0.05
 """after this time; one that bore for so long since it came down has found something."""
 MISSING_M = 0.08
 """So far around a foot that found nothing, along the shear axes, nothing is counted on."""
-PLANE_M = 1e-3
+_PLANE_M = 1e-3
 """Patches of the same normal less than this apart are of one plane."""
 MOVED_M = 0.004
 """A plane that feet find so far from where it should be is moved there; less is how feet and joints
@@ -44,7 +44,7 @@ class EmptyStep:
     """Detector of feet that came down on nothing, from the measurements of every control period."""
 
     def __init__(self, rate_hz: float, limbs: int) -> None:
-        self._periods = max(1, round(EMPTY_S * rate_hz))
+        self._periods = max(1, round(_EMPTY_S * rate_hz))
         self._foothold: NDArray[np.int_] | None = None
         self._bore = self._empty = np.zeros(limbs, dtype=int)
 
@@ -119,7 +119,7 @@ def _around(patch: Patch, place: Patch, toe_m: Array) -> tuple[Patch, ...]:
 def coplanar(patch: Patch, other: Patch) -> bool:
     """Tell whether two patches are of one plane, and look the same way."""
     apart = (patch.vertices_m[0] - other.vertices_m[0]) @ other.normal
-    return bool(patch.normal @ other.normal > 1.0 - 1e-6 and abs(apart) < PLANE_M)
+    return bool(patch.normal @ other.normal > 1.0 - 1e-6 and abs(apart) < _PLANE_M)
 
 
 @dataclass(frozen=True, kw_only=True)

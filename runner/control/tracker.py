@@ -35,7 +35,7 @@ SPEED_SHARE = 0.9
 RAMP_S, PAUSE_S = 0.035, 0.2
 """Times in which such a joint comes to that velocity, and in which a motion that waits for it comes
 to rest."""
-LATE_RAD = 1e-6
+_LATE_RAD = 1e-6
 """A leg with a joint that is farther from where it should be is late."""
 
 
@@ -97,7 +97,7 @@ class SwingSpeed:
         on = np.minimum(np.maximum(on, self._kinematics.lowest_rad), self._kinematics.highest_rad)
         led = np.where(self._each(air) > 0.0, on, angles)
         self._wanted = angles
-        self.late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > LATE_RAD
+        self.late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > _LATE_RAD
         self.pace = min(max(self.pace + (-slower if self.late.any() else slower), 0.0), 1.0)
         if not self.late.any():
             return angles
@@ -122,7 +122,7 @@ class SwingSpeed:
         return np.asarray(self._kinematics.by_leg(np.abs(velocity) / self._most).max(axis=1))
 
 
-PRIOR_S = 0.2
+_PRIOR_S = 0.2
 """The stiffness that is counted on has the weight of so much time in the first pose."""
 FARTHEST = 2.0
 """The share is between the inverse of this and this."""
@@ -157,7 +157,7 @@ class LoopStiffness:
         torques = np.where(
             stand, torques_nm + self._drives.damping_nms_rad * state.rates_rad_s, 0.0
         )
-        self._prior = self._prior or PRIOR_S * float(max(torques @ torques, yielded @ yielded))
+        self._prior = self._prior or _PRIOR_S * float(max(torques @ torques, yielded @ yielded))
         self._square = self._kept * self._square + self._period_s * float(yielded @ yielded)
         self._along = self._kept * self._along + self._period_s * float(yielded @ torques)
         share = (self._along + self._prior) / max(self._square + self._prior, 1e-12)
@@ -187,7 +187,7 @@ def command(
     return np.asarray(angles_rad + torques / (share * drives.stiffness_nm_rad))
 
 
-AHEAD = 64
+_AHEAD = 64
 """The most periods that are looked up together."""
 
 Expected = tuple[Samples, Array]
@@ -223,7 +223,7 @@ class Coming:
 
         The last request's sample is kept.
         """
-        self._count = min(2 * self._count, AHEAD) if self._asked == self._last else 1
+        self._count = min(2 * self._count, _AHEAD) if self._asked == self._last else 1
         known = {self._asked: self._known[self._asked]} if self._asked in self._known else {}
         times = list(accumulate([pace * self._period_s] * (self._count - 1), initial=time_s))
         when = np.array(times)
@@ -232,10 +232,10 @@ class Coming:
         self._last = times[-1]
 
 
-DRAWN_S = 0.1
+_DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel
 led them off it."""
-ASIDE_RAD = 0.2
+_ASIDE_RAD = 0.2
 """A joint in the air that stays so far from its posture on its foot's path goes straight there."""
 
 
@@ -341,7 +341,7 @@ class Tracker:
         self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 0.0
         first, self._wish = self._coming.at(0.0)
         self._angles = self._wish
-        self._drawn = min(1.0, self._period_s / DRAWN_S)
+        self._drawn = min(1.0, self._period_s / _DRAWN_S)
         self._shift = kinematics.com_offset(self._angles)
         for _ in range(3):  # the pose and the shift of the centre of mass depend on each other
             self._angles = self._solved(first, self._wish)[0]
@@ -534,7 +534,7 @@ class Tracker:
         if (stands := sample.stands).all():
             return angles, error, origin
         air, aside = ~stands, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
-        stuck = air & ((error > STRAY_M) | (self._feedback.waits & (aside > ASIDE_RAD)))
+        stuck = air & ((error > STRAY_M) | (self._feedback.waits & (aside > _ASIDE_RAD)))
         if (
             stuck.any()
         ):  # at a limit on its path, or in another posture: begin again where it should end

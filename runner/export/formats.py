@@ -82,7 +82,7 @@ def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, 
             )
 
 
-def mjcf_of(moved: Moved) -> str:
+def _mjcf_of(moved: Moved) -> str:
     """The file's text.
 
     Raises InvalidInput without MuJoCo, and for a robot that it cannot hold.
@@ -253,7 +253,7 @@ def _reference_of(moved: Moved) -> dict[str, Any]:
     }
 
 
-def reference_bytes(moved: Moved) -> bytes:
+def _reference_bytes(moved: Moved) -> bytes:
     """The file's content."""
     held = io.BytesIO()
     np.savez(held, **_reference_of(moved))
@@ -271,12 +271,12 @@ class Format:
 
 def _reference(moved: Moved, path: Path) -> None:
 
-    write_bytes(path, reference_bytes(moved))
+    write_bytes(path, _reference_bytes(moved))
 
 
 def _mujoco(moved: Moved, path: Path) -> None:
 
-    write_bytes(path, mjcf_of(moved).encode())
+    write_bytes(path, _mjcf_of(moved).encode())
 
 
 def _foxglove(moved: Moved, path: Path) -> None:

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 NANO = 1_000_000_000
 JOINT_STATE = "sensor_msgs/msg/JointState"
-LITTLE_ENDIAN = b"\x00\x01\x00\x00"
+_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 """Beginning of CDR: plain, little-endian."""
-DEFINITION = """std_msgs/Header header
+_DEFINITION = """std_msgs/Header header
 string[] name
 float64[] position
 float64[] velocity
@@ -39,7 +39,7 @@ MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
-FORCE_M_PER_N = 1e-3
+_FORCE_M_PER_N = 1e-3
 """Length of the arrows of forces."""
 FRAME = "world"
 
@@ -65,7 +65,7 @@ def write_mcap(moved: Moved, path: Path) -> None:
             for topic, (name, keys) in TOPICS.items()
         }
         if "angles_rad" in known:
-            schema = writer.register_schema(JOINT_STATE, "ros2msg", DEFINITION.encode())
+            schema = writer.register_schema(JOINT_STATE, "ros2msg", _DEFINITION.encode())
             channels["/joint_states"] = writer.register_channel("/joint_states", "cdr", schema)
         for row, time_s in enumerate(table.time_s.tolist()):
             now = round(time_s * NANO)
@@ -76,14 +76,14 @@ def write_mcap(moved: Moved, path: Path) -> None:
                 writer.add_message(
                     channels["/joint_states"],
                     now,
-                    joint_state(table.joints, numbers, now),
+                    _joint_state(table.joints, numbers, now),
                     now,
                     row,
                 )
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def joint_state(names: Sequence[str], rows: Sequence[Array], stamp_ns: int) -> bytes:
+def _joint_state(names: Sequence[str], rows: Sequence[Array], stamp_ns: int) -> bytes:
     """A sensor_msgs/JointState in CDR.
 
     Arguments:
@@ -100,7 +100,7 @@ def joint_state(names: Sequence[str], rows: Sequence[Array], stamp_ns: int) -> b
         message.number("I", len(numbers))
         for number in numbers.tolist():
             message.number("d", number)
-    return LITTLE_ENDIAN + bytes(message.content)
+    return _LITTLE_ENDIAN + bytes(message.content)
 
 
 class _Cdr:
@@ -200,7 +200,7 @@ def _arrow(foot: Array, force: Array) -> dict[str, Any]:
         np.array([0.0, 0.0, 1.0, 0.0]) if cosine < -1.0 + 1e-9 else np.array([*axis, 1.0 + cosine])
     )
     turn = turn / np.linalg.norm(turn)
-    length = FORCE_M_PER_N * size
+    length = _FORCE_M_PER_N * size
     return {
         "pose": _pose(foot, turn),
         "shaft_length": 0.8 * length,

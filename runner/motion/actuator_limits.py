@@ -16,9 +16,9 @@ from ..acceptance import JointNeeds
 from ..worlds.drives import Drives
 from .redundancy import RedundancyResolution
 
-SAMPLED_S = 0.02
+_SAMPLED_S = 0.02
 """Torques at rest are taken so often, between the knots along straight lines."""
-CLEARLY = 1.05
+_CLEARLY = 1.05
 """Postures at knots are not quite those that are tracked: only what is over a limit by so much is
 refused by them."""
 
@@ -43,9 +43,9 @@ def check_at_rest(
             for angles, sample in zip(wished.path_rad, samples, strict=True)
         ]
     )
-    times = np.arange(0.0, motion.duration_s, SAMPLED_S)
+    times = np.arange(0.0, motion.duration_s, _SAMPLED_S)
     even = np.stack([np.interp(times, motion.knots_s, joint) for joint in torques.T], axis=1)
-    check_actuators(source, drives, even, SAMPLED_S, share, CLEARLY)
+    check_actuators(source, drives, even, _SAMPLED_S, share, _CLEARLY)
 
 
 def check_actuators(

@@ -32,7 +32,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg_ik import NEAR, clearance_of, posture_cost
 from stancekit.planners.terrain.patch import Solid
 
-MIDDLES = (0.1, 0.3, 0.5, 0.7, 0.9)
+_MIDDLES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Places in a control period at which forces are looked at, as shares of it before its end."""
 
 
@@ -98,9 +98,9 @@ class MeanForces:
         """Sample that should be reached at a time; the ends are held."""
         sample = self._motion.at(times_s)
         forces, foothold = np.zeros_like(sample.forces_n), np.array(sample.foothold)
-        for share in MIDDLES:
+        for share in _MIDDLES:
             within = self._motion.at(np.asarray(times_s) - share * self._period_s)
-            forces += within.forces_n / len(MIDDLES)
+            forces += within.forces_n / len(_MIDDLES)
             foothold = np.where(foothold < 0, within.foothold, foothold)
         return replace(sample, forces_n=forces, foothold=foothold)
 
@@ -115,10 +115,10 @@ LEFT = 60.0
 """The same for the first posture, as far as it is from where the robot is."""
 ENDS = 1e4
 """The same for the last posture of a swing: the one that the plan stands in comes next."""
-SMOOTHED = 2.0
+_SMOOTHED = 2.0
 """Standard deviation of the smoothing over the family's steps, in knots; what it moves of a foot
 the tracker undoes."""
-JUMP_RAD, LEAP_RAD = 0.5, 1.0
+JUMP_RAD, _LEAP_RAD = 0.5, 1.0
 """A joint that turns so far between two knots jumps to another posture of the same foot: while its
 limb swings that is smoothed; while it stands, from the second on no pace is slow enough, and all
 postures are chosen anew."""
@@ -141,7 +141,7 @@ class RedundancyResolution:
                 path = _without_jumps(
                     path, [motion.at(float(t)) for t in times], motion.solids, kinematics
                 )
-            if not kinematics.drawn or _jumps(path, LEAP_RAD).size == 0:
+            if not kinematics.drawn or _jumps(path, _LEAP_RAD).size == 0:
                 self._set(times, path)
                 return
         samples = [motion.at(float(time_s)) for time_s in times]
@@ -248,7 +248,7 @@ def _smoothed(path: Array) -> Array:
     """A limb's postures without the family's steps, shape (T, 4)."""
     from scipy.ndimage import gaussian_filter1d
 
-    return np.asarray(gaussian_filter1d(path, SMOOTHED, axis=0, mode="nearest"))
+    return np.asarray(gaussian_filter1d(path, _SMOOTHED, axis=0, mode="nearest"))
 
 
 def _followed(samples: Sequence[Samples], kinematics: Kinematics, near_rad: Array | None) -> Array:

@@ -45,7 +45,7 @@ from .redundancy import RedundancyResolution, resolved
 SLACK_M = 0.006
 """So deep a foot may be in a surface on the path: what it stands on, and what it is off by, is no
 collision."""
-TOUCHING_M, RISES = 0.001, 40
+_TOUCHING_M, RISES = 0.001, 40
 """A foot that is no deeper in the terrain touches it; and how often a robot is put higher."""
 LEVEL = 0.5
 """Upward part of the normal of a surface that a robot is put higher for; none is lifted out of a wall."""
@@ -121,7 +121,7 @@ def rise_m(terrain: Terrain, feet_m: Array, radii_m: Array) -> float:
     for _ in range(RISES if solids else 0):
         feet = feet_m + np.array([0.0, 0.0, rise])
         deepest = max(float((radii_m - solid.distance(feet)).max()) for solid in solids)
-        if deepest <= TOUCHING_M:
+        if deepest <= _TOUCHING_M:
             return rise
         rise += deepest
     return 0.0
@@ -147,7 +147,7 @@ LIMIT_SHARE = 0.9
 """Share of the limits of velocity and torque that may be used."""
 RATE_HZ = 100.0
 """Rate at which the motion is sampled."""
-LEAST_PACE = 0.1
+_LEAST_PACE = 0.1
 """Phases last as long as their joints need (``unhurried``): what still wants a tenth of the pace
 jumps."""
 ROUNDS = 4
@@ -297,8 +297,8 @@ def parametrize(
         motion = PlanMotion(plan, timing.at_pace(pace), forces_n, longer, standing_n)
         wished = resolved(motion, kinematics) if wished is None else wished.retimed(motion.knots_s)
         profile = joint_profile(motion, kinematics, hung=hung, drives=drives, wished=wished)
-        check_static(profile, kinematics, can, share, drives)
-        uses = limit_use(
+        _check_static(profile, kinematics, can, share, drives)
+        uses = _limit_use(
             profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share, drives=drives
         )
         slower = min(
@@ -314,7 +314,7 @@ def parametrize(
         name = max(uses, key=lambda n: uses[n][0] if n in LINEAR else uses[n][0] ** 0.5)
         bound_by = f"{name} of {can.joints[uses[name][1]]}"
         pace *= 0.995 * slower
-        if pace < LEAST_PACE:
+        if pace < _LEAST_PACE:
             break
     raise InvalidInput(
         f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by "
@@ -433,7 +433,7 @@ class _Limbs:
         return np.asarray(moving_nm + with_push - without)
 
 
-def limit_use(
+def _limit_use(
     profile: JointProfile,
     can: WorldCapabilities,
     *,
@@ -467,7 +467,7 @@ def limit_use(
     }
 
 
-def check_static(
+def _check_static(
     profile: JointProfile,
     kinematics: Kinematics,
     can: WorldCapabilities,
@@ -504,7 +504,7 @@ def check_static(
 
 log = logging.getLogger(__name__)
 M = TypeVar("M", PlanMotion, GaitMotion, LeapRun, CrossingMotion)
-JointMotion = (
+_JointMotion = (
     TimedMotion[PlanMotion]
     | TimedMotion[GaitMotion]
     | TimedMotion[LeapRun]
@@ -528,7 +528,7 @@ def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Motion:
 
 def joint_motion(
     subject: Plan | Trajectory | LeapPlan | Crossing, rate_hz: float = RATE_HZ
-) -> JointMotion:
+) -> _JointMotion:
     """The motion of a plan, a walk, a leap or a crossing with its joints, as ``run`` streams it, so
     many rows per second.
 
@@ -575,7 +575,7 @@ def _timed(
     """A motion that was judged with its joints, and runs at its own pace."""
     profile = joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives)
     most = _most(kinematics)
-    uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
+    uses = _limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
     velocity, acceleration, torque = (
         uses[name][0] for name in ("velocity", "acceleration", "torque")
     )
@@ -673,9 +673,9 @@ def timed_gait(
     profile = joint_profile(
         motion, kinematics, hung=hung, balanced=True, drives=drives, wished=wished
     )
-    check_static(profile, kinematics, can, LIMIT_SHARE, drives)
+    _check_static(profile, kinematics, can, LIMIT_SHARE, drives)
     most = _most(kinematics)
-    uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
+    uses = _limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
     for name, (use, joint) in uses.items():
         if use > 1.0:
             raise InvalidInput(

@@ -127,10 +127,10 @@ class Watchdog:
 
 FORGIVEN = 0.5
 """So many periods in which a joint was away are made up for by one in which it was not."""
-STILL_RAD, SENT_RAD = 0.02, 0.1
+STILL_RAD, _SENT_RAD = 0.02, 0.1
 """A robot has not moved where none of its joints has turned by STILL_RAD, of several that were sent
 SENT_RAD away."""
-SATURATED = 1.5
+_SATURATED = 1.5
 """A target so many times as far from its joint as gives all of its torque is one that the joint
 does not follow."""
 
@@ -208,7 +208,7 @@ class SafeWorld:
         self._drives: Drives | None = getattr(world, "drives", None)
         if self._drives is not None and world.kind != "hardware":
             self._path = np.maximum(
-                self._path, SATURATED * self._drives.torque_nm / self._drives.stiffness_nm_rad
+                self._path, _SATURATED * self._drives.torque_nm / self._drives.stiffness_nm_rad
             )
         self.real = isinstance(world, Actuator)
         if (
@@ -440,7 +440,7 @@ class SafeWorld:
         """
         if self._first is None or np.abs(state.angles_rad - self._first).max() > STILL_RAD:
             return False
-        return bool(np.count_nonzero(np.abs(state.sent_rad - self._first) > SENT_RAD) > 1)
+        return bool(np.count_nonzero(np.abs(state.sent_rad - self._first) > _SENT_RAD) > 1)
 
 
 def capabilities_of(world: World) -> WorldCapabilities:

@@ -30,11 +30,11 @@ from ..worlds.ros.follow import AGAIN_S
 from ..worlds.ros.goal import cancel_all, ready_to_cancel
 from ..worlds.ros.setup import RosSetup
 
-BEAT, REST, CLOSE = b".", b"-", b"q"
+_BEAT, REST, CLOSE = b".", b"-", b"q"
 ROUNDS = 3
 """A cancel is sent so often: one that comes before its goal is lost, and one that waits in a queue
 needs time."""
-READY_S = 20.0
+_READY_S = 20.0
 """So long the monitor may take to start and to connect."""
 ANSWER_S = 1.0
 """A beat may go so long without an answer, or four times the limit for the host, if that is
@@ -72,7 +72,7 @@ class HeartbeatMonitor:
         """The host lives."""
         if self._asked_s is None:
             self._asked_s = time.monotonic()
-        self._say(BEAT)
+        self._say(_BEAT)
 
     def rest(self) -> None:
         """Expect no beat until the next one."""
@@ -109,7 +109,7 @@ class HeartbeatMonitor:
         with contextlib.suppress(BrokenPipeError):  # one that ended at once says nothing, either
             stdin.write(json.dumps(orders).encode() + b"\n")
         os.set_blocking(stdin.fileno(), False)  # the host never waits for its monitor
-        answer = stdout.readline() if select.select([stdout], [], [], READY_S)[0] else b""
+        answer = stdout.readline() if select.select([stdout], [], [], _READY_S)[0] else b""
         if answer != b"ready\n":
             self._end(kill=True)
             raise InvalidInput(
@@ -182,8 +182,8 @@ def watch(stream: int, limit_s: float, answers: int) -> str:
         with contextlib.suppress(
             BrokenPipeError, BlockingIOError
         ):  # the host's end is heard from its own pipe
-            os.write(answers, BEAT)
-        beating = words[-1:] == BEAT
+            os.write(answers, _BEAT)
+        beating = words[-1:] == _BEAT
 
 
 def main() -> int:

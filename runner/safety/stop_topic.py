@@ -16,7 +16,7 @@ from ..worlds.ros.estop import BOOL, Estop
 from ..worlds.settings import EstopCheck
 
 ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9._-]+):(?P<port>\d{1,5})(?P<topic>/[A-Za-z0-9_/]+)")
-TIMEOUT_S = 3.0
+_TIMEOUT_S = 3.0
 
 
 class StopTopic:
@@ -36,7 +36,7 @@ class StopTopic:
     """
 
     def __init__(
-        self, address: str, timeout_s: float = TIMEOUT_S, check: EstopCheck | None = None
+        self, address: str, timeout_s: float = _TIMEOUT_S, check: EstopCheck | None = None
     ) -> None:
         match = ADDRESS.fullmatch(address)
         if match is None or not 0 < int(match["port"]) < 65536:

@@ -17,22 +17,22 @@ from .settings import points
 from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, simulated_body
 from .world import Ground, State, Terrain
 
-CONTACT_S, CONTACT_DAMPING = 0.004, 1.0
+_CONTACT_S, _CONTACT_DAMPING = 0.004, 1.0
 """Time constant and damping ratio of a contact (solref)."""
 SHAPE = 0.001, 0.5, 2.0
 """Growth of a contact's impedance with its depth (the rest of solimp)."""
-STIFF = 100.0
+_STIFF = 100.0
 """Friction rows are this much harder than normal ones (impratio): feet under load creep less."""
 UNDER_M = 0.5
 """Depth of a field of heights below its lowest place."""
-NET_FORCE = 3
+_NET_FORCE = 3
 """Kind of contact sensor that adds forces up, in the world's axes."""
 TERRAIN, ROBOT = 1, 2
 """Bits of what meets what: links meet the terrain and each other."""
-CREEP = 2.5e-6
+_CREEP = 2.5e-6
 """Speed at which feet creep under a force along soft ground [m/s per N], as slowly as on the
 world's own."""
-IMPEDANCES = (1e-4, 0.9999)
+_IMPEDANCES = (1e-4, 0.9999)
 """MuJoCo's bounds of d in R = (1 − d) / d · Â."""
 ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
@@ -162,7 +162,7 @@ class MujocoWorld(SimulatedWorld):
                 objname="world",
                 reftype=kinds.mjtObj.mjOBJ_BODY,
                 refname=foot,
-                intprm=[sum(1 << int(field) for field in wanted), NET_FORCE, 1],
+                intprm=[sum(1 << int(field) for field in wanted), _NET_FORCE, 1],
             )
         return spec.compile() if self.contact is None else self._softened(spec)
 
@@ -190,7 +190,7 @@ class MujocoWorld(SimulatedWorld):
         spec.option.gravity = [0.0, 0.0, -self.gravity_m_s2]
         spec.option.integrator = kinds.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = kinds.mjtCone.mjCONE_ELLIPTIC
-        spec.option.impratio = STIFF
+        spec.option.impratio = _STIFF
         spec.body(self.body.base).add_freejoint()
         for geom in spec.geoms:
             geom.density = 0.0  # or links without a mass in the file get one of their shapes
@@ -225,12 +225,12 @@ class MujocoWorld(SimulatedWorld):
         feet = [model.body(name).id for name in self.body.feet]
         light = float(np.mean(model.body_invweight0[feet, 0]))
         heavy = light * (PHYSICS_S * damping + PHYSICS_S**2 * stiffness)
-        impedance = float(np.clip(heavy / (1.0 + heavy), *IMPEDANCES))
+        impedance = float(np.clip(heavy / (1.0 + heavy), *_IMPEDANCES))
         unit, damped = (1.0 - impedance) * light, damping + PHYSICS_S * stiffness
         for geom in spec.worldbody.geoms:
             geom.solref = [-unit * stiffness, -unit * damped]
             geom.solimp = [impedance, impedance, *SHAPE]
-        spec.option.impratio = max(STIFF, 1.0 / (CREEP * damped))
+        spec.option.impratio = max(_STIFF, 1.0 / (_CREEP * damped))
         model = spec.compile()
         model.body_invweight0[feet, 0] = light
         model.opt.disableflags |= (
@@ -262,7 +262,7 @@ class MujocoWorld(SimulatedWorld):
             "contype": 0,
             "conaffinity": TERRAIN,
             "priority": 1,
-            "solref": [CONTACT_S, CONTACT_DAMPING],
+            "solref": [_CONTACT_S, _CONTACT_DAMPING],
             "solimp": [0.95, 0.99, *SHAPE],
         }
         if isinstance(terrain, Ground):

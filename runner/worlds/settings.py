@@ -21,7 +21,7 @@ from stancekit.planners.robot.robot_file import Servo
 from .drives import Imperfections
 
 FORMAT: Literal["stancekit/simulation/1"] = "stancekit/simulation/1"
-MOST_N_M = 1e7
+_MOST_N_M = 1e7
 """The stiffest ground that is asked for; a world's own is about as hard."""
 DEEP_M = 0.04
 """No foot sinks deeper under the whole weight: PyBullet pushes what is deeper out by other
@@ -45,9 +45,9 @@ class SoftContact:
     damping_ns_m: float | None = None
 
     def __post_init__(self) -> None:
-        checked(self.stiffness_n_m, "contact_stiffness_n_m", above=0.0, most=MOST_N_M)
+        checked(self.stiffness_n_m, "contact_stiffness_n_m", above=0.0, most=_MOST_N_M)
         if self.damping_ns_m is not None:
-            checked(self.damping_ns_m, "contact_damping_ns_m", least=0.0, most=MOST_N_M)
+            checked(self.damping_ns_m, "contact_damping_ns_m", least=0.0, most=_MOST_N_M)
 
     @classmethod
     def of(
@@ -110,8 +110,8 @@ class SimulationSetup:
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     format: Literal["stancekit/simulation/1"] = FORMAT
-    contact_stiffness_n_m: Annotated[float | None, Field(gt=0.0, le=MOST_N_M)] = None
-    contact_damping_ns_m: Annotated[float | None, Field(ge=0.0, le=MOST_N_M)] = None
+    contact_stiffness_n_m: Annotated[float | None, Field(gt=0.0, le=_MOST_N_M)] = None
+    contact_damping_ns_m: Annotated[float | None, Field(ge=0.0, le=_MOST_N_M)] = None
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> SimulationSetup:

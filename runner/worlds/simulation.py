@@ -31,14 +31,14 @@ from .drives import Drives, Imperfections
 from .settings import SimulationSetup, SoftContact, WorldSettings
 from .world import LatchedWorld, State, Terrain, WorldCapabilities, WorldKind
 
-SPECK = 1e-6
+_SPECK = 1e-6
 """Share of the robot's mass that a root without one gets: simulators take what weighs nothing for
 what never moves."""
-SPECK_M = 0.1
+_SPECK_M = 0.1
 """Its radius of gyration."""
 LEAST = 1e-6
 """Share of a link's largest principal moment: the smallest that it may have."""
-ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 NEAR = 2
 """Joints between two links of a leg whose shapes, where no SRDF says anything of them, are taken to
 overlap."""
@@ -229,7 +229,7 @@ def _check_weights(root: Element, model: RobotModel) -> None:
             f"robot {model.name}: {link}: expected what a body can weigh, got: {why}"
         )
     total = sum(link_inertia(link)[0] for link in root.findall("link"))
-    if abs(total - model.body.mass_kg) > SPECK * model.body.mass_kg:
+    if abs(total - model.body.mass_kg) > _SPECK * model.body.mass_kg:
         raise InvalidInput(
             f"robot {model.name}: expected links of {model.body.mass_kg:.6g} kg in all, as it was "
             "planned for, got "
@@ -249,12 +249,14 @@ def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float
             _set_inertia(inertia, inertia_given + _rounded_off(inertia_given) * np.eye(3))
     for link in (links[base], *(link for link in links.values() if link.get(BETWEEN))):
         mass = link.find("inertial/mass")
-        if mass is None or float(mass.get("value", "0")) < SPECK * mass_kg:
+        if mass is None or float(mass.get("value", "0")) < _SPECK * mass_kg:
             for inertial in link.findall("inertial"):
                 link.remove(inertial)
             inertial = SubElement(link, "inertial")
-            SubElement(inertial, "mass", {"value": repr(SPECK * mass_kg)})
-            _set_inertia(SubElement(inertial, "inertia"), SPECK * mass_kg * SPECK_M**2 * np.eye(3))
+            SubElement(inertial, "mass", {"value": repr(_SPECK * mass_kg)})
+            _set_inertia(
+                SubElement(inertial, "inertia"), _SPECK * mass_kg * _SPECK_M**2 * np.eye(3)
+            )
 
 
 def _add_rotor(link: Element, rotor_kg_m2: float) -> None:
@@ -272,12 +274,12 @@ def _rounded_off(inertia: Array) -> float:
 
 
 def _inertia(element: Element) -> Array:
-    xx, xy, xz, yy, yz, zz = (float(element.get(key, "0")) for key in ENTRIES)
+    xx, xy, xz, yy, yz, zz = (float(element.get(key, "0")) for key in _ENTRIES)
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _set_inertia(element: Element, inertia: Array) -> None:
-    for key, value in zip(ENTRIES, inertia[np.triu_indices(3)], strict=True):
+    for key, value in zip(_ENTRIES, inertia[np.triu_indices(3)], strict=True):
         element.set(key, repr(float(value)))
 
 

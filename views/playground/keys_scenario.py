@@ -85,8 +85,8 @@ def _raised(place: Any, by_m: float) -> Any:
 
 MOST_FRAMES = 40
 """Key frames that follow a goal that is dragged away; more are asked for by hand."""
-DEGREES = 180.0 / math.pi
-OF_TERRAIN: Mapping[
+_DEGREES = 180.0 / math.pi
+_OF_TERRAIN: Mapping[
     str, tuple[tuple[tuple[str, ...], str, str, float, float, float, float], ...]
 ] = {
     "walls": (
@@ -107,7 +107,7 @@ OF_TERRAIN: Mapping[
 }
 """By kind of terrain its keys that are slid: path of the key, label, unit, from, to, step, and the
 default."""
-LIKE = {"icy-walls": "walls", "ground-to-wall": "walls"}
+_LIKE = {"icy-walls": "walls", "ground-to-wall": "walls"}
 SIDES = ("left wall", "right wall")
 
 
@@ -215,10 +215,10 @@ class KeysScenario:
                 whole=True,
             )
         )
-        for path, label, unit, low, high, step, default in OF_TERRAIN.get(
-            LIKE.get(self.kind, self.kind), ()
+        for path, label, unit, low, high, step, default in _OF_TERRAIN.get(
+            _LIKE.get(self.kind, self.kind), ()
         ):
-            value = _at(terrain, path, default) * (DEGREES if unit == "°" else 1.0)
+            value = _at(terrain, path, default) * (_DEGREES if unit == "°" else 1.0)
             result.append(
                 Slider(
                     key=".".join(path),
@@ -252,7 +252,7 @@ class KeysScenario:
         """
         result = [Grip(key="goal", label="goal", position_m=course.goal_m)]
         middle = course.com_nominal_m.mean(axis=0)
-        if LIKE.get(self.kind, self.kind) == "walls":
+        if _LIKE.get(self.kind, self.kind) == "walls":
             terrain = self.keys["terrain"]
             for side, name in enumerate(SIDES):
                 away = _at(terrain, ("apart_m",), 0.38) + _at(terrain, ("offset_m", str(side)), 0.0)
@@ -288,11 +288,11 @@ class KeysScenario:
                     {**each, "friction": float(value)} for each in terrain["polygons"]
                 ]
         else:
-            rows = OF_TERRAIN[LIKE.get(self.kind, self.kind)]
+            rows = _OF_TERRAIN[_LIKE.get(self.kind, self.kind)]
             (path, unit, default), *_ = [
                 (row[0], row[2], row[6]) for row in rows if ".".join(row[0]) == key
             ]
-            _put(terrain, path, value / DEGREES if unit == "°" else float(value), default)
+            _put(terrain, path, value / _DEGREES if unit == "°" else float(value), default)
         return self._with({**self.keys, "terrain": terrain})
 
     def dragged(self, key: str, position_m: Array) -> KeysScenario:

@@ -35,10 +35,10 @@ from .scenario import BetweenScenario, Grip, Scenario, Slider
 
 SHARES = (0.8, 1.0)
 """Shares of the friction, that a plan is looked for with while the scene is changed."""
-QUICK_S, QUICK_NODES, QUICK_STEPS = 0.15, 20, 6
+_QUICK_S, _QUICK_NODES, _QUICK_STEPS = 0.15, 20, 6
 """Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
 share."""
-PATIENT_S = 60.0
+_PATIENT_S = 60.0
 """Time for all of an answer when nobody changes it any more: that of ``stancekit plan``."""
 
 
@@ -76,10 +76,10 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
     longer. Raises nothing.
     """
     planner = TwoStagePlanner(
-        time_limit_s=QUICK_S,
-        max_nodes=QUICK_NODES,
+        time_limit_s=_QUICK_S,
+        max_nodes=_QUICK_NODES,
         cuts=False,
-        steps=QUICK_STEPS,
+        steps=_QUICK_STEPS,
         programs=programs_of_this_thread(),
     )
     return _planned(
@@ -102,8 +102,8 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
     """
 
     def plan(question: LayOut) -> Answer[Plan]:
-        planner = TwoStagePlanner(time_limit_s=PATIENT_S, programs=programs_of_this_thread())
-        deadline = time.perf_counter() + PATIENT_S
+        planner = TwoStagePlanner(time_limit_s=_PATIENT_S, programs=programs_of_this_thread())
+        deadline = time.perf_counter() + _PATIENT_S
         return plan_course(
             question,
             planner,
@@ -174,7 +174,7 @@ def _answer(
     )
 
 
-GRIP_M = 0.16
+_GRIP_M = 0.16
 """Length of the arrows of a grip."""
 FAR_M = 1e3
 
@@ -244,7 +244,7 @@ class Controls:
             name = f"/grips/{grip.key}"
             known = self._server.scene.add_transform_controls(
                 name,
-                scale=GRIP_M,
+                scale=_GRIP_M,
                 active_axes=grip.axes,
                 disable_rotations=True,
                 disable_sliders=sum(grip.axes) < 2,
@@ -275,8 +275,8 @@ class Controls:
             self._labels[grip.key].text = grip.label
 
 
-FOV_RAD = 0.75
-BRAND = (39, 64, 127)
+_FOV_RAD = 0.75
+_BRAND = (39, 64, 127)
 GOOD, UNSURE, BAD = (
     f"light-dark({pair})" for pair in ("#1d6f62, #5cc4b3", "#7a5f00, #e0bd4a", "#b81c33, #ff8b99")
 )
@@ -291,7 +291,7 @@ colour."""
 
 def set_up(server: Any) -> None:
     """Colours and lights."""
-    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
+    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
     server.scene.configure_default_lights(cast_shadow=False)
 
 
@@ -300,7 +300,7 @@ def let_camera(server: Any, target_m: Array, away_m: float, towards: Array) -> N
     in the direction ``towards``, shape (3,).
     """
     camera = server.initial_camera
-    camera.look_at, camera.fov = tuple(target_m), FOV_RAD
+    camera.look_at, camera.fov = tuple(target_m), _FOV_RAD
     camera.position = tuple(target_m + away_m * towards / np.linalg.norm(towards))
 
 
@@ -363,9 +363,9 @@ def called(robots: Sequence[str]) -> dict[str, str]:
     }
 
 
-TIGHT = 0.95
+_TIGHT = 0.95
 """A limit that is used this far is marked."""
-CARRIES_N = 1e-3
+_CARRIES_N = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -414,7 +414,7 @@ def cone_share(force_n: Array, normal: Array, friction: float) -> float:
     """
     pressed = float(force_n @ normal)
     aside = float(np.linalg.norm(force_n - pressed * normal))
-    if pressed < CARRIES_N:
+    if pressed < _CARRIES_N:
         return float("nan")
     return aside / max(friction * pressed, 1e-9) if aside > 1e-6 * pressed else 0.0
 
@@ -601,7 +601,7 @@ def _bar(share: float) -> str:
     """A share of a limit as a bar with its number; NaN is a dash."""
     if np.isnan(share):
         return f'<span style="color:{QUIET}">–</span>'
-    colour = BAD if share > 1.0 + 1e-6 else UNSURE if share > TIGHT else GOOD
+    colour = BAD if share > 1.0 + 1e-6 else UNSURE if share > _TIGHT else GOOD
     return (
         f'<div style="display:flex;align-items:center;gap:5px"><div style="flex:1;min-width:34px;height:8px;'
         f'background:{TROUGH};border-radius:4px;overflow:hidden"><div style="width:{100 * min(share, 1.0):.0f}%;'

@@ -208,7 +208,7 @@ class Files:
         )
 
 
-TITLE, PICK = "Stancekit playground", "pick a surface"
+TITLE, _PICK = "Stancekit playground", "pick a surface"
 
 
 class Playground:
@@ -277,7 +277,7 @@ class Playground:
             self._menu = gui.add_dropdown("robot", names, initial_value=names[0])
             self._menu.on_update(self._robot_chosen)
         self._picker = gui.add_button(
-            PICK, hint="The next click on a surface gives it a grip and a friction."
+            _PICK, hint="The next click on a surface gives it a grip and a friction."
         )
         self._picker.on_click(self._pick)
         self._files = Files(self._server, folder, lambda: (self.session.scenario, self._answer))
@@ -316,13 +316,13 @@ class Playground:
 
     def _pick(self, _event: Any) -> None:
         """The next click picks a surface."""
-        if self._picker.label == PICK:
+        if self._picker.label == _PICK:
             self._server.scene.on_click()(self._picked)
             self._picker.label = "click a surface"
 
     async def _picked(self, event: Any) -> None:
         self._server.scene.remove_click_callback()
-        self._picker.label = PICK
+        self._picker.label = _PICK
         course = self._answer.course
         hit = None if course is None else struck(course, event.ray_origin, event.ray_direction)
         if course is None or hit is None:

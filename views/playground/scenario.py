@@ -451,7 +451,7 @@ def _moved(
     return toe_m + (after.centre_m - before.centre_m)
 
 
-PACE_M_S = 0.25
+_PACE_M_S = 0.25
 """A walk takes as long as this speed asks for, until its duration is slid."""
 SHORTEST_S = 2.0
 
@@ -492,7 +492,7 @@ class WalkScenario:
         if self.duration_s is not None:
             return self.duration_s
         way = float(np.hypot(self.goal_m[0] - self.start_m[0], self.goal_m[1] - self.start_m[1]))
-        return round(float(np.clip(way / PACE_M_S, SHORTEST_S, 60.0)), 1)
+        return round(float(np.clip(way / _PACE_M_S, SHORTEST_S, 60.0)), 1)
 
     def sliders(self) -> tuple[Slider, ...]:
         """Friction and duration."""

@@ -105,7 +105,7 @@ ADDED = """
 </script>"""
 
 
-def finished_page(request: Any, response: Any) -> Any:
+def _finished_page(request: Any, response: Any) -> Any:
     """The answer to a request for a page or one of its parts: what we add is in the page itself."""
     kind = "" if response is None else response.headers.get("Content-Type", "")
     if response is None or response.status_code != 200 or not kind.startswith("text/html"):
@@ -165,7 +165,7 @@ def own_names(host: str) -> frozenset[str]:
 
 
 @contextmanager
-def guarded_server(host: str) -> Iterator[None]:
+def _guarded_server(host: str) -> Iterator[None]:
     """Guard the server that viser makes within this block: it refuses websockets from foreign pages
     and serves the pages of the playground.
 
@@ -205,7 +205,7 @@ def _guard(pages: Callable[[Any, Any], Any], names: frozenset[str]) -> Callable[
     def process(connection: Any, request: Any) -> Any:
         headers = request.headers
         if "websocket" not in headers.get("Upgrade", "").lower():
-            return finished_page(request, pages(connection, request))
+            return _finished_page(request, pages(connection, request))
         origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
         one = len(origins) <= 1 and len(hosts) == 1
         if one and may_connect(next(iter(origins), None), hosts[0], names):
@@ -290,7 +290,7 @@ def quiet() -> Iterator[None]:
         logger.removeFilter(one_line)
 
 
-def guard_messages(server: Any) -> None:
+def _guard_messages(server: Any) -> None:
     """Have nothing kept of a message whose values make no sense; one line on the console says
     so.
     """
@@ -449,8 +449,8 @@ def served_walk(
 
 @contextmanager
 def _served(make: Callable[[Any], Shown], host: str, port: int) -> Iterator[Page[Shown]]:
-    with quiet(), viser_server(host, port, guarded_server(host)) as server:
-        guard_messages(server)
+    with quiet(), viser_server(host, port, _guarded_server(host)) as server:
+        _guard_messages(server)
         shown = make(server)
         try:
             yield Page(f"http://{host}:{server.get_port()}", shown)

@@ -55,7 +55,7 @@ from .page_parts import (
 from .playground import Player
 from .scenario import WalkScenario
 
-ITERATIONS, TOTAL_S = 80, 120.0
+_ITERATIONS, _TOTAL_S = 80, 120.0
 """Most iterations of a solve, and CPU time of all solves of a walk [s]."""
 
 
@@ -157,8 +157,8 @@ def _serve(pipe: Any, task: Walk) -> None:
 
     try:
         settings, caps = (
-            GaitSettings(max_iterations=ITERATIONS),
-            Caps(iterations=ITERATIONS, total_s=TOTAL_S),
+            GaitSettings(max_iterations=_ITERATIONS),
+            Caps(iterations=_ITERATIONS, total_s=_TOTAL_S),
         )
         plan = plan_walk(task, settings, progress, caps=caps)
         best = plan.best if plan.best is not None and plan.best.solution.success else None

@@ -123,7 +123,7 @@ def shear_rotation(slope: cs.SX) -> cs.SX:
     return cs.SX.eye(3) + skew + skew @ skew / (1.0 + cosine)
 
 
-def surface_frame(slope: cs.SX) -> cs.SX:
+def _surface_frame(slope: cs.SX) -> cs.SX:
     """R_WC: columns t₁ (over the world's x), t₂ = n × t₁ and the true normal n, shape (3, 3)."""
     first = cs.vertcat(1.0, 0.0, slope[0]) / cs.sqrt(1.0 + slope[0] ** 2)
     normal = surface_normal(slope)
@@ -205,7 +205,7 @@ class Shear(Chart):
     def force(self, bar: cs.SX, foot: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
         """f̄_i to f_i."""
         assert expansion is not None
-        return surface_frame(expansion.here[1].T) @ bar
+        return _surface_frame(expansion.here[1].T) @ bar
 
     def torso_bar(self, p_WB: Array) -> Array:
         """p to p̄."""

@@ -119,7 +119,7 @@ def dynamics(structure: Structure) -> Constraint:
     if form == "centred" and not structure.settings.still_end:
         nodes = nodes[:-1]
     scatter = 6 * nodes[:, None] + np.arange(6)
-    blocks = [inertia_block(structure, nodes, scatter)]
+    blocks = [_inertia_block(structure, nodes, scatter)]
     for group in structure.feet_at_nodes:
         chosen = np.flatnonzero(group.pushes & np.isin(group.node, nodes))
         if len(chosen):
@@ -134,7 +134,7 @@ def dynamics(structure: Structure) -> Constraint:
     return Constraint("dynamics", zeros, zeros, tuple(blocks))
 
 
-def inertia_block(structure: Structure, nodes: Rows, scatter: Rows) -> Block:
+def _inertia_block(structure: Structure, nodes: Rows, scatter: Rows) -> Block:
     """Rows of the torso's motion: −m (p̈ − g) and −d/dt (R I ω) at nodes."""
     form, chart, robot, step_s = (
         structure.settings.dynamics,
@@ -252,7 +252,7 @@ def axial(m: cs.SX) -> cs.SX:
 def acceleration(structure: Structure) -> Block:
     """A part of E(c) (W1): ∫ ‖p̈/g‖² + ‖d/dt (R I ω)‖² dt as a sum over the nodes; one row."""
     nodes = np.arange(structure.nodes)
-    inner = inertia_block(structure, nodes, np.zeros((len(nodes), 1), dtype=np.intp))
+    inner = _inertia_block(structure, nodes, np.zeros((len(nodes), 1), dtype=np.intp))
     step_s = structure.settings.step_s
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
@@ -390,7 +390,7 @@ def durations(structure: Structure) -> Constraint | None:
     )
 
 
-TIP = 1e-3
+_TIP = 1e-3
 """ε, in units of m·g: a standing foot presses with ε/ν at least, but for the ends of its stance."""
 
 
@@ -429,7 +429,7 @@ def pressing(chart: Chart, friction: float) -> Kernel:
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (foot,), (expansion,) = features, expansions
         normal, tangential = chart.cone(foot[3:6], foot[:3], expansion)
-        return friction * (normal + foot[6]) - cs.sqrt(cs.sumsqr(tangential) + TIP**2)
+        return friction * (normal + foot[6]) - cs.sqrt(cs.sumsqr(tangential) + _TIP**2)
 
     return kernel
 
@@ -460,7 +460,7 @@ SPACING_M = 0.09
 NEAR_M = 0.15
 """A point that stays higher over the ground than this in the guess, and all about it, gets no
 row."""
-SINKING = 0.8
+_SINKING = 0.8
 """Share of the height which the guess gains on slopes, where it stands off along the normal, that
 walks may give up."""
 AROUND_M = 0.2
@@ -538,6 +538,6 @@ def near(structure: Structure, points: Array) -> tuple[Rows, Rows]:
     gap = above.min(axis=2) * normal[:, None, 2]
     row, column = np.divmod(np.arange(len(points)), len(np.unique(points[:, 1])))
     turn = (np.arange(len(p))[:, None] + row + column) % 2 == 0
-    sinking = SINKING * structure.task.robot.stand_height_m * (1.0 / normal[:, 2:] - 1.0)
+    sinking = _SINKING * structure.task.robot.stand_height_m * (1.0 / normal[:, 2:] - 1.0)
     node, point = np.nonzero((gap < NEAR_M + sinking) & turn)
     return node, point

@@ -165,7 +165,7 @@ def _digest(
 LOG = logging.getLogger(__name__)
 FIRST_S, LEAST_S = 1.0, 0.1
 """The first solve, and each one that is begun after it, has at least this time [s]."""
-VERDICT_S = 0.5
+_VERDICT_S = 0.5
 """Time that is left for the verdict on the point that the last solve ends at [s]."""
 PATIENCE = 10.0
 """A child process may take this many times the CPU time of a solve by the clock."""
@@ -250,7 +250,7 @@ class SolveBudget:
     @property
     def exhausted(self) -> bool:
         """Tell whether there is nothing left to spend, or the caller asked to stop."""
-        return self.stopped or self.left_s <= VERDICT_S or self._left <= 0
+        return self.stopped or self.left_s <= _VERDICT_S or self._left <= 0
 
     def __call__(
         self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]
@@ -258,7 +258,7 @@ class SolveBudget:
         """Solve within what is left; a solver that hangs or dies has found nothing."""
         program.build(**options)
         limit_s = min(
-            self._solve_s, max(self.left_s - VERDICT_S, LEAST_S if self.solves else FIRST_S)
+            self._solve_s, max(self.left_s - _VERDICT_S, LEAST_S if self.solves else FIRST_S)
         )
         if self._in_subprocess:
             solution = self._in_child(program, guess, limit_s, options)

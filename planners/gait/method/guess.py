@@ -10,9 +10,9 @@ from ...files.arrays import Array
 from ..constraints.feet import sure_xy
 from ..variables import NOTHING, Index, Structure
 
-RAMP = 0.15
+_RAMP = 0.15
 """Share of the time in which a walk gets up to speed, and in which it slows down."""
-LOADING_S = 0.1
+_LOADING_S = 0.1
 """Time that a foot takes to get its full share of the weight after touchdown, and to lose it before
 lift-off [s]."""
 
@@ -71,7 +71,7 @@ class GuessedWalk:
         share = np.clip(
             (np.asarray(times_s) - self._begins_s) / (self._ends_s - self._begins_s), 0.0, 1.0
         )
-        return _eased(share, RAMP)
+        return _eased(share, _RAMP)
 
     def torso_xy(self, times_s: Array) -> Array:
         """Along the line from start to goal, shape (K, 2) [m]."""
@@ -154,7 +154,7 @@ class GuessedWalk:
         begins, ends = edges[0::2].copy(), edges[1::2].copy()
         begins[0], ends[-1] = -np.inf, np.inf
         within = np.minimum(times_s[:, None] - begins, ends - times_s[:, None]).max(axis=1)
-        return np.asarray(np.clip(within / LOADING_S, 0.0, 1.0))
+        return np.asarray(np.clip(within / _LOADING_S, 0.0, 1.0))
 
 
 def _eased(share: Array, ramp: float) -> Array:

@@ -183,12 +183,12 @@ def stage_program(
 
 STEP = 2e-3
 """Between postures whose depths are compared [m, rad]."""
-CLEAR_M, TRIES = 2e-3, 21
+_CLEAR_M, TRIES = 2e-3, 21
 """Links are apart when they are so far off each other; steps of the way of feet to where they
 stand."""
 
 
-def leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
+def _leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
     """Rows at the nodes on both sides of every posture of a report's trajectory in which something
     overlaps.
     """
@@ -249,7 +249,7 @@ class _Slopes:
             moved = posture
             for leg, way in zip(legs, home, strict=True):
                 moved = self._reaching(moved, leg, share * way)
-            if self._bodies.depth(overlap, moved) < -CLEAR_M:
+            if self._bodies.depth(overlap, moved) < -_CLEAR_M:
                 break
         far = float(np.linalg.norm(home))
         by_foot = np.zeros((2, 3))
@@ -388,11 +388,11 @@ WINDOWS = frozenset(
     ("impulse", "angular_impulse", "traction_impulse", "traction_way", "traction_turn")
 )
 """Groups that add up over time."""
-LEAST_BAND = 0.01
+_LEAST_BAND = 0.01
 """Nothing narrower is asked for where no balance is off by more."""
 APART_M = 0.003
 """Links that went through something are asked to be so far off it."""
-FLAW = 1.5
+_FLAW = 1.5
 """A balance is asked for where it is off by this many bands."""
 
 
@@ -452,7 +452,7 @@ def densified(program: GaitProgram, report: Report[Trajectory]) -> DenseProgram 
     while (
         BALANCES & {group.name for group in report.refused}
         and not dense.balance.any()
-        and band > LEAST_BAND
+        and band > _LEAST_BAND
     ):
         band *= 0.5  # a window adds up what no moment shows
         checks = dense = flaws(program, report, band)
@@ -496,14 +496,14 @@ def flaws(program: GaitProgram, report: Report[Trajectory], band: float = BAND) 
             (measured.force_residual(), measured.weight_n),
             (measured.moment_residual(), measured.moment_scale_nm),
         ):
-            off = np.linalg.norm(series.values, axis=1) > FLAW * band * scale
+            off = np.linalg.norm(series.values, axis=1) > _FLAW * band * scale
             balance[_steps(series.times_s[off], program)] = True
     if "reach" in broken:
         series = measured.reach()
         samples, columns = np.nonzero(series.values > 0.5 * report.limits["reach_m"])
         arms[_steps(series.times_s[samples], program), columns] = True
     loads = leg_loads(program.structure, report) if "torque" in broken else None
-    overlaps = leg_overlaps(program.structure, report) if "bodies" in broken else None
+    overlaps = _leg_overlaps(program.structure, report) if "bodies" in broken else None
     return Checks(balance=balance, reach=arms, band=band, loads=loads, overlaps=overlaps)
 
 

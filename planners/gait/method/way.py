@@ -43,7 +43,7 @@ TURN_RAD = 0.02
 """A path that turns by less goes straight on."""
 LEAST_S = 3.0
 """Least duration of a piece [s]."""
-EVEN_S = 0.5
+_EVEN_S = 0.5
 """Pieces last a whole number of these, which spacings of knots and nodes divide [s]."""
 AGAIN = 2
 """So often a piece without a walk is cut in two."""
@@ -102,8 +102,8 @@ def pieces_of(task: Walk, path: GuidePath) -> list[Walk]:
 
 
 def _lasting(seconds: float) -> float:
-    """Duration, rounded to ``EVEN_S`` and no shorter than a piece may be [s]."""
-    return max(LEAST_S, EVEN_S * round(seconds / EVEN_S))
+    """Duration, rounded to ``_EVEN_S`` and no shorter than a piece may be [s]."""
+    return max(LEAST_S, _EVEN_S * round(seconds / _EVEN_S))
 
 
 def _between(task: Walk, start: Array, goal: Array, duration_s: float) -> Walk:

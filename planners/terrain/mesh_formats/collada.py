@@ -30,7 +30,7 @@ from .ply import checked_matrix, moved
 
 DEEPEST = 60
 MOST_NODES = 20_000
-POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")
+_POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
 def read_collada(content: bytes, most: int) -> Surface:
@@ -107,7 +107,7 @@ class _Scene:
         """The surfaces of a geometry; counted anew each time that it is placed, read once."""
         if name not in self._known:
             meshes = geometry.findall("mesh")
-            parts = [(mesh, part) for mesh in meshes for part in mesh if part.tag in POLYGONS]
+            parts = [(mesh, part) for mesh in meshes for part in mesh if part.tag in _POLYGONS]
             self._known[name] = [self._of_part(mesh, part) for mesh, part in parts]
         self._left -= sum(len(triangles) for _, triangles in self._known[name])
         check_count(self._most - self._left, self._most)

@@ -18,7 +18,7 @@ from .numbers import Surface, broken, check_count, fans, joined, strip
 from .ply import checked_matrix, moved, turn_of
 
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-WIDTHS = {"SCALAR": 1, "VEC3": 3}
+_WIDTHS = {"SCALAR": 1, "VEC3": 3}
 MOST_NODES = 20_000
 PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 """Extensions that keep corners as no reader here has them."""
@@ -172,7 +172,7 @@ class _Scene:
     def _values(self, number: int, kind: str) -> NDArray[Any]:
         """The values of an accessor, shape (count, width)."""
         accessor, size = self._accessors[number], len(self._binary)
-        component, width = accessor.get("componentType"), WIDTHS[kind]
+        component, width = accessor.get("componentType"), _WIDTHS[kind]
         if (
             accessor.get("type") != kind
             or not isinstance(component, int)

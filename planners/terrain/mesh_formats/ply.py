@@ -16,7 +16,7 @@ from ...files.arrays import Array
 from ...files.documents import shown
 from .numbers import MOST_TRIANGLES, Surface, blocks, broken, check_count, fans, reals, wholes
 
-STL_HEAD, FACET = 84, 50
+_STL_HEAD, _FACET = 84, 50
 """Bytes of a binary file's header, count included, and of one facet."""
 VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
@@ -29,18 +29,23 @@ def read_stl(content: bytes, most: int) -> Surface:
     A file is binary where its count of facets fits its size; zeros and blanks after them are left
     out.
     """
-    count = struct.unpack("<I", content[80:STL_HEAD])[0] if len(content) >= STL_HEAD else -1
-    rest = content[STL_HEAD + FACET * count :] if count >= 0 else b""
+    count = struct.unpack("<I", content[80:_STL_HEAD])[0] if len(content) >= _STL_HEAD else -1
+    rest = content[_STL_HEAD + _FACET * count :] if count >= 0 else b""
     if (
-        0 <= count <= (len(content) - STL_HEAD) // FACET
-        and len(rest) < FACET
+        0 <= count <= (len(content) - _STL_HEAD) // _FACET
+        and len(rest) < _FACET
         and not rest.strip(b"\0 \r\n\t")
     ):
         check_count(count, most)
         kind = np.dtype(
-            {"names": ["corners"], "formats": [("<f4", (3, 3))], "offsets": [12], "itemsize": FACET}
+            {
+                "names": ["corners"],
+                "formats": [("<f4", (3, 3))],
+                "offsets": [12],
+                "itemsize": _FACET,
+            }
         )
-        facets = np.frombuffer(content, dtype=kind, count=count, offset=STL_HEAD)["corners"]
+        facets = np.frombuffer(content, dtype=kind, count=count, offset=_STL_HEAD)["corners"]
         return facets.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3)
     if content.lstrip()[:5].lower() != b"solid":
         facts = f"its header declares {count} facets" if count >= 0 else "it is cut off"
@@ -65,7 +70,7 @@ def _read_text(content: bytes, most: int) -> Surface:
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
-OFF_HEAD = re.compile(rb"\A\s*(?:ST)?C?N?4?n?OFF\b(?!\s*BINARY)", re.IGNORECASE)
+_OFF_HEAD = re.compile(rb"\A\s*(?:ST)?C?N?4?n?OFF\b(?!\s*BINARY)", re.IGNORECASE)
 
 
 def read_off(content: bytes, most: int) -> Surface:
@@ -73,7 +78,7 @@ def read_off(content: bytes, most: int) -> Surface:
 
     Raises InvalidInput.
     """
-    head = OFF_HEAD.match(content.removeprefix(b"\xef\xbb\xbf"))
+    head = _OFF_HEAD.match(content.removeprefix(b"\xef\xbb\xbf"))
     if head is None:
         raise broken("expected OFF, as text, as its first word")
     body = content.removeprefix(b"\xef\xbb\xbf")[head.end() :]
@@ -175,7 +180,7 @@ def turn_of(quaternion: Array) -> Array:
 
 HEAD_BYTES = 65_536
 """Bytes within which a header ends."""
-MOST_PROPERTIES = 200
+_MOST_PROPERTIES = 200
 ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
 KINDS = {
     b"char": "i1",
@@ -195,7 +200,7 @@ KINDS = {
     b"double": "f8",
     b"float64": "f8",
 }
-REALS = (b"float", b"float32", b"double", b"float64")
+_REALS = (b"float", b"float32", b"double", b"float64")
 FACES = (b"vertex_indices", b"vertex_index")
 ROWS = 50_000
 """Lines of text that become objects of Python at once."""
@@ -304,7 +309,7 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
         elif parts[0] == b"element" and len(parts) == 3 and re.fullmatch(rb"\d{1,18}", parts[2]):
             elements.append(_Element(name=parts[1], count=int(parts[2])))
         elif (
-            parts[0] == b"property" and elements and len(elements[-1].properties) < MOST_PROPERTIES
+            parts[0] == b"property" and elements and len(elements[-1].properties) < _MOST_PROPERTIES
         ):
             elements[-1].properties.append(_property(parts[1:]))
         else:
@@ -329,7 +334,7 @@ def _property(parts: list[bytes]) -> _Property:
         and parts[0] == b"list"
         and parts[1] in KINDS
         and parts[2] in KINDS
-        and parts[1] not in REALS
+        and parts[1] not in _REALS
     ):
         return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
     raise broken(

@@ -29,7 +29,7 @@ ALERT = 0x80
 SOUND, SILENT, CORRUPT = 0, -3001, -3002
 """Results of the SDK: an answer that is whole, none at all, and one that is damaged."""
 PATIENCE = 2
-Blame = Callable[["ServoBus", int, int], NoReturn]
+_Blame = Callable[["ServoBus", int, int], NoReturn]
 """A diagnosis that raises HardwareFault: what to do when bytes (address, size) of all servos did
 not come."""
 log = logging.getLogger(__name__)
@@ -64,7 +64,7 @@ class ServoBus:
         retries: int = 2,
         latency_ms: float = LATENCY_MS,
         latch: StopLatch | None = None,
-        blame: Blame | None = None,
+        blame: _Blame | None = None,
     ) -> None:
         try:
             from dynamixel_sdk import PacketHandler

@@ -47,9 +47,9 @@ PROFILE_ACCELERATION = Register("Profile Acceleration", 108, 4)
 PROFILE_VELOCITY = Register("Profile Velocity", 112, 4)
 GOAL_POSITION = Register("Goal Position", 116, 4)
 REALTIME_TICK = Register("Realtime Tick", 120, 2)
-PRESENT_CURRENT = Register("Present Current", 126, 2)
-PRESENT_VELOCITY = Register("Present Velocity", 128, 4)
-PRESENT_POSITION = Register("Present Position", 132, 4)
+_PRESENT_CURRENT = Register("Present Current", 126, 2)
+_PRESENT_VELOCITY = Register("Present Velocity", 128, 4)
+_PRESENT_POSITION = Register("Present Position", 132, 4)
 INDIRECT_ADDRESS = Register("Indirect Address 1", 168, 2)
 INDIRECT_DATA = Register("Indirect Data 1", 224, 1)
 
@@ -57,16 +57,16 @@ WATCHED = (
     TORQUE_ENABLE,
     HARDWARE_ERROR,
     BUS_WATCHDOG,
-    PRESENT_CURRENT,
-    PRESENT_VELOCITY,
-    PRESENT_POSITION,
+    _PRESENT_CURRENT,
+    _PRESENT_VELOCITY,
+    _PRESENT_POSITION,
     REALTIME_TICK,
 )
 """Fields that are read in every control period, gathered in the indirect data: 15 bytes per servo
 in one answer."""
 WATCHED_BYTES = sum(register.size for register in WATCHED)
 
-TICKS, CENTRE_TICK = 4096, 2048
+TICKS, _CENTRE_TICK = 4096, 2048
 RAD = 2.0 * np.pi / TICKS
 """One tick of a position."""
 RAD_S = 0.229 * 2.0 * np.pi / 60.0
@@ -85,7 +85,7 @@ P_GAIN = 800
 CURRENT_BASED_POSITION = 5
 """Operating mode: position control whose current is limited by Goal Current. In plain position
 control it is not."""
-REVERSE, TIME_PROFILE, TORQUE_BY_GOAL = 0x01, 0x04, 0x08
+_REVERSE, _TIME_PROFILE, _TORQUE_BY_GOAL = 0x01, 0x04, 0x08
 """Bits of Drive Mode. None may be set: the calibration turns directions, and a goal must never
 switch the torque on."""
 SHUTDOWN_ON = 0x34
@@ -158,7 +158,7 @@ class JointServo:
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     id: Annotated[int, Field(ge=0, le=252, strict=True)]
-    zero_tick: Annotated[int, Field(ge=0, lt=TICKS, strict=True)] = CENTRE_TICK
+    zero_tick: Annotated[int, Field(ge=0, lt=TICKS, strict=True)] = _CENTRE_TICK
     direction: Literal[-1, 1] = 1
     lower_rad: Annotated[float, Field(ge=-6.3, le=6.3)]
     upper_rad: Annotated[float, Field(ge=-6.3, le=6.3)]
@@ -235,7 +235,7 @@ class Calibration(SetupFile):
         both.
         """
         servos = self.ordered(joints)
-        zero = np.array([servo.zero_tick - CENTRE_TICK for servo in servos])
+        zero = np.array([servo.zero_tick - _CENTRE_TICK for servo in servos])
         return np.array([servo.direction for servo in servos]) * angles_rad + RAD * zero
 
 

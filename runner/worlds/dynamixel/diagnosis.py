@@ -15,16 +15,16 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from .bus import CORRUPT, PATIENCE, SOUND, ServoBus, listed
 from .control_table import RAD, RAD_S, Baud
 
-FASTER = 1.5
+_FASTER = 1.5
 """A joint may be pushed so many times as fast as its servo turns without load."""
 SLACK_RAD = 0.06
 """Position that the time between a measurement and its arrival may hide."""
-OLD_S = 0.06
+_OLD_S = 0.06
 """A measurement may be older than the last one by so much before it is asked for again."""
-FROZEN = 5
+_FROZEN = 5
 """A servo that reports speed and the same position for so many periods repeats old values."""
-FROZEN_TICKS = 2.0
-WRAP_MS = 32768
+_FROZEN_TICKS = 2.0
+_WRAP_MS = 32768
 """Realtime Tick begins anew here."""
 
 
@@ -39,7 +39,7 @@ class Doubt(NamedTuple):
     late: bool = False
 
 
-BELIEVED = Doubt("")
+_BELIEVED = Doubt("")
 
 
 class MeasurementJudge:
@@ -51,7 +51,7 @@ class MeasurementJudge:
     """
 
     def __init__(self, bus: ServoBus, fastest_rad_s: NDArray[np.float64]) -> None:
-        self._bus, self._fastest = bus, FASTER * fastest_rad_s
+        self._bus, self._fastest = bus, _FASTER * fastest_rad_s
         self.begin()
 
     def begin(self) -> None:
@@ -98,7 +98,7 @@ class MeasurementJudge:
             )
         if self._last is None:
             self._last = now_s, position, tick_ms
-            return BELIEVED
+            return _BELIEVED
         then_s, before, ticked = self._last
         passed_s = now_s - then_s
         moved = RAD * np.abs(position - before)
@@ -108,9 +108,9 @@ class MeasurementJudge:
                 f"{1e3 * passed_s:.0f} ms, which it "
                 f"cannot turn: do two servos have id {self._bus.ids[index]}, or is it disturbed?"
             )
-        went_ms = (tick_ms - ticked) % WRAP_MS
-        for index in np.flatnonzero(self._ticking & ((went_ms == 0) | (went_ms > WRAP_MS // 2))):
-            if passed_s < 1e-3 * (WRAP_MS // 4):
+        went_ms = (tick_ms - ticked) % _WRAP_MS
+        for index in np.flatnonzero(self._ticking & ((went_ms == 0) | (went_ms > _WRAP_MS // 2))):
+            if passed_s < 1e-3 * (_WRAP_MS // 4):
                 what = (
                     "stands still"
                     if went_ms[index] == 0
@@ -121,28 +121,28 @@ class MeasurementJudge:
                     late=True,
                 )
         late_s = passed_s - 1e-3 * went_ms
-        for index in np.flatnonzero(self._ticking & (late_s > OLD_S)):
-            if not calm and passed_s < 1e-3 * (WRAP_MS // 4):
+        for index in np.flatnonzero(self._ticking & (late_s > _OLD_S)):
+            if not calm and passed_s < 1e-3 * (_WRAP_MS // 4):
                 old = f"its values are {late_s[index]:.2f} s old: do answers come late?"
                 return Doubt(f"{self._name(index)}: {old}", late=True)
-        turning = np.abs(velocity) * RAD_S * passed_s > FROZEN_TICKS * RAD
+        turning = np.abs(velocity) * RAD_S * passed_s > _FROZEN_TICKS * RAD
         self._same = np.where(turning & (position == before), self._same + 1, 0)
-        for index in np.flatnonzero(self._same > FROZEN):
+        for index in np.flatnonzero(self._same > _FROZEN):
             return Doubt(
                 f"{self._name(index)}: measured to turn at {velocity[index] * RAD_S:.2f} rad/s and "
                 "to stay at "
                 f"{position[index]} ticks: are its values old?"
             )
         self._last = now_s, position, tick_ms
-        return BELIEVED
+        return _BELIEVED
 
     def _name(self, index: np.intp) -> str:
         return self._bus.label(int(index))
 
 
-BLAMED = 3
+_BLAMED = 3
 """So many silent servos are named before the search for more ends: each takes 34 ms."""
-LATE_MS = 125.0
+_LATE_MS = 125.0
 """Latency for which an answer is waited, twice over, when it is asked whether answers are late."""
 CALM_S = 0.15
 """So long nothing may come before a servo is asked how long it takes to answer."""
@@ -169,7 +169,7 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
             )
         if result != SOUND:
             silent.append(index)
-        if len(silent) == BLAMED:
+        if len(silent) == _BLAMED:
             break
     if silent:
         if late(bus, silent[0]) is not None:
@@ -178,7 +178,7 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
         many = "maybe more of them; has the bus power?"
         why = (
             f"no answer, {many}"
-            if len(silent) == BLAMED
+            if len(silent) == _BLAMED
             else "no answer; is it connected and powered?"
         )
         raise HardwareFault(f"{names}: {why}")
@@ -199,7 +199,7 @@ def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
     Where nobody answers, other baud rates are tried. Raises InvalidInput where the calibration file
     is to be changed, HardwareFault else.
     """
-    damaged = next((index for index in silent[:BLAMED] if _pinged(bus, index) == CORRUPT), None)
+    damaged = next((index for index in silent[:_BLAMED] if _pinged(bus, index) == CORRUPT), None)
     if damaged is not None:
         raise HardwareFault(
             f"port {bus.port}: answers come damaged, e.g. that of {bus.label(damaged)}: are "
@@ -250,7 +250,7 @@ def late(bus: ServoBus, index: int) -> int | None:
     later than the port waits.
     """
     bus.calm(CALM_S)
-    number, result, took_s = bus.reach(index, LATE_MS)
+    number, result, took_s = bus.reach(index, _LATE_MS)
     took_ms, allowed_ms = 1e3 * took_s, 2.0 * bus.latency_ms
     if result == SOUND and took_ms > allowed_ms:
         raise HardwareFault(
@@ -269,10 +269,10 @@ def _one_by_one(bus: ServoBus, address: int, size: int) -> None:
         result = _read(bus, index, address, size)
         if result != SOUND:
             (damaged if result == CORRUPT else deaf).append(index)
-        if len(deaf) == BLAMED:
+        if len(deaf) == _BLAMED:
             break
     if deaf:
-        more = ", maybe more of them" if len(deaf) == BLAMED else ""
+        more = ", maybe more of them" if len(deaf) == _BLAMED else ""
         raise HardwareFault(
             f"{listed([bus.label(i) for i in deaf])}{more}: answers pings, but no reads: "
             "set its Status Return Level to 2 with the maker's tool"

@@ -37,7 +37,7 @@ ROUNDS = 3
 """Number of times that a setting that did not arrive is written."""
 
 
-def check_servos(bus: ServoBus, model: table.ServoModel) -> None:
+def _check_servos(bus: ServoBus, model: table.ServoModel) -> None:
     """All are there, of this model, with a bus watchdog; the bus reads fast if all can.
 
     Servos are told to answer reads and writes (Status Return Level 2), before anything is read.
@@ -142,7 +142,7 @@ AGAIN_S = 0.02
 CALM_S = 0.12
 """After a measurement that may have come late the bus is quiet for so long before the next is asked
 for."""
-STANDS_RAD_S, STANDING_S = 0.05, 0.2
+_STANDS_RAD_S, _STANDING_S = 0.05, 0.2
 """Servos stand that turn no faster; a hold waits so long for them to."""
 SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is at its stop; one that is farther beyond is
@@ -349,7 +349,7 @@ class DynamixelWorld(HardwareWorld):
         As ``_watched``.
         """
         with self.bus.patient():
-            check_servos(self.bus, self._kind)
+            _check_servos(self.bus, self._kind)
             configure(self.bus, self._current)
             self._begin(position_m, rotation)
             self._judge.begin()
@@ -369,7 +369,7 @@ class DynamixelWorld(HardwareWorld):
         within = (
             f"bus watchdogs stop the servos {self.calibration.watchdog_s:g} s after the last packet"
         )
-        until, seen = time.monotonic() + STANDING_S, ""
+        until, seen = time.monotonic() + _STANDING_S, ""
         while not seen or time.monotonic() < until:
             try:
                 rows = self.bus.peek(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
@@ -380,7 +380,7 @@ class DynamixelWorld(HardwareWorld):
                 rates = np.abs(signed(rows[:, 5:9])) * table.RAD_S
                 turning = int(np.argmax(rates))
                 seen = f"{self.bus.label(turning)}: still turns at {rates[turning]:.2f} rad/s"
-                if rates[turning] <= STANDS_RAD_S:
+                if rates[turning] <= _STANDS_RAD_S:
                     self._driven = False
                     return
             time.sleep(0.5 * AGAIN_S)

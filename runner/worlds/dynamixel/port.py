@@ -13,13 +13,13 @@ from dynamixel_sdk import PortHandler
 from ...safety.latch import StopLatch
 from .control_table import LATENCY_MS
 
-WAIT_S = 0.002
+_WAIT_S = 0.002
 """Time that a read sleeps for bytes before the SDK looks at its own time limit."""
 WRITE_S = 0.1
 """Time that a packet may take to be handed to the kernel."""
-FLOOD_BYTES = 2048
+_FLOOD_BYTES = 2048
 """So many bytes more than an answer has are no answer: somebody sends without end."""
-RESTLESS = 8
+_RESTLESS = 8
 """So many times as long as a bus has to be quiet, it may take to become so."""
 
 
@@ -53,7 +53,7 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
             os.close(probe)
         super().setupPort(cflag_baud)
         self.ser.exclusive = True
-        self.ser.timeout, self.ser.write_timeout = WAIT_S, WRITE_S
+        self.ser.timeout, self.ser.write_timeout = _WAIT_S, WRITE_S
         return True
 
     def writePort(self, packet: list[int]) -> int:
@@ -74,7 +74,7 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         """Bytes that have come, up to so many; none of a flood, from which the SDK would read for
         ever.
         """
-        if self._come > self._expected + FLOOD_BYTES:
+        if self._come > self._expected + _FLOOD_BYTES:
             return b""
         data = bytes(super().readPort(length))
         self._come += len(data)
@@ -100,7 +100,7 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         """Tell whether the answer is late; one that has come while this process slept is not."""
         if self.getTimeSinceStart() <= self.packet_timeout:
             return False
-        return self._come > self._expected + FLOOD_BYTES or not self.ser.in_waiting
+        return self._come > self._expected + _FLOOD_BYTES or not self.ser.in_waiting
 
     def settle(self, quiet_ms: float | None = None) -> bool:
         """Wait until nothing has come for so long, or ``latency_ms``: a late answer must not be
@@ -112,7 +112,7 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         began = since = self.getCurrentTime()
         self._come = 0
         while (now := self.getCurrentTime()) - since < quiet_ms:
-            if now - began > RESTLESS * quiet_ms:
+            if now - began > _RESTLESS * quiet_ms:
                 return False
             if super().readPort(1024):
                 since = self.getCurrentTime()

@@ -19,22 +19,22 @@ from stancekit.planners.files.documents import shown
 from .joint_states import JointStates, RobotClock, stamp_of
 from .setup import Mapping
 
-REMEMBERED_S, REMEMBERED = 1.0, 25
+_REMEMBERED_S, _REMEMBERED = 1.0, 25
 """Targets that a controller may still be on its way from: those of the last second, and at least so
 many."""
-FOREIGN_RAD, FOREIGN = 0.05, 3
+_FOREIGN_RAD, FOREIGN = 0.05, 3
 """A controller that wants a joint so far from all of them, so many times in a row, follows somebody
 else."""
-APART_RAD, APART_S, APART = 0.05, 0.1, 5
+_APART_RAD, _APART_S, APART = 0.05, 0.1, 5
 """Two measurements of a joint may differ by so much, and by what it turns in this time; not so
 often."""
 FORGIVEN = 0.2
 """One that does not differ makes up for so many that do: every other one may be nonsense."""
-BUSY_RAD_S = 0.02
-HEARD_RAD = 3e-7
+_BUSY_RAD_S = 0.02
+_HEARD_RAD = 3e-7
 """A controller that wants the joints so near to where they were sent has taken that, by single
 precision, too."""
-SLOW_S = 0.25
+_SLOW_S = 0.25
 """A command that was not late and is not acted on so long after it should be was lost."""
 
 
@@ -54,7 +54,7 @@ class ControllerState:
         self.names: tuple[str, ...] = ()
         self.clock = RobotClock()
         self._mapping, self._joints, self._states = mapping, tuple(joints), states
-        self._late_s = late_s + SLOW_S
+        self._late_s = late_s + _SLOW_S
         self._lock = threading.Lock()
         self._heard_s = -np.inf
         self._desired: Array | None = None
@@ -118,7 +118,7 @@ class ControllerState:
             if not self._sent and self._desired is not None:
                 self._sent.append((now, self._desired))
             self._sent.append((now, positions))
-            while len(self._sent) > REMEMBERED and self._sent[0][0] < now - REMEMBERED_S:
+            while len(self._sent) > _REMEMBERED and self._sent[0][0] < now - _REMEMBERED_S:
                 self._sent.popleft()
 
     def trouble(self) -> str | None:
@@ -157,7 +157,7 @@ class ControllerState:
         """
         with self._lock:
             index = int(np.argmax(self._wanted))
-            if self._wanted[index] <= BUSY_RAD_S:
+            if self._wanted[index] <= _BUSY_RAD_S:
                 return None
             return f"{self._joints[index]}: the controller turns it by {self._wanted[index]:.2f} rad/s: another client?"
 
@@ -168,7 +168,7 @@ class ControllerState:
         if not sent or self._desired is None:
             return np.zeros(len(self._joints), dtype=bool)
         targets = np.array([positions for _, positions in sent])
-        low, high = targets.min(axis=0) - FOREIGN_RAD, targets.max(axis=0) + FOREIGN_RAD
+        low, high = targets.min(axis=0) - _FOREIGN_RAD, targets.max(axis=0) + _FOREIGN_RAD
         return np.asarray((self._desired < low) | (self._desired > high))
 
     def _compare(self, heard_s: float) -> None:
@@ -179,7 +179,7 @@ class ControllerState:
         speed = np.nan_to_num(np.maximum(np.abs(rates), self._speed), nan=np.inf)
         between_s = np.where(np.isfinite(seen_s), np.abs(heard_s - seen_s), np.inf)
         with np.errstate(invalid="ignore"):
-            allowed = np.nan_to_num(APART_RAD + (APART_S + between_s) * speed, nan=APART_RAD)
+            allowed = np.nan_to_num(_APART_RAD + (_APART_S + between_s) * speed, nan=_APART_RAD)
         off = np.abs(wanted - self._actual) > allowed
         off &= np.isfinite(seen_s)
         worse = off & (self._apart + 1.0 >= APART)
@@ -214,7 +214,7 @@ def _same(one: Array | None, other: Array | None) -> bool:
     """Tell whether all joints are at the same places, or whole turns away."""
     if one is None or other is None:
         return False
-    return bool(np.abs(np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi).max() <= HEARD_RAD)
+    return bool(np.abs(np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi).max() <= _HEARD_RAD)
 
 
 def _finite(value: Any) -> float:

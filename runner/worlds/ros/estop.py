@@ -16,12 +16,12 @@ from .bridge import RosGraph, RosLink
 
 BOOL = "std_msgs/Bool"
 LISTEN_S = 3.0
-TRY_S, RELEASED_S = 60.0, 5.0
+TRY_S, _RELEASED_S = 60.0, 5.0
 """So long is waited for somebody to press it; one that was not heard of for RELEASED_S since is
 released."""
-ASK_S = 1.0
+_ASK_S = 1.0
 """So often its publishers are asked for while the robot moves."""
-MISSED, REGULAR, QUIET_S = 5.0, 5, 1.0
+MISSED, _REGULAR, _QUIET_S = 5.0, 5, 1.0
 """One that came REGULAR times is missed after MISSED of its periods, and not before QUIET_S."""
 POLL_S = 0.01
 
@@ -76,15 +76,15 @@ class Estop:
     def lost(self) -> str | None:
         """Why it would not be heard any more, None where nothing is known against it."""
         now = time.monotonic()
-        if self._watched and now - self._asked_s > ASK_S:
+        if self._watched and now - self._asked_s > _ASK_S:
             self._asked_s = now
             self._graph.watch_publishers(self.topic, self._publishers)
         if self._watched and self._publishers and not self._publishers[-1]:
             return f"e-stop {self.topic}: nobody publishes it any more"
         times = self._times
-        if len(times) > REGULAR:
+        if len(times) > _REGULAR:
             period_s = max(b - a for a, b in pairwise(times))
-            if (quiet_s := now - times[-1]) > max(MISSED * period_s, QUIET_S):
+            if (quiet_s := now - times[-1]) > max(MISSED * period_s, _QUIET_S):
                 return f"e-stop {self.topic}: not heard for {quiet_s:.1f} s, it came every {period_s:.2f} s"
         return None
 
@@ -94,7 +94,7 @@ class Estop:
         try:
             while self._now is not True:
                 self._wait("pressed", end)
-            while self._now is not False and time.monotonic() < self._times[-1] + RELEASED_S:
+            while self._now is not False and time.monotonic() < self._times[-1] + _RELEASED_S:
                 self._wait("released", end)
         finally:
             self._trying = False
@@ -127,7 +127,7 @@ class Estop:
         pressed = message.get("data") if isinstance(message, dict) else None
         if not isinstance(pressed, bool):
             raise InvalidInput(f"expected data to be true or false, got {shown(pressed, 40)}")
-        self._times = [*self._times[-2 * REGULAR :], time.monotonic()]
+        self._times = [*self._times[-2 * _REGULAR :], time.monotonic()]
         self._now = pressed
         if not self._trying:
             self.pressed = self.pressed or pressed

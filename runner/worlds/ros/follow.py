@@ -16,16 +16,16 @@ from .bridge import RosLink
 from .goal import Goal, follow_goal, speeds, trajectory
 from .robot import POLL_S, RosRobot
 
-PROBE_S = 3.0
+_PROBE_S = 3.0
 """Length of the goal that is cancelled before any other is sent."""
 TRIES = 3
 """So often it is sent before a robot is refused that acts on none."""
-ACTIVE_S = 0.3
+_ACTIVE_S = 0.3
 """So long is waited for a sign that a goal of ROS 2 is acted on: its feedback, which some
 controllers do not send."""
 AGAIN_S = 0.1
 """A cancel may be lost: it is sent again so often until the goal has ended."""
-REPLACED_S = 0.5
+_REPLACED_S = 0.5
 """A goal that a cancel did not end in this time is replaced."""
 
 
@@ -93,9 +93,9 @@ class Follower:
         setup = self._robot.setup
         for _ in range(TRIES if setup.ros == 1 else 1):
             goal = self._send(
-                np.array([PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad)))
+                np.array([_PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad)))
             )
-            if goal.active.wait(setup.timeout_s if setup.ros == 1 else ACTIVE_S):
+            if goal.active.wait(setup.timeout_s if setup.ros == 1 else _ACTIVE_S):
                 break
             goal.cancel(self._robot.link)
         begin = time.monotonic()
@@ -106,7 +106,7 @@ class Follower:
                 f"{self._robot.setup.controller}: a goal that holds the measured pose was "
                 f"{goal.ended}"
             )
-        if not goal.done.is_set() or took > 0.5 * PROBE_S:
+        if not goal.done.is_set() or took > 0.5 * _PROBE_S:
             hint = (
                 ": start the rosbridge with send_action_goals_in_new_thread:=true"
                 if setup.ros == 2
@@ -168,6 +168,6 @@ class Follower:
             if goal.active.wait(AGAIN_S):
                 goal.cancel(link)
                 goal.done.wait(AGAIN_S)
-            if time.monotonic() - begin > REPLACED_S:
+            if time.monotonic() - begin > _REPLACED_S:
                 goal.cancel(link)
                 self._robot.halt()

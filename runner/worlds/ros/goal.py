@@ -24,10 +24,17 @@ ERRORS = {
     -5: "goal tolerance violated",
 }
 """Error codes of a FollowJointTrajectory result."""
-ACTIVE = 1
+_ACTIVE = 1
 """actionlib's status of a goal that is acted on."""
-ROS1_ENDS = {2: "cancelled", 3: "succeeded", 4: "aborted", 5: "rejected", 8: "cancelled", 9: "lost"}
-ROS2_ENDS = {4: "succeeded", 5: "cancelled", 6: "aborted"}
+_ROS1_ENDS = {
+    2: "cancelled",
+    3: "succeeded",
+    4: "aborted",
+    5: "rejected",
+    8: "cancelled",
+    9: "lost",
+}
+_ROS2_ENDS = {4: "succeeded", 5: "cancelled", 6: "aborted"}
 
 
 class Goal(ABC):
@@ -92,7 +99,7 @@ class Ros2Goal(Goal):
     def _resulted(self, message: Any) -> None:
         values = message["values"]
         result = values.get("result", values) if isinstance(values, dict) else values
-        self._end(ROS2_ENDS.get(message["status"].value, "ended without a status"), result)
+        self._end(_ROS2_ENDS.get(message["status"].value, "ended without a status"), result)
 
     def _failed(self, message: Any) -> None:
         self._end("rejected", message["values"])
@@ -130,9 +137,9 @@ class Ros1Goal(Goal):
         self._ready()
 
     def _stated(self, message: Any) -> None:
-        if message["status"] == ACTIVE:
+        if message["status"] == _ACTIVE:
             self.active.set()
-        self._status = ROS1_ENDS.get(message["status"])
+        self._status = _ROS1_ENDS.get(message["status"])
         self._ready()
 
     def _ready(self) -> None:

@@ -24,7 +24,7 @@ KEPT = 100
 """Messages that are remembered: two seconds of 50 Hz."""
 FEW = 5
 """Fewer messages say nothing of a clock."""
-DRIFT = 0.05
+_DRIFT = 0.05
 """A clock that goes so much faster or slower than ours is that of a simulation, and no time can be
 told by it."""
 
@@ -83,7 +83,7 @@ class RobotClock:
             min(part, key=lambda each: each[0] - each[1]) for part in (heard[:half], heard[half:])
         )
         apart_s = late[0] - early[0]
-        return abs((late[0] - late[1]) - (early[0] - early[1])) <= max(DRIFT * apart_s, 0.02)
+        return abs((late[0] - late[1]) - (early[0] - early[1])) <= max(_DRIFT * apart_s, 0.02)
 
 
 def stamp_of(message: Any) -> float | None:
@@ -109,14 +109,14 @@ def _stamp(message: Any) -> dict[str, Any]:
 
 
 SLACK_RAD, SLACK = 0.05, 1.5
-STAMPED_S, UNSTAMPED_S = 0.02, 0.1
+_STAMPED_S, _UNSTAMPED_S = 0.02, 0.1
 """A joint is believed to have turned by SLACK times its greatest velocity, for so much longer than
 is known, and by SLACK_RAD more; what is measured farther away is nonsense."""
 LATE_S = 0.25
 """Two messages are taken to be measured no longer apart than this more than they came."""
 REST_RAD = 0.004
 """A joint that moves less is at rest."""
-PUBLISHERS = 64
+_PUBLISHERS = 64
 """Groups of joints of which the clock is remembered."""
 
 
@@ -149,7 +149,7 @@ class JointStates:
         """
         names = _list(message, "name")
         mine = {k: self._index[name] for k, name in enumerate(names) if _text(name) in self._index}
-        if len(self.others) < PUBLISHERS:
+        if len(self.others) < _PUBLISHERS:
             self.others.update(str(name) for name in names if _text(name) not in self._index)
         if not mine:
             return
@@ -158,12 +158,12 @@ class JointStates:
             raise InvalidInput(f"expected {len(names)} positions, one a name, got {len(rows[0])}")
         now = time.monotonic()
         key = tuple(sorted(names[k] for k in mine))
-        if len(self._clocks) < PUBLISHERS:
+        if len(self._clocks) < _PUBLISHERS:
             self._clocks.setdefault(key, RobotClock())
         clock = self._clocks.get(key)
         stamp_s = stamp_of(message)
         measured_s = now if clock is None else clock.take(stamp_s, now)
-        slack_s = UNSTAMPED_S if stamp_s is None else STAMPED_S
+        slack_s = _UNSTAMPED_S if stamp_s is None else _STAMPED_S
         with self._lock:
             table = self._table.copy()
             for place, index in mine.items():

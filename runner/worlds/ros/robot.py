@@ -24,8 +24,8 @@ from .goal import Goals, standstill, trajectory
 from .joint_states import JointStates, version_of
 from .setup import Mapping, RosSetup
 
-RUNNING = ("running", "active")
-DEFAULT = "/controller_manager"
+_RUNNING = ("running", "active")
+_DEFAULT = "/controller_manager"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class Listed:
     @property
     def runs(self) -> bool:
         """Tell whether it moves its joints."""
-        return self.state in RUNNING
+        return self.state in _RUNNING
 
 
 class ControllerManager:
@@ -59,7 +59,7 @@ class ControllerManager:
         Arguments:
             manager: another one to ask.
         """
-        name = manager or self._setup.controller_manager or DEFAULT
+        name = manager or self._setup.controller_manager or _DEFAULT
         try:
             answer = self._link.call(f"{name}/list_controllers", self._kind("ListControllers"), {})
         except InvalidInput:
@@ -133,9 +133,9 @@ STILL_S, REST_S = 0.15, 1.0
 """A robot that did not move for STILL_S is at rest; so long is waited for that after a stop."""
 AGAIN_S = 0.5
 """A command that arms it is sent again so long after it should have been acted on."""
-FORGOTTEN_S = 10.5
+_FORGOTTEN_S = 10.5
 """A rosbridge goes on publishing what nobody advertises any more for 10 s."""
-NOTICED_RAD = 9e-7
+_NOTICED_RAD = 9e-7
 """A controller says that it wants a joint so far away, and no joint turns by so little."""
 JOINT_STATE, STATE = (
     ("sensor_msgs", "JointState"),
@@ -360,7 +360,7 @@ class RosRobot:
         """
         pose, begin_s = pose_rad.copy(), time.monotonic()
         if self.controller.wants(self.mapping.to_ros(pose)):
-            pose[0] -= np.copysign(NOTICED_RAD, pose[0])
+            pose[0] -= np.copysign(_NOTICED_RAD, pose[0])
         for again in (False, True):
             if again:
                 self._readvertise()
@@ -403,7 +403,7 @@ class RosRobot:
         try again before it is told of another one.
         """
         self.link.unadvertise(self._command)
-        end = time.monotonic() + FORGOTTEN_S
+        end = time.monotonic() + _FORGOTTEN_S
         while time.monotonic() < end and self.trouble(silence=False) is None:
             self.latch.check()
             time.sleep(POLL_S)
