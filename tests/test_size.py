@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1560, 17063),
-    "cli": (3695, 40364),
+    "api": (1509, 16850),
+    "cli": (3586, 40076),
     "configs": (3, 30),
-    "envs": (3116, 41851),
-    "learners": (5756, 80052),
-    "planners": (34848, 542029),
-    "runner": (7384, 95733),
-    "views": (4621, 70028),
+    "envs": (3010, 41632),
+    "learners": (5459, 79413),
+    "planners": (34057, 545391),
+    "runner": (7193, 95328),
+    "views": (4496, 69949),
 }
 CAPS: dict[str, int] = {"tests": 43_940, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
