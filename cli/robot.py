@@ -49,7 +49,7 @@ class ShowRobot:
 
     def run(self) -> int:
         """Read, measure, draw, say."""
-        from stancekit.planners.errors import InvalidInput, package_command
+        from stancekit.planners.errors import InvalidInput
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.robot.robot_file import named_robot
         from stancekit.planners.robot.workspace import workspaces_of
@@ -87,7 +87,7 @@ class ShowRobot:
 
         Raises InvalidInput for an option.
         """
-        from stancekit.planners.errors import InvalidInput, install_command
+        from stancekit.planners.errors import InvalidInput, install_command, package_command
         from stancekit.planners.robot.catalogue import (
             CATALOGUE,
             as_they_come,

@@ -31,7 +31,7 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1509, 16850),
-    "cli": (3586, 40076),
+    "cli": (3586, 40077),
     "configs": (3, 30),
     "envs": (3010, 41632),
     "learners": (5459, 79413),
@@ -39,7 +39,7 @@ HELD: dict[str, Size] = {
     "runner": (7193, 95328),
     "views": (4496, 69949),
 }
-CAPS: dict[str, int] = {"tests": 43_940, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 43_904, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
