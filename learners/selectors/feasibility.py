@@ -31,7 +31,7 @@ from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
 
 from ..data.executors import Executor, gather
-from .chooser import BAND, Bools, DualBounds, Index, least, ranges, witnessed
+from .dual_bounds import BAND, Bools, DualBounds, Index, least, ranges, witnessed
 
 WITNESS, _CERTIFICATE = 0, 1
 CHUNK = 64

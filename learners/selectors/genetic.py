@@ -35,7 +35,7 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
 from ..data.executors import Executor, processes
-from .chooser import Index
+from .dual_bounds import Index
 from .feasibility import CachingOracle, FeasibilityOracle, SpreadOracle, VerdictCounts
 from .selector import quantile_box
 

@@ -56,7 +56,7 @@ KNOBS: Mapping[str, tuple[str, ...]] = {
     "rl": ("rl",),
 }
 """Settings by the method that they concern."""
-_EpochsDone = Callable[[int, int], None]
+EpochsDone = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +183,7 @@ class FitRequest:
 
     datasets: tuple[Dataset, ...]
     settings: FitSettings = FitSettings()
-    progress: _EpochsDone | None = None
+    progress: EpochsDone | None = None
     calibration: Dataset | None = None
     checkpoint: Path | None = None
     run: Executor | None = None
@@ -206,7 +206,7 @@ def missing(method: str, error: ImportError) -> InvalidInput:
 
 ENVELOPES = ("heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient")
 """The methods of this file."""
-_PAPER_ROWS = 500
+PAPER_ROWS = 500
 """Points of S and of S̄ that the printed Boundary_fit gets: as many as in Lin et al.; its program
 grows with each."""
 
@@ -215,7 +215,7 @@ def fit(
     method: str,
     dataset: Dataset,
     settings: FitSettings = FitSettings(),
-    progress: _EpochsDone | None = None,
+    progress: EpochsDone | None = None,
     *,
     checkpoint: Path | None = None,
     run: Executor | None = None,
@@ -265,15 +265,15 @@ def fit(
 
 
 def _envelope_rows(
-    method: str, dataset: Dataset, settings: FitSettings, progress: _EpochsDone | None
+    method: str, dataset: Dataset, settings: FitSettings, progress: EpochsDone | None
 ) -> tuple[tuple[Envelope, ...], dict[str, Any]]:
     points = dataset.points
     if method == "quantile":
         return (quantile_box(points, share=settings.share),), {}
     if method == "gmm-printed":
         made = fit_as_printed(
-            points[:_PAPER_ROWS],
-            dataset.infeasible_points[:_PAPER_ROWS],
+            points[:PAPER_ROWS],
+            dataset.infeasible_points[:PAPER_ROWS],
             clusters=settings.clusters,
             threshold=settings.threshold,
             seed=settings.seed,
@@ -294,7 +294,7 @@ def _envelope_rows(
 
 
 def _margin_fit(
-    dataset: Dataset, settings: FitSettings, progress: _EpochsDone | None
+    dataset: Dataset, settings: FitSettings, progress: EpochsDone | None
 ) -> Callable[[Envelope, NDArray[np.intp]], Envelope]:
     """Boundary_fit by P1's margins over the members' problems and all infeasible ones."""
     feasible = [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
@@ -503,7 +503,7 @@ def learn(
     method: str,
     dataset: Dataset | Sequence[Dataset],
     settings: FitSettings = FitSettings(),
-    progress: _EpochsDone | None = None,
+    progress: EpochsDone | None = None,
     *,
     calibration: Dataset | None = None,
     checkpoint: Path | None = None,
@@ -569,6 +569,6 @@ def _envelopes(method: str, request: FitRequest) -> Any:
     )
 
 
-heuristic, quantile, _gmm_printed, gmm, ga, gradient = (
+heuristic, quantile, gmm_printed, gmm, ga, gradient = (
     partial(_envelopes, name) for name in ENVELOPES
 )

@@ -159,7 +159,8 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         speed, model = self.speed(), self.kinematics.model
         bent = _group("joints", off.values, feet, times, limits.joints_m, feet)
         yield _as_far_as_known(bent, model.limit_doubts)
-        fast = _group("joint_speed", speed.values, joints, speed.times_s, limits.joint_speed, legs)
+        shares = np.where(self._limited, speed.values, 0.0)
+        fast = _group("joint_speed", shares, joints, speed.times_s, limits.joint_speed, legs)
         torque = _group("torque", self.line, joints, times[1:-1], limits.torque, legs)
         slow = [name for name, there in zip(joints, self._limited, strict=True) if not there]
         unlimited = [f"no velocity limit of {', '.join(slow)}"] if slow else []

@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.executors import processes
-from stancekit.learners.selectors.chooser import (
+from stancekit.learners.selectors.dual_bounds import (
     BAND,
     DualBounds,
     balanced,
