@@ -16,7 +16,7 @@ from .console import emit, out, stages
 from .options import ROBOT, TERRAIN, OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
-    from stancekit.learners.training.fitting import Trained
+    from stancekit.learners.training.held_out import Trained
 
 
 @dataclass

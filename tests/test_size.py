@@ -34,7 +34,7 @@ HELD: dict[str, Size] = {
     "cli": (3586, 40077),
     "configs": (3, 30),
     "envs": (3010, 41632),
-    "learners": (5468, 79432),
+    "learners": (5488, 79472),
     "planners": (34058, 545406),
     "runner": (7193, 95328),
     "views": (4496, 69949),

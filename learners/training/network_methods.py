@@ -12,7 +12,8 @@ from stancekit.planners.files.documents import typed
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
 from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural
 from ..selectors.policy import TrainedPolicy, bounds_of
-from .fitting import FitRequest, TrainingScenes, fit
+from .fitting import FitRequest, fit
+from .held_out import TrainingScenes
 from .reinforce import train
 
 _JOINT_TARGET = 0.99

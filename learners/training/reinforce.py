@@ -31,8 +31,9 @@ from stancekit.planners.files.writing import write_text
 
 from ..selectors.network import read_tensors, write_tensors
 from ..selectors.policy import TrainedPolicy, check_shapes
-from .fitting import CurvePoint, Trained, TrainingScenes, evaluator
-from .train_config import SelectionVecEnv, TrainConfig, refinement_vec_env
+from .baselines import SelectionVecEnv, refinement_vec_env
+from .held_out import CurvePoint, Trained, TrainingScenes, evaluator
+from .train_config import TrainConfig
 
 _CHECKPOINT_FORMAT = "stancekit/training/1"
 NAME = "checkpoint.safetensors"

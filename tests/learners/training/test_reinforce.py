@@ -26,15 +26,10 @@ from stancekit.learners.data.labelling import Quota
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy, bounds_of, moved
 from stancekit.learners.selectors.selector import FixedSelector, heuristic_envelope
 from stancekit.learners.training import reinforce
-from stancekit.learners.training.fitting import TrainingScenes, evaluator
+from stancekit.learners.training.baselines import SelectionVecEnv, open_scenes, refinement_vec_env
+from stancekit.learners.training.held_out import TrainingScenes, evaluator
 from stancekit.learners.training.reinforce import train
-from stancekit.learners.training.train_config import (
-    PpoSettings,
-    SelectionVecEnv,
-    TrainConfig,
-    open_scenes,
-    refinement_vec_env,
-)
+from stancekit.learners.training.train_config import PpoSettings, TrainConfig
 from stancekit.planners.errors import InvalidInput
 from tests.refusals import refuses
 
