@@ -34,12 +34,12 @@ HELD: dict[str, Size] = {
     "cli": (3586, 40077),
     "configs": (3, 30),
     "envs": (3010, 41632),
-    "learners": (5488, 79472),
+    "learners": (5487, 79470),
     "planners": (34058, 545406),
     "runner": (7193, 95328),
     "views": (4496, 69949),
 }
-CAPS: dict[str, int] = {"tests": 43_904, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 43_905, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,

@@ -27,7 +27,6 @@ from ..selectors.genetic import BoxDescent, GeneticSettings, descend, fit_geneti
 from ..selectors.mixture import fit_as_printed, fit_improved
 from ..selectors.modes import modes_of
 from ..selectors.selector import Learned, fitted, heuristic_envelope, quantile_box
-from .train_config import TrainConfig
 
 if TYPE_CHECKING:
     from .train_config import TrainConfig
