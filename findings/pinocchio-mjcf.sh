@@ -9,9 +9,11 @@
 # - a range of 10 to 90 degrees with ref 30 is one of -20 to 60, since angles count from ref, where
 #   MuJoCo's count from the drawn posture at 30.
 #
-# Guess: the reader turns every range of a file in degrees into radians, whatever the joint's type;
-# takes the first body of the world for the root; and takes efforts from the joint alone
-# (actuatorfrcrange), not from the actuators.
+# Guess beforehand: both read one format, so that one file gives one robot: the same bodies, limits of
+# slides in metres, and for every motor the effort that the file allows it.
+# What seems to happen: every range of a file in degrees is turned into radians, whatever the joint's
+# type; the first body of the world is the root, and the only one; efforts are those of joints
+# (actuatorfrcrange), not of actuators.
 #
 # Exits with 1 where any of it is otherwise.
 set -eu
