@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from stancekit.planners.formats.motion_file import FileCheck
     from stancekit.planners.terrain.patch import Patch
 
-FRICTION = 0.75
+_FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 TOLERANCE = 1e-6
 """Largest violation of an accepted posture or plan where no other is given."""
@@ -37,7 +37,7 @@ _TOLD_M = 1e-3
 [m]."""
 _EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
 """Evidence that an answer of each status has to hold."""
-CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
+_CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
 
 
 def check_file(
@@ -176,7 +176,7 @@ def _check_motion(
     else:
         from stancekit.planners.terrain.reference import named_terrain
 
-        ground = Ground(heights=named_terrain(str(terrain)), friction=FRICTION)
+        ground = Ground(heights=named_terrain(str(terrain)), friction=_FRICTION)
     if who is None:
         raise InvalidInput(f"robot: expected who moves in {path}, got none")
     if not isinstance(ground, Ground) and not ground:
@@ -309,7 +309,7 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
     if kind is not expected:
         hint = " (solve with --certificate)" if status == "infeasible" else ""
         message = (
-            f"it says {status} and comes with {CALLED[kind]}, expected {CALLED[expected]}{hint}"
+            f"it says {status} and comes with {_CALLED[kind]}, expected {_CALLED[expected]}{hint}"
         )
         return {"verdict": "refused", "message": message}
     if isinstance(answer, Plan):

@@ -38,7 +38,7 @@ from stancekit.planners.terrain.import_options import SUFFIXES
 if TYPE_CHECKING:
     from stancekit.planners.problem.course_between import LaidBetween
 
-BALANCED = "balanced motion is proved impossible, and leaps are not"
+_BALANCED = "balanced motion is proved impossible, and leaps are not"
 """Of an answer that is undecided though a flood proves that no balanced motion leads to the goal."""
 
 
@@ -224,7 +224,7 @@ def _between_places(
         return replace(answer, message=why)
     infeasible = replace(answer, certificate=proof, problem=passage, solution=None, report=None)
     if leaps:
-        return replace(infeasible, message=f"{BALANCED}; {why}")
+        return replace(infeasible, message=f"{_BALANCED}; {why}")
     return replace(infeasible, status=Status.INFEASIBLE, message=why, bound=float("inf"))
 
 

@@ -26,7 +26,7 @@ from stancekit.planners.robot.model import Robot
 if TYPE_CHECKING:
     from stancekit.learners.surrogates.surrogate import Surrogate
 
-FURTHER: Mapping[str, Any] = {
+_FURTHER: Mapping[str, Any] = {
     "natural": bool,
     "shard_size": int,
     "screen": Any,
@@ -39,7 +39,17 @@ _USUAL_ROWS = (500, 500)
 """How many feasible and infeasible ones there are where nothing is said."""
 _SCREEN_ERROR = 0.04
 """Share of the rows that may be lost by a screen where nothing is said."""
-BESIDE = ("problems", "folder", "robot", "terrain", "rows", "seed", "workers", "progress", *FURTHER)
+_BESIDE = (
+    "problems",
+    "folder",
+    "robot",
+    "terrain",
+    "rows",
+    "seed",
+    "workers",
+    "progress",
+    *_FURTHER,
+)
 """All of them, for messages."""
 
 
@@ -127,10 +137,10 @@ def label(
         >>> len(train), train.labels[0] in ("feasible", "infeasible")
         (12, True)
     """
-    check_names("label", further, BESIDE)
+    check_names("label", further, _BESIDE)
     options = dict(further)
     for key, value in options.items():
-        check_argument(key, value, FURTHER[key])
+        check_argument(key, value, _FURTHER[key])
     run = processes(int(workers)) if isinstance(workers, int | Integral) else workers
     if isinstance(problems, str) and is_leap_class(problems):
         asked_of = {"robot": robot, "terrain": terrain} | options

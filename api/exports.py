@@ -27,15 +27,15 @@ from stancekit.runner.motion.time_parametrization import RATE_HZ
 from .walks import walk
 
 Progress = Callable[[int, int], None]
-MINARI = "minari"
-FORMAT_NAMES = (*FORMATS, MINARI)
+_MINARI = "minari"
+_FORMAT_NAMES = (*FORMATS, _MINARI)
 """Formats that ``to`` may name."""
-LEDGER = "motions.jsonl"
+_LEDGER = "motions.jsonl"
 """In a folder of drawn motions: a line per draw, and what was asked for before them."""
-_GOAL_XY_M, _DURATION_S, LIMIT_S = (0.8, 0.0), 6.0, 30.0
+_GOAL_XY_M, _DURATION_S, _LIMIT_S = (0.8, 0.0), 6.0, 30.0
 """Numbers of drawn walks: where they end, how long they take, and the processor time of looking for
 one."""
-MOST_DRAWS = 10
+_MOST_DRAWS = 10
 """So many draws per motion that is asked for are tried at most, and a few more."""
 
 
@@ -118,8 +118,8 @@ def export(
         >>> stancekit.export(plan, "climb.csv", rate_hz=50.0).paths[0].stat().st_size > 10_000
         True
     """
-    if to is not None and to not in FORMAT_NAMES:
-        raise InvalidInput(f"to: expected one of {', '.join(FORMAT_NAMES)}, got {to!r:.40}")
+    if to is not None and to not in _FORMAT_NAMES:
+        raise InvalidInput(f"to: expected one of {', '.join(_FORMAT_NAMES)}, got {to!r:.40}")
     path = None if out is None else Path(out)
     is_draw = isinstance(subject, str) and drawn_name(subject) and not Path(subject).exists()
     if count is not None and not is_draw:
@@ -131,9 +131,9 @@ def export(
         if count is None:
             raise InvalidInput(f"count: expected how many motions over {subject}, got none")
         return _drawn(subject, path, to or "reference", rate_hz, count, str(robot), progress)
-    if _is_rows(subject) or (to == MINARI and isinstance(subject, str | Path)):
+    if _is_rows(subject) or (to == _MINARI and isinstance(subject, str | Path)):
         assert not isinstance(subject, Plan | LeapPlan | Crossing | Trajectory)
-        return _rows(subject, path, to or MINARI, room, progress)
+        return _rows(subject, path, to or _MINARI, room, progress)
     assert not isinstance(subject, Dataset)
     source = _called(subject)
     chosen = _format(to, path)
@@ -226,7 +226,7 @@ def _format(to: str | None, out: Path | None) -> str:
 
     Raises InvalidInput.
     """
-    if to == MINARI:
+    if to == _MINARI:
         raise InvalidInput(
             "to: expected a format of motions, got minari, which is one of data sets"
         )
@@ -248,12 +248,12 @@ def _rows(
     """Labelled rows as a Minari data set."""
     from stancekit.learners.data.export import export as exported
 
-    if to != MINARI:
-        raise InvalidInput(f"to: expected {MINARI} with a data set, got {to}")
+    if to != _MINARI:
+        raise InvalidInput(f"to: expected {_MINARI} with a data set, got {to}")
     rows = rows_of(subject)
     folder = rows.ledger.folder
     return exported(
-        rows, out or folder.with_name(f"{folder.name}-{MINARI}"), room=room, progress=progress
+        rows, out or folder.with_name(f"{folder.name}-{_MINARI}"), room=room, progress=progress
     )
 
 
@@ -270,7 +270,7 @@ def _drawn(
     not done again.
     """
     checked_int(count, "count", least=1)
-    if to == MINARI:
+    if to == _MINARI:
         raise InvalidInput(
             "to: expected a format of motions, got minari, which is one of data sets"
         )
@@ -294,12 +294,12 @@ def _drawn(
         "rate_hz": rate_hz,
         "robot": robot,
     }
-    ledger = folder / LEDGER
+    ledger = folder / _LEDGER
     with alone_in(folder):
         lines = list(_ledger(ledger, settings))
         if not lines:  # before the first motion, so that whoever is killed in it can go on
             write_text(ledger, json.dumps(settings) + "\n")
-        for seed in range(MOST_DRAWS * (count + 1)):
+        for seed in range(_MOST_DRAWS * (count + 1)):
             if sum("file" in line for line in lines) >= count:
                 break
             if seed < len(lines):
@@ -348,7 +348,7 @@ def _ledger(path: Path, asked: Mapping[str, object]) -> Iterator[dict[str, str]]
             )
         if "file" in line and not (path.parent / line["file"]).exists():
             raise InvalidInput(
-                f"{path.parent / line['file']}: expected the motion that {LEDGER} names, found "
+                f"{path.parent / line['file']}: expected the motion that {_LEDGER} names, found "
                 "nothing"
             )
         yield line
@@ -359,7 +359,7 @@ def _one(ground: str, folder: Path, to: str, rate_hz: float, robot: str) -> dict
     record = {"ground": ground}
     try:
         attempts = walk(
-            ground, _GOAL_XY_M, robot=robot, duration_s=_DURATION_S, time_limit_s=LIMIT_S
+            ground, _GOAL_XY_M, robot=robot, duration_s=_DURATION_S, time_limit_s=_LIMIT_S
         )
     except InvalidInput as error:
         if str(error).startswith("robot"):

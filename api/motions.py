@@ -36,14 +36,14 @@ if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
 Progress = Callable[[int, int], None]
-Motion = Plan | Trajectory | LeapPlan | Crossing | Accepted[Any]
+_Motion = Plan | Trajectory | LeapPlan | Crossing | Accepted[Any]
 """What can be run; of the accepted ones nothing is judged again."""
 LIFT = "lift"
 
 
 @checked
 def simulate(
-    motion: Motion | str | Path,
+    motion: _Motion | str | Path,
     world: str | World = "mujoco",
     *,
     setup: str | Path | None = None,
@@ -90,7 +90,7 @@ def simulate(
 
 @checked
 def run(
-    motion: Motion | Problem | str | Path,
+    motion: _Motion | Problem | str | Path,
     world: str | World = "mujoco",
     *,
     setup: str | Path | None = None,
@@ -216,7 +216,7 @@ def check_run(
             raise InvalidInput(message)
 
 
-def accepted_of(motion: Motion | Problem | str | Path) -> Accepted[Any]:
+def accepted_of(motion: _Motion | Problem | str | Path) -> Accepted[Any]:
     """A motion that the verifier accepts, judged as it comes in.
 
     Raises InvalidInput for anything else.
@@ -240,7 +240,7 @@ def accepted_of(motion: Motion | Problem | str | Path) -> Accepted[Any]:
     return Accepted.from_file(motion)
 
 
-def led_by_policy(motion: Motion | Problem | str | Path) -> Accepted[Plan] | Problem:
+def led_by_policy(motion: _Motion | Problem | str | Path) -> Accepted[Plan] | Problem:
     """Course that a policy walks, or plan that it begins with.
 
     Raises InvalidInput for a walk.

@@ -159,7 +159,7 @@ def film(
     check_film(path)
     view = view_of(motion, executed)
     moments = view.film()
-    frames = counted(view.frames(moments), len(moments.moments), progress)
+    frames = _counted(view.frames(moments), len(moments.moments), progress)
     write_video(path, frames, 1.0 / moments.step_s)
 
 
@@ -199,7 +199,7 @@ def view_of(
             return GaitView.of_execution(motion, executed)
 
 
-def counted(
+def _counted(
     frames: Iterator[Frame], total: int, progress: Callable[[int, int], None] | None
 ) -> Iterator[Frame]:
     """The frames, of which ``progress`` is told one by one."""

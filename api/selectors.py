@@ -138,7 +138,7 @@ def screen(
 
 Rows = Dataset | str | Path
 Progress = Callable[[int, int], None]
-SURROGATE = "surrogate"
+_SURROGATE = "surrogate"
 """The method that learns feasibility itself."""
 LIFT = "lift"
 """What is compared with selectors and chooses nothing."""
@@ -217,7 +217,7 @@ def fit(
             f"method: expected {' or '.join(KINDS)} with tries of leaps, got {method}"
         )
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
-    if method == SURROGATE:
+    if method == _SURROGATE:
         if checkpoint is not None or workers != 1:
             raise InvalidInput(f"method: expected no checkpoint or workers with {method}, got some")
         return _surrogate(several, calibration, settings, progress)
@@ -267,7 +267,7 @@ def _surrogate(
     try:
         from stancekit.learners.surrogates.training import SurrogateSettings, fit_surrogate
     except ImportError as error:
-        raise missing(SURROGATE, error) from None
+        raise missing(_SURROGATE, error) from None
     typed_settings = typed(SurrogateSettings, settings, "")
     return fit_surrogate(
         [rows_of(each) for each in several],

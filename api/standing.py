@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from stancekit.learners.surrogates.surrogate import Surrogate
 
 
-BESIDE: tuple[str, ...] = ("terrain", "robot", "headings", "friction", "time_limit_s", "fit")
-BESIDE += ("surrogate", "error", "seed", "checkpoint", "progress", "limits")
+_BESIDE: tuple[str, ...] = ("terrain", "robot", "headings", "friction", "time_limit_s", "fit")
+_BESIDE += ("surrogate", "error", "seed", "checkpoint", "progress", "limits")
 """Arguments beside the meaning of a file."""
 
 
@@ -113,7 +113,7 @@ def map(
         raise InvalidInput(f"checkpoint: expected a name that ends in .npz, got {path}")
     who = str(robot) if isinstance(robot, Path) else robot
     try:
-        options = settings_from(ImportOptions, {**meaning, "spacing_m": grid_m}, beside=BESIDE)
+        options = settings_from(ImportOptions, {**meaning, "spacing_m": grid_m}, beside=_BESIDE)
         footholds = footholds_for(who, terrain, options=options, limits=limits, friction=friction)
     except InvalidInput as refused:  # the file's spacing has another name here
         text = str(refused)

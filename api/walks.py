@@ -45,7 +45,7 @@ _OF_SEARCH = (
     "seed",
 )
 """Fields of a ``Walk``; limits and settings of the solves: what ``walk`` takes by their names."""
-LIMITS = {True: 80, False: 200}
+_LIMITS = {True: 80, False: 200}
 """Iterations of one solve in a portfolio, and in one chart."""
 _MOST_SEEDS = 1000
 
@@ -183,7 +183,7 @@ def search_of(
     check_argument("raw", raw, bool)
     several = chart == "portfolio"
     values = {name: value for name, value in settings.items() if value is not None}
-    solves = GaitSettings(**{"max_iterations": LIMITS[several], **values})
+    solves = GaitSettings(**{"max_iterations": _LIMITS[several], **values})
     caps = Caps(
         iterations=solves.max_iterations, total_s=time_limit_s, total_iterations=total_iterations
     )

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class BenchEnvelopes:
+class _BenchEnvelopes:
     """Compare every method on held-out terrains, as in Lin et al.'s Table I, with 95 % intervals
     and the paper's own rows.
 
@@ -148,13 +148,13 @@ def _comparison_figure(result: ClassResult) -> Figure:
     )
 
 
-WIDTH = 150
+_WIDTH = 150
 """Width of the table, in letters, also where a terminal is narrower: it folds lines, and a file
 keeps them."""
 
 
 @dataclass
-class BenchPlanner:
+class _BenchPlanner:
     """Lin et al.'s Table II: how long planning two-wall climbs takes, and how large the programs
     are.
 
@@ -201,7 +201,7 @@ class BenchPlanner:
                     emit(row)
         write_text(folder / "table.json", json.dumps(rows, indent=1) + "\n")
         if not self.json:
-            Console(width=max(out.width, WIDTH), soft_wrap=True).print(table(rows))
+            Console(width=max(out.width, _WIDTH), soft_wrap=True).print(table(rows))
             for method in dict.fromkeys(row["method"] for row in rows if "over_solver" in row):
                 out.print(f"{method}: CPU s ~ M^{planner_bench.growth(rows, method):.2f}")
             for line in speed_ups(rows):
@@ -290,13 +290,13 @@ def _figure(value: float | None) -> str:
 
 
 METHODS = ("random", "noise", "noise-again", "rule-tuned", "farkas", "finder", "finder-tuned")
-LEAPS = "LeapChoice-v0"
-QUICK = 40
+_LEAPS = "LeapChoice-v0"
+_QUICK = 40
 """Scenes of a quick look."""
 
 
 @dataclass
-class BenchRoom:
+class _BenchRoom:
     """Measure how much room for learning an environment leaves: what any method finds, less what
     the best unlearned one finds.
 
@@ -313,7 +313,7 @@ class BenchRoom:
     method: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = METHODS
     """Methods that learn nothing: random, noise, rule-tuned, farkas, finder, finder-tuned; the best
     within a budget is its control. noise-again draws with another seed."""
-    environment: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = (LEAPS,)
+    environment: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = (_LEAPS,)
     """Some of LeapChoice-v0, EnvelopeSelection-v0, EnvelopeRefinement-v0, Traverse-v0,
     WarpedGait-v0. Of all but the first the budget is that of an episode, and a planner beside the
     environment is a control, too. A walk takes a minute of the processor for all policies."""
@@ -342,23 +342,23 @@ class BenchRoom:
         if not self.environment:
             with as_options("environment"):
                 raise InvalidInput("environment: expected one or more, got none")
-        if others := [name for name in self.environment if name != LEAPS]:
+        if others := [name for name in self.environment if name != _LEAPS]:
             from stancekit.learners.evaluation.room import ENVIRONMENTS
             from stancekit.planners.files.arrays import checked_choice
 
             with as_options("environment"):
                 for name in others:
-                    checked_choice(name, "environment", (LEAPS, *ENVIRONMENTS))
+                    checked_choice(name, "environment", (_LEAPS, *ENVIRONMENTS))
         rooms = [
             line
             for name in self.environment
-            for line in (self._leaps() if name == LEAPS else [self._other(name)])
+            for line in (self._leaps() if name == _LEAPS else [self._other(name)])
         ]
         if self.json:
             for line in rooms:
                 emit(line.to_json())
             return 0
-        Console(width=max(out.width, WIDTH), soft_wrap=True).print(_table(rooms))
+        Console(width=max(out.width, _WIDTH), soft_wrap=True).print(_table(rooms))
         out.print(f"rows: {self.out}")
         return 0
 
@@ -368,7 +368,7 @@ class BenchRoom:
 
         with as_options("environment", "scenes", "seed"), stages("bench room") as on_progress:
             make_folder(self.out)
-            scenes = min(self.scenes, QUICK) if self.quick else self.scenes
+            scenes = min(self.scenes, _QUICK) if self.quick else self.scenes
             return environment_room(
                 name, self.out / name, scenes=scenes, seed=self.seed, on_progress=on_progress
             )
@@ -403,7 +403,7 @@ class BenchRoom:
                 checked(seconds, "cpu_s", above=0.0)
             settings = leap_bench.LeapBenchSettings(
                 distribution=self.distribution,
-                scenes=min(self.scenes, QUICK) if self.quick else self.scenes,
+                scenes=min(self.scenes, _QUICK) if self.quick else self.scenes,
                 seed=self.seed,
                 methods=(*self.method, *self.scorer),
                 solves=self.oracle_solves,
@@ -485,9 +485,9 @@ class Bench:
     """
 
     what: (
-        Annotated[BenchEnvelopes, tyro.conf.subcommand("envelopes", prefix_name=False)]
-        | Annotated[BenchPlanner, tyro.conf.subcommand("planner", prefix_name=False)]
-        | Annotated[BenchRoom, tyro.conf.subcommand("room", prefix_name=False)]
+        Annotated[_BenchEnvelopes, tyro.conf.subcommand("envelopes", prefix_name=False)]
+        | Annotated[_BenchPlanner, tyro.conf.subcommand("planner", prefix_name=False)]
+        | Annotated[_BenchRoom, tyro.conf.subcommand("room", prefix_name=False)]
         | Annotated[BenchGait, tyro.conf.subcommand("gait", prefix_name=False)]
     )
 

@@ -95,10 +95,10 @@ def _figure(value: float | None) -> str:
     return "" if value is None else f"{value:.3g}"
 
 
-OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "chart"}
+_OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "chart"}
 """Settings by the options that give them."""
 
-WIDTH = 200
+_WIDTH = 200
 """Width of tables where standard output is no terminal."""
 
 
@@ -177,7 +177,7 @@ class BenchGait:
         records = gait_bench.table(rows)
         write_text(folder / "table.json", json.dumps(records, indent=1) + "\n")
         if not self.json:
-            wide = out if out.is_terminal else Console(width=WIDTH)
+            wide = out if out.is_terminal else Console(width=_WIDTH)
             for made in (success_table(records), _speed_table(records), _motion_table(records)):
                 wide.print(made)
             for line in (*_comparisons(rows), *products(records)):
@@ -203,7 +203,7 @@ class BenchGait:
             return replace(settings, **arguments)
         except InvalidInput as error:
             name, colon, rest = str(error).partition(":")
-            raise InvalidInput(f"--{OPTIONS.get(name, name)}{colon}{rest}") from None
+            raise InvalidInput(f"--{_OPTIONS.get(name, name)}{colon}{rest}") from None
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -42,7 +42,7 @@ class _Plain:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         for part in console.render(self._shown, options):
-            yield part if part.control else Segment(printable(part.text), part.style)
+            yield part if part.control else Segment(_printable(part.text), part.style)
 
 
 class _PlainText(RenderHook):
@@ -57,7 +57,7 @@ def _console(**options: Any) -> Console:
     return console
 
 
-def printable(text: str) -> str:
+def _printable(text: str) -> str:
     """The text with a question mark for every letter that is none."""
     return "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in text)
 
@@ -147,7 +147,7 @@ def as_options(*names: str) -> Iterator[None]:
         raise InvalidInput(f"--{name.replace('_', '-')}{colon}{rest}") from None
 
 
-class Lines:
+class _Lines:
     """Progress of long work where standard error is no terminal: a plain line now and then, nothing
     elsewhere.
     """
@@ -189,7 +189,7 @@ def progress(title: str) -> Iterator[Show]:
     not.
     """
     with _bar(title) as bar:
-        lines, ended, where = Lines(title), threading.Event(), [""]
+        lines, ended, where = _Lines(title), threading.Event(), [""]
 
         def show(done: int, total: int, stage: str = "", /) -> None:
             bar(done, total, stage)
@@ -289,7 +289,7 @@ def watching(title: str) -> Iterator[Callable[[Attempt, int, float, float, str],
     """
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        line, lines = bar.add_task(title, total=None), Lines(title)
+        line, lines = bar.add_task(title, total=None), _Lines(title)
 
         def show(
             attempt: Attempt, iteration: int, violation: float, cost: float, phase: str

@@ -11,7 +11,7 @@ from .console import make_folder, out
 
 SEED = 8
 """A draw of wall-3 that cannot be held."""
-GOAL = "1,0"
+_GOAL = "1,0"
 
 
 @dataclass
@@ -96,7 +96,7 @@ class Demo:
             "--html",
             at("climb.html"),
         )
-        way = ("--start", "0,0", "--goal", GOAL)
+        way = ("--start", "0,0", "--goal", _GOAL)
         yield "plan a robot over stepping stones", ("plan", terrain, "--robot", robot, *way, *files)
         yield "judge the plan, by other code", ("verify", at("climb.json"))
         yield "run it in MuJoCo", ("simulate", at("climb.json"), "--picture", at("run.png"))

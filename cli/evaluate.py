@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from stancekit.learners.selectors.selector import Learned
     from stancekit.planners.relaxation.envelope import EnvelopeSet
 
-LONGEST_NAME = 16
+_LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
 _PROJECTED = ("fix-p", "lift-fix-p", "fix-toes", "scp")
 
@@ -137,7 +137,7 @@ def score_table(problem_class: str, scores: list[Score]) -> Table:
         padding=(0, 1, 0, 0),
         pad_edge=False,
     )
-    table.add_column("selector", overflow="fold", max_width=LONGEST_NAME)
+    table.add_column("selector", overflow="fold", max_width=_LONGEST_NAME)
     for name in ("P1\nfeasible", "P1\ninfeas.", *(f"P2\n{way}" for way in ways)):
         table.add_column(name, no_wrap=True)
     for score in scores:

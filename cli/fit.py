@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 _LEAP_SCORES = ("additive", "set")
 """Methods that learn from tries of leaps."""
-SURROGATE = "surrogate"
+_SURROGATE = "surrogate"
 """The method that learns feasibility itself."""
-SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
+_SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
 """Settings of methods that are options here."""
 
 
@@ -113,7 +113,7 @@ class Fit:
         if self.method in _LEAP_SCORES:
             return self._scores()
         rows = [rows_of(folder, self.part, self.robot, self.terrain) for folder in self.dataset]
-        if self.method == SURROGATE:
+        if self.method == _SURROGATE:
             return self._surrogate(rows)
         settings, workers = self._settings(), self._executor()
         with progress(f"fit {self.method}") as bar:
@@ -266,7 +266,7 @@ class Fit:
             raise InvalidInput(
                 f"--time-limit-s: expected a number above 0, got {self.time_limit_s:g}"
             )
-        with as_options(*SETTINGS):
+        with as_options(*_SETTINGS):
             return settings_of(
-                self.method, {name: getattr(self, name) for name in SETTINGS}, self.config
+                self.method, {name: getattr(self, name) for name in _SETTINGS}, self.config
             )

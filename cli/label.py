@@ -28,7 +28,7 @@ from .options import (
 if TYPE_CHECKING:
     from stancekit.learners.data.executors import Executor
 
-SETTINGS = (
+_SETTINGS = (
     "feasible",
     "infeasible",
     "feasible, infeasible",
@@ -46,7 +46,7 @@ SETTINGS = (
     "address",
 )
 """What a message may begin with that is an option here."""
-OF_POSTURES = (
+_OF_POSTURES = (
     "robot",
     "terrain",
     "feasible",
@@ -56,10 +56,10 @@ OF_POSTURES = (
     "screen_error",
 )
 """Options that leaps have no use for."""
-OF_LEAPS = ("scenes", "tries")
+_OF_LEAPS = ("scenes", "tries")
 """Options that postures have no use for."""
 
-FEW = 500
+_FEW = 500
 """Most rows of postures that one process labels alone: others take longer to start."""
 
 
@@ -124,8 +124,8 @@ class LabelPostures:
         from stancekit.datasets import executor, is_leap_class
 
         leaps = is_leap_class(self.problem)
-        with as_options(*SETTINGS):
-            for name in OF_POSTURES if leaps else OF_LEAPS:
+        with as_options(*_SETTINGS):
+            for name in _OF_POSTURES if leaps else _OF_LEAPS:
                 if (setting := getattr(self, name)) is not None and setting is not False:
                     of = f"leaps of {self.problem}" if leaps else "postures"
                     raise InvalidInput(f"--{name}: expected none with {of}, got {setting}")
@@ -145,7 +145,7 @@ class LabelPostures:
 
     def _usual_workers(self, leaps: bool) -> int:
         """The default number of processes."""
-        few = not leaps and sum(self._rows()) <= FEW
+        few = not leaps and sum(self._rows()) <= _FEW
         return 1 if few else max(os.cpu_count() or 1, 1)
 
     def _rows(self) -> tuple[int, int]:

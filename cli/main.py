@@ -42,7 +42,7 @@ With --json, one JSON object a line on standard output, and nothing else there."
 INTERNAL = 70
 """Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a
 refusal."""
-TRACE = "STANCEKIT_TRACE"
+_TRACE = "STANCEKIT_TRACE"
 _RARELY = (200_000, 20, 20)
 """Objects made between two searches for those that only hold each other, and how many searches make
 one of older objects."""
@@ -83,7 +83,7 @@ _BRIEF = r'(?ms)^class {}\b[^\n]*:\n    """(.*?)(?:\n\n|""")'
 """A class of this name and the first paragraph of its docstring, in the text of a file."""
 
 
-class Command(Protocol):
+class _Command(Protocol):
     """Base of all commands: the fields are the options, the docstring is the help."""
 
     def run(self) -> int:
@@ -148,12 +148,12 @@ def brief(name: str) -> str:
     raise LookupError(f"{name}.py: expected class {COMMANDS[name]}")
 
 
-def commands() -> dict[str, type[Command]]:
+def commands() -> dict[str, type[_Command]]:
     """The class of every command."""
     return {name: _command(name) for name in COMMANDS}
 
 
-def parse(arguments: Sequence[str]) -> Command:
+def parse(arguments: Sequence[str]) -> _Command:
     """The command that the arguments name, with its options.
 
     Exits with 2 after one line where they are wrong.
@@ -231,14 +231,14 @@ def _option(argument: str) -> str:
     return argument.split("=")[0] if argument.startswith("--") else ""
 
 
-def _command(name: str) -> type[Command]:
+def _command(name: str) -> type[_Command]:
     if name not in COMMANDS:
         from stancekit.planners.plugins import foreign
 
         with foreign(f"command {name}"):
-            theirs: type[Command] = _others()[name].load()
+            theirs: type[_Command] = _others()[name].load()
         return theirs
-    command: type[Command] = getattr(import_module(f".{name}", __package__), COMMANDS[name])
+    command: type[_Command] = getattr(import_module(f".{name}", __package__), COMMANDS[name])
     return command
 
 
@@ -251,7 +251,7 @@ def _others() -> dict[str, Any]:
     }
 
 
-def run(command: Command) -> int:
+def run(command: _Command) -> int:
     """Run a command; what goes wrong on purpose becomes one line and an exit code."""
     from stancekit.planners.errors import InvalidInput, StancekitError
 
@@ -297,7 +297,7 @@ def _without_warnings() -> Iterator[None]:
             complain(f"stancekit: warning: {message}")
 
     with warnings.catch_warnings():
-        if not os.environ.get(TRACE):
+        if not os.environ.get(_TRACE):
             warnings.simplefilter("ignore")
             warnings.filterwarnings("always", _OF_GROUND, UserWarning)
             warnings.showwarning = show
@@ -314,10 +314,10 @@ def _ended_by(error: BaseException) -> int:
     from .console import complain
 
     theirs = blamed(error)
-    if os.environ.get(TRACE) and (theirs or not isinstance(error, OSError | MemoryError)):
+    if os.environ.get(_TRACE) and (theirs or not isinstance(error, OSError | MemoryError)):
         raise error
     if theirs:
-        complain(f"stancekit: failed: {theirs}; {TRACE}=1 shows more")
+        complain(f"stancekit: failed: {theirs}; {_TRACE}=1 shows more")
         return 1
     if isinstance(error, BrokenPipeError):
         _close_output()
@@ -328,7 +328,7 @@ def _ended_by(error: BaseException) -> int:
         return 1
     if not isinstance(error, Exception):
         raise error
-    complain(f"stancekit: internal error: {type(error).__name__}: {error}; {TRACE}=1 shows where")
+    complain(f"stancekit: internal error: {type(error).__name__}: {error}; {_TRACE}=1 shows where")
     return INTERNAL  # our own mistake, and no verdict on anything
 
 

@@ -29,7 +29,7 @@ _COPIES = "scipy._lib.array_api_compat._internal"
 """The module whose ``clone_module`` copies all names of an array library."""
 
 
-class Unparsed(defaultdict[str, list[Any]]):
+class _Unparsed(defaultdict[str, list[Any]]):
     """A docstring in place of its sections: what is written into a section is lost."""
 
     def __init__(self, function: Any = None, *_: Any, **__: Any) -> None:
@@ -65,13 +65,13 @@ def _names_at_hand(name: str, namespace: dict[str, Any]) -> list[str]:
 
 
 _INSTEAD: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    _PARSER: ("FunctionDoc", lambda _: Unparsed),
+    _PARSER: ("FunctionDoc", lambda _: _Unparsed),
     _COPIES: ("clone_module", lambda _: _names_at_hand),
 }
 """By module, the name in it that is replaced, and what makes the other object of the first one."""
 
 
-class AsWritten(MetaPathFinder, Loader):
+class _AsWritten(MetaPathFinder, Loader):
     """Finds the modules of ``_INSTEAD``, and puts the other objects in their places."""
 
     def __init__(self) -> None:
@@ -107,12 +107,12 @@ def keep_as_written() -> None:
     NumPy's modules alone.
     """
     if not _INSTEAD.keys() & sys.modules.keys() and not any(
-        isinstance(each, AsWritten) for each in sys.meta_path
+        isinstance(each, _AsWritten) for each in sys.meta_path
     ):
-        sys.meta_path.insert(0, AsWritten())
+        sys.meta_path.insert(0, _AsWritten())
 
 
-def refusals(
+def _refusals(
     cls: type[Any], fields: list[dataclasses.Field[Any]], *_: Any
 ) -> tuple[Callable[[Any, str, Any], None], Callable[[Any, str], None]]:
     """The methods of a frozen class by which its fields are neither set nor deleted.
@@ -154,7 +154,7 @@ def share_methods() -> None:
     all methods of a class are compiled at once, and stay as they are.
     """
     if sys.version_info < (3, 13):
-        vars(dataclasses).update(_frozen_get_del_attr=refusals, _repr_fn=shown)
+        vars(dataclasses).update(_frozen_get_del_attr=_refusals, _repr_fn=shown)
 
 
 def show(

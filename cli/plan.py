@@ -371,7 +371,7 @@ def _solution_record(solution: Plan | LeapPlan | Crossing) -> dict[str, Any]:
     }
 
 
-SETTINGS = (
+_SETTINGS = (
     "planner",
     "relaxation",
     "envelope",
@@ -644,7 +644,7 @@ class PlanCourse:
         if self.relaxation is not None:
             from stancekit.planners.relaxation.table import RELAXATIONS
 
-            with as_options(*SETTINGS):
+            with as_options(*_SETTINGS):
                 RELAXATIONS.get(self.relaxation)
         if self.relaxation not in (None, "lift") and self.envelope is None:
             raise InvalidInput(
@@ -693,7 +693,7 @@ class PlanCourse:
             "solver": self.solver,
             "intervals": self.intervals,
         }
-        with as_options(*SETTINGS):
+        with as_options(*_SETTINGS):
             names = settings_of(self.planner, "courses")
             options = PlannerOptions(time_limit_s=self.time_limit_s)
             settings = {name: value for name, value in planner_settings.items() if name in names}

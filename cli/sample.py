@@ -14,7 +14,7 @@ from stancekit.planners.errors import InvalidInput
 from .console import as_options, emit, out, progress
 from .options import DISTRIBUTION, ROBOT, TERRAIN, OptionalPath, OptionalText
 
-MOST = 100_000_000
+_MOST = 100_000_000
 """Problems, or scenes, of one call."""
 
 
@@ -54,7 +54,7 @@ class Sample:
         from stancekit.planners.files.writing import check_writable, write_text
         from stancekit.samples import distribution, drawn
 
-        checked_int(self.count, "--count", least=1, most=MOST)
+        checked_int(self.count, "--count", least=1, most=_MOST)
         checked_int(self.seed, "--seed", least=0)
         if self.export is not None:
             return self._export(self.export)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from stancekit.runner.worlds import World
 
 
-KINDS = {"int": "an integer", "float": "a number"}
+_KINDS = {"int": "an integer", "float": "a number"}
 
 
 def slip(box: str) -> str:
@@ -69,7 +69,7 @@ def _number(said: str) -> str:
     came = re.search(r"\['(.*?)'\]|: ('.*')$", said)
     if match is None or kind is None or came is None:
         return ""
-    return f"{match[1]}: expected {KINDS[kind[1] or kind[2]]}, got {came[2] or repr(came[1])}"
+    return f"{match[1]}: expected {_KINDS[kind[1] or kind[2]]}, got {came[2] or repr(came[1])}"
 
 
 def _unknown(said: str, body: list[str]) -> str:

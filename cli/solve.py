@@ -225,9 +225,9 @@ def _where_friction_is(name: str) -> str:
     return f"; its own friction is in its file: copy {path}, change it, and plan the copy"
 
 
-LIMITED = ("exact", "nlp", "micp")
+_LIMITED = ("exact", "nlp", "micp")
 """The methods that have a use for a time limit."""
-SETTINGS = (
+_SETTINGS = (
     "method",
     "relaxation",
     "envelope",
@@ -309,7 +309,7 @@ class SolvePostures:
         settings: dict[str, Any] = {
             name: value for name, value in options.items() if value is not None
         }
-        with as_options(*SETTINGS):
+        with as_options(*_SETTINGS):
             planner = planner_of(self.method, time_limit_s=self.time_limit_s, **settings)
         problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []
@@ -338,9 +338,9 @@ class SolvePostures:
                 "FILE: expected one or more problem files, got none (- is standard input)"
             )
         check_planner(self, "method", METHODS, "postures")
-        if self.method in METHODS and self.method not in LIMITED and self.time_limit_s is not None:
+        if self.method in METHODS and self.method not in _LIMITED and self.time_limit_s is not None:
             raise InvalidInput(
-                f"--time-limit-s: expected --method {' or '.join(LIMITED)} with it, got "
+                f"--time-limit-s: expected --method {' or '.join(_LIMITED)} with it, got "
                 f"{self.method}"
             )
 

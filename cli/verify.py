@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from stancekit.planners.answer.report import Report
 
-TOLERANCE = 1e-6
+_TOLERANCE = 1e-6
 
 
 @dataclass
@@ -50,7 +50,7 @@ class Verify:
         None
     )
     """File of answers, or - for standard input; none for a data set, a plan or a gait."""
-    tolerance: float = TOLERANCE
+    tolerance: float = _TOLERANCE
     """Largest violation of an accepted posture (non-dimensional)."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE")] = None
     """The robot that a plan or a gait is for, a .urdf or a .yaml file: an own copy of it that

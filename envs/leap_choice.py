@@ -35,10 +35,10 @@ from stancekit.planners.verify.leaps import check_leap
 
 from .episodes import check_options, checked_render_mode, checked_seed
 
-Observation = dict[str, NDArray[np.float32]]
-ROOM = 10.0
+_Observation = dict[str, NDArray[np.float32]]
+_ROOM = 10.0
 """Bound on the numbers of an observation."""
-PARTS = ("train", "test", "all")
+_PARTS = ("train", "test", "all")
 INFO: Mapping[str, int | float] = {
     "is_success": 0,
     "tries": 0,
@@ -78,7 +78,7 @@ class LeapChoiceSettings:
         from .data.leap_tries import LeapTries  # Arrow takes a while to load
 
         folder, _, part = str(self.scenes).rpartition(":")
-        if not folder or part not in PARTS:
+        if not folder or part not in _PARTS:
             folder, part = str(self.scenes), "train"
         tries = LeapTries.open(folder)
         if tries.problem_class != self.problem:
@@ -95,7 +95,7 @@ class LeapChoiceSettings:
         return leaps
 
 
-class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
+class LeapChoiceEnv(gym.Env[_Observation, NDArray[np.int64]]):
     """Choose where the toes of a leap push off and land; a convex program and the verifier judge
     the choice.
 
@@ -182,7 +182,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[_Observation, dict[str, Any]]:
         """Draw a scene."""
         check_options(options)
         super().reset(seed=checked_seed(seed))
@@ -195,7 +195,7 @@ class LeapChoiceEnv(gym.Env[Observation, NDArray[np.int64]]):
 
     def step(
         self, action: NDArray[np.int64]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    ) -> tuple[_Observation, float, bool, bool, dict[str, Any]]:
         """Try a candidate per foothold."""
         episode = self._episode
         if episode is None:
@@ -327,7 +327,7 @@ class _Episode:
             "cost": float(cost),
         }
 
-    def observe(self) -> Observation:
+    def observe(self) -> _Observation:
         """Observation of the agent."""
         seen, mask = self.seen, self.seen.mask
         last = np.zeros(mask.shape)
@@ -343,7 +343,7 @@ class _Episode:
             "left": np.maximum(left, 0.0),
         }
         return {
-            name: np.clip(each, -ROOM, ROOM).astype(np.float32).ravel()
+            name: np.clip(each, -_ROOM, _ROOM).astype(np.float32).ravel()
             for name, each in parts.items()
         }
 
@@ -388,9 +388,9 @@ class _Episode:
 def _space(like: _Episode) -> spaces.Dict:
     feet, options = like.shape
     sizes = {"candidates": len(OF_CANDIDATE) * feet * options, "leap": len(OF_LEAP)}
-    boxes = {name: spaces.Box(-ROOM, ROOM, (size,), np.float32) for name, size in sizes.items()}
+    boxes = {name: spaces.Box(-_ROOM, _ROOM, (size,), np.float32) for name, size in sizes.items()}
     ones = {"mask": feet * options, "last": feet * options, "left": 2}
     boxes |= {name: spaces.Box(0.0, 1.0, (size,), np.float32) for name, size in ones.items()}
-    boxes["residual"] = spaces.Box(0.0, ROOM, (2 * like.numbers.intervals,), np.float32)
+    boxes["residual"] = spaces.Box(0.0, _ROOM, (2 * like.numbers.intervals,), np.float32)
     order = ("candidates", "mask", "leap", "last", "residual", "left")
     return spaces.Dict({name: boxes[name] for name in order})

@@ -27,7 +27,7 @@ from .episodes import check_options, checked_render_mode, checked_seed
 from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info
 from .selection import VERTICES, scene_space
 
-Observation = dict[str, NDArray[np.float32]]
+_Observation = dict[str, NDArray[np.float32]]
 _ROOM = 4.0  # bound on non-dimensional coordinates in an observation
 _COUNT_UNIT = 64.0  # depths and numbers of open boxes are told in this unit
 
@@ -49,7 +49,7 @@ class RefinementSettings(SceneSettings):
         checked_int(self.budget, "budget", least=1)
 
 
-class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
+class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
     """Split the boxes of P1 until a posture is found, or until it is proved that none exists.
 
     ## Description
@@ -152,7 +152,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[_Observation, dict[str, Any]]:
         """Draw scenes until one is not settled by its first box.
 
         Raises PlanningFailed after MAX_DRAWS.
@@ -179,7 +179,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
                 return self._observe(search, scaled), self._info(search, scene)
         raise PlanningFailed(f"no scene in {MAX_DRAWS} draws that its first box leaves open")
 
-    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.int64) -> tuple[_Observation, float, bool, bool, dict[str, Any]]:
         """Halve the current box in this dimension."""
         if self._search is None or self._scene is None or self._scaled is None:
             raise gym.error.ResetNeeded("reset the environment before the first step")
@@ -230,7 +230,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         )
         return to_rgb(figure)
 
-    def _observe(self, search: BoxSearch, scaled: Scaled) -> Observation:
+    def _observe(self, search: BoxSearch, scaled: Scaled) -> _Observation:
         node = search.current if search.open else None
         zeros = np.zeros(6 * self._count)
         left = max(0.0, 1.0 - search.solves / self._budget)

@@ -90,7 +90,7 @@ def tightness(judged: Judged) -> float:
 
 
 Term = Callable[[Judged], float]
-TERMS: Registry[Term] = Registry(
+_TERMS: Registry[Term] = Registry(
     "reward term",
     "stancekit.reward_terms",
     {name: f"{__name__}:{name}" for name in ("agreement", "projection", "tightness")},
@@ -126,7 +126,7 @@ def weighted(weights: RewardWeights | Mapping[str, float]) -> dict[str, tuple[fl
         if key in terms:
             raise InvalidInput(f"weights: expected terms of different names, got {key} twice")
         try:
-            terms[key] = weight, TERMS.get(name)
+            terms[key] = weight, _TERMS.get(name)
         except InvalidInput as error:
             raise InvalidInput(
                 f"weights.{name}: {str(error).removeprefix('reward term: ')}"

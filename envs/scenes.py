@@ -124,7 +124,7 @@ class SceneKind:
     legs: tuple[str, ...]
 
 
-class SceneSource(Protocol):
+class _SceneSource(Protocol):
     """Anything that hands out scenes."""
 
     def draw(self, rng: np.random.Generator) -> LabelledScene:
@@ -460,7 +460,7 @@ class SceneSettings:
     robot: str | Path | None = None
     terrain: str | Path | None = None
     balanced: bool = True
-    scenes: SceneSource | str | Path | None = None
+    scenes: _SceneSource | str | Path | None = None
     margins: bool = False
 
     def __post_init__(self) -> None:
@@ -487,7 +487,7 @@ class SceneSettings:
             )
         return problem
 
-    def source(self, kind: Distribution | SceneKind, programs: Programs) -> SceneSource:
+    def source(self, kind: Distribution | SceneKind, programs: Programs) -> _SceneSource:
         """The scenes that were given, the part "train" of a data set's folder, or some of a
         distribution.
 

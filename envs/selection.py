@@ -44,7 +44,7 @@ ADMITTED = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verdict:
+class _Verdict:
     """Verdict on one action on one scene.
 
     Arguments:
@@ -60,7 +60,7 @@ class Verdict:
 
 _Projected = tuple[Judged, float]
 """An action with the postures that its projections end in, and the time that they took [s]."""
-Asked = tuple[tuple[Envelope, ...], Array | None]
+_Asked = tuple[tuple[Envelope, ...], Array | None]
 """Boxes, and for relaxations about a point that of the one."""
 
 
@@ -177,13 +177,13 @@ class SelectionTask:
                 f"of up to {size[1]} corners"
             )
 
-    def judge(self, scene: LabelledScene, action: NDArray[np.float32] | np.int64) -> Verdict:
+    def judge(self, scene: LabelledScene, action: NDArray[np.float32] | np.int64) -> _Verdict:
         """Relax over the chosen boxes, project, compare with the expert."""
         return self.judge_all((scene,), (action,))[0]
 
     def judge_all(
         self, scenes: Sequence[LabelledScene], actions: Sequence[Any] | NDArray[Any]
-    ) -> list[Verdict]:
+    ) -> list[_Verdict]:
         """``judge`` of an action a scene, the postures of all verified together: every bit is that
         of one by one.
         """
@@ -222,7 +222,7 @@ class SelectionTask:
         share = (time.perf_counter() - begin) / max(len(postures), 1)
         return verified, [seconds + share * bool(judged.postures) for judged, seconds in tried]
 
-    def _relax(self, scaled: Sequence[Scaled], asked: Sequence[Asked]) -> list[RelaxationAnswer]:
+    def _relax(self, scaled: Sequence[Scaled], asked: Sequence[_Asked]) -> list[RelaxationAnswer]:
         """P1 of every problem over the boxes of its action; problems of one layout are asked about
         together.
         """
@@ -263,7 +263,7 @@ class SelectionTask:
         )
         return judged, time.perf_counter() - begin
 
-    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> Asked:
+    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> _Asked:
         """The boxes of an action, and for relaxations about a point that of the one."""
         if np.shape(action) != self.action_space.shape:
             raise InvalidInput(
@@ -281,7 +281,7 @@ class SelectionTask:
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
         return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None
 
-    def _verdict(self, judged: Judged, p1_seconds: float, p2_seconds: float) -> Verdict:
+    def _verdict(self, judged: Judged, p1_seconds: float, p2_seconds: float) -> _Verdict:
         """Verdict on an action whose postures the verifier accepted."""
         scene, answer, envelope = judged.scene, judged.answer, judged.envelope
         terms = {key: weight * float(term(judged)) for key, (weight, term) in self._terms.items()}
@@ -304,7 +304,7 @@ class SelectionTask:
             "p2_seconds": p2_seconds if clock else 0.0,
             "expert_seconds": scene.expert_seconds if clock else 0.0,
         }
-        return Verdict(
+        return _Verdict(
             reward=float(sum(terms.values())), info=info, posture=judged.posture, envelope=envelope
         )
 
@@ -391,7 +391,7 @@ def class_envelopes(learned: LearnedSelector) -> EnvelopeSet:
     return expert_envelopes(kind.terrain, legs=kind.legs)
 
 
-WINDOW = "stancekit"
+_WINDOW = "stancekit"
 
 
 class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.float32] | np.int64]):
@@ -566,11 +566,11 @@ def _show(pixels: NDArray[np.uint8]) -> None:
     """
     import matplotlib.pyplot as plt
 
-    plt.figure(WINDOW, clear=True).figimage(pixels, resize=True)
+    plt.figure(_WINDOW, clear=True).figimage(pixels, resize=True)
     plt.pause(0.001)
 
 
 def _hide() -> None:
     import matplotlib.pyplot as plt
 
-    plt.close(WINDOW)
+    plt.close(_WINDOW)

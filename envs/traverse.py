@@ -46,16 +46,16 @@ from .episodes import check_options, checked_render_mode, checked_seed
 from .scenes import margin_info
 from .selection import LearnedSelector, class_envelopes
 
-DRAWS = 50
+_DRAWS = 50
 """Number of draws of a source that has nothing for some toe, before it is given up."""
 _CourseSource = Callable[[np.random.Generator], Problem]
 Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | _CourseSource
 """Sources of courses: names, files and descriptions, also as mappings with a file's keys; or a
 function."""
-Boxes = EnvelopeSet | Sequence[EnvelopeSet | str | Path] | Modes | LearnedSelector | str | Path
+_Boxes = EnvelopeSet | Sequence[EnvelopeSet | str | Path] | Modes | LearnedSelector | str | Path
 """Boxes of a planner: envelopes, several sets of them for different legs, modes, a selector, or a
 file of these."""
-READERS: Mapping[str, str] = MappingProxyType(
+_READERS: Mapping[str, str] = MappingProxyType(
     {
         ".json": "stancekit.planners.formats.plan_file:read_boxes",
         ".safetensors": "stancekit.learners.selectors.selector:load_selector",
@@ -66,7 +66,7 @@ READERS: Mapping[str, str] = MappingProxyType(
 because networks are read on a higher floor."""
 
 
-Executor = Callable[[Plan], Any]
+_Executor = Callable[[Plan], Any]
 """Executor of a plan: its report says by ``succeeded`` whether the robot arrived, upright and
 without slipping."""
 
@@ -105,7 +105,7 @@ class TraverseSettings:
     frames: int | None = 9
     horizon: int = 2
     amount: float = 1.0
-    envelopes: Sequence[Boxes] | None = None
+    envelopes: Sequence[_Boxes] | None = None
     planners: Sequence[Planner] | None = None
     weights: TraverseWeights | Mapping[str, float] = TraverseWeights()
     patience: int = 4
@@ -114,7 +114,7 @@ class TraverseSettings:
     corners: int = 4
     robot: str | Path | None = None
     terrain: str | Path | None = None
-    executor: Executor | None = None
+    executor: _Executor | None = None
     programs: Programs | None = None
     timing: bool = False
     margins: bool = False
@@ -202,13 +202,13 @@ def _with_footing(draw: _CourseSource, rng: np.random.Generator) -> Problem:
 
     Raises PlanningFailed after DRAWS.
     """
-    for _ in range(DRAWS):
+    for _ in range(_DRAWS):
         try:
             return draw(rng)
         except NoFooting as error:
             refused = error
     raise PlanningFailed(
-        f"no course in {DRAWS} draws with footing for every toe; the last: {refused}"
+        f"no course in {_DRAWS} draws with footing for every toe; the last: {refused}"
     )
 
 
@@ -255,7 +255,7 @@ def _limbs(spec: CourseSpec) -> int:
     return len(spec.make_robot().limbs)
 
 
-def _offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[Planner]:
+def _offered_planners(envelopes: Sequence[_Boxes] | None, programs: Programs) -> Sequence[Planner]:
     """The two-stage planner over the lift, and over each of the envelopes.
 
     Raises InvalidInput.
@@ -300,7 +300,7 @@ def _refusal(planner: SelectorPlanner, spec: CourseSpec) -> InvalidInput | None:
     return None
 
 
-def _there(given: Boxes) -> EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector:
+def _there(given: _Boxes) -> EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector:
     """Envelopes that an entry of ``envelopes`` names, with its files read.
 
     Raises InvalidInput, also for a file in a list of sets that holds no set of envelopes.
@@ -327,12 +327,12 @@ def _read(path: str | Path) -> EnvelopeSet | Modes | LearnedSelector:
     Raises InvalidInput.
     """
     suffix = Path(path).suffix
-    if suffix not in READERS:
-        known = " or ".join(filter(None, READERS))
+    if suffix not in _READERS:
+        known = " or ".join(filter(None, _READERS))
         raise InvalidInput(
             f"envelopes: expected a file that ends in {known}, got {shown(str(path))}"
         )
-    choice: EnvelopeSet | Modes | LearnedSelector = resolve_name(READERS[suffix])(Path(path))
+    choice: EnvelopeSet | Modes | LearnedSelector = resolve_name(_READERS[suffix])(Path(path))
     return choice
 
 

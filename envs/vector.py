@@ -33,11 +33,11 @@ from .episodes import check_options, checked_mask, checked_render_mode, checked_
 from .scenes import LabelledScene, ProblemSource, all_seen
 from .selection import SelectionSettings, SelectionTask, picture
 
-Observation = dict[str, NDArray[np.float32]]
-Seeds = Sequence[int | None]
+_Observation = dict[str, NDArray[np.float32]]
+_Seeds = Sequence[int | None]
 
 
-class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
+class EnvelopeSelectionVectorEnv(VectorEnv[_Observation, NDArray[Any], NDArray[Any]]):
     """``num_envs`` copies of ``EnvelopeSelectionEnv`` in one: a step judges an action each and
     draws the next scenes.
 
@@ -81,15 +81,15 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         self.single_action_space = task.action_space
         self.observation_space = batch_space(task.observation_space, num_envs)
         self.action_space = batch_space(task.action_space, num_envs)
-        self._ready, self._last = False, list[Observation]()  # by part, what was seen last
+        self._ready, self._last = False, list[_Observation]()  # by part, what was seen last
         self._cuts = [round(k * num_envs / workers) for k in range(workers + 1)]
         sizes = np.diff(self._cuts).tolist()
         others = [_Worker(partial(_made, problem, options, size)) for size in sizes[1:]]
         self._parts: list[_Batch | _Worker] = [_Batch(task, sizes[0]), *others]
 
     def reset(
-        self, *, seed: int | Seeds | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+        self, *, seed: int | _Seeds | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[_Observation, dict[str, Any]]:
         """Draw the next scenes.
 
         Arguments:
@@ -104,7 +104,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         check_options(options, ("reset_mask",))
         if seed is None or isinstance(seed, int | np.integer):
             first = checked_seed(seed)
-            seeds: Seeds = [None if first is None else first + i for i in range(self.num_envs)]
+            seeds: _Seeds = [None if first is None else first + i for i in range(self.num_envs)]
         elif isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str | bytes):
             seeds = [checked_seed(one) for one in seed]
         else:
@@ -125,7 +125,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     def step(
         self, actions: NDArray[Any]
     ) -> tuple[
-        Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
+        _Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
     ]:
         """Judge an action a sub-environment; every episode ends and the next one begins."""
         if not self._ready:
@@ -203,7 +203,7 @@ class _Begun:
     action.
     """
 
-    observation: Observation
+    observation: _Observation
     info: Rows
 
 
@@ -251,7 +251,7 @@ class _Batch:
     def close(self) -> None:
         """Do nothing: there is no process to end."""
 
-    def reset(self, asked: tuple[Seeds, NDArray[np.bool_]]) -> _Begun:
+    def reset(self, asked: tuple[_Seeds, NDArray[np.bool_]]) -> _Begun:
         """Draw the next scenes of those in the mask; the seed None goes on with the generator that
         one has.
         """
@@ -373,6 +373,6 @@ def _gathered(parts: Sequence[Rows]) -> dict[str, NDArray[Any]]:
     return {name: np.array([row for part in parts for row in part[name]]) for name in parts[0]}
 
 
-def _joined(parts: Sequence[Observation]) -> Observation:
+def _joined(parts: Sequence[_Observation]) -> _Observation:
     """The rows of all parts, in order, in arrays of their own."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -40,13 +40,13 @@ HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
 NOISES = (0.0, 0.01, 0.02)
 """Initial guesses to choose from: what is added to the terrain-following one [m, rad, m·g]."""
 FORMAT = "stancekit/walk-pool/1"
-LARGEST = 1e6
-MOST_WALKS = 100_000
-Action = tuple[int, int, int]
+_LARGEST = 1e6
+_MOST_WALKS = 100_000
+_Action = tuple[int, int, int]
 """Indices of a chart, a homotopy and a noise."""
 
 
-class Outcome(NamedTuple):
+class _Outcome(NamedTuple):
     """Outcome of an attempt, all numbers finite: the verifier's word and figures, and the
     solver's.
     """
@@ -54,7 +54,7 @@ class Outcome(NamedTuple):
     verified: float = 0.0
     feasible: float = 0.0
     iterations: float = 0.0
-    violation: float = LARGEST
+    violation: float = _LARGEST
     refused: float = 0.0
     force_rms: float = 0.0
     moment_rms: float = 0.0
@@ -89,7 +89,7 @@ class Outcome(NamedTuple):
         )
 
 
-class WalkPool:
+class _WalkPool:
     """Pool of walks, and the outcomes of attempts at them.
 
     Arguments:
@@ -111,8 +111,8 @@ class WalkPool:
         settings: GaitSettings,
         seed: int = 0,
     ) -> None:
-        if not 1 <= size <= MOST_WALKS:
-            raise InvalidInput(f"pool: expected 1 to {MOST_WALKS} walks, got {size}")
+        if not 1 <= size <= _MOST_WALKS:
+            raise InvalidInput(f"pool: expected 1 to {_MOST_WALKS} walks, got {size}")
         self.tasks, self.size, self.charts, self.settings, self.seed = (
             tasks,
             size,
@@ -122,7 +122,7 @@ class WalkPool:
         )
         self._walks: dict[int, Walk] = {}
         self._table = np.full(
-            (size, len(charts), len(HEIGHTS), len(NOISES), len(Outcome._fields)), np.nan
+            (size, len(charts), len(HEIGHTS), len(NOISES), len(_Outcome._fields)), np.nan
         )
         self._bench: Workbench | None = None
 
@@ -140,12 +140,12 @@ class WalkPool:
             self._walks[index] = self.tasks(np.random.default_rng([self.seed, index]))
         return self._walks[index]
 
-    def outcome(self, index: int, action: Action) -> Outcome:
+    def outcome(self, index: int, action: _Action) -> _Outcome:
         """Outcome of an attempt at a walk; it is solved where nobody asked before."""
         row = self._table[(index, *action)]
         if np.isnan(row[0]):
             row[:] = self._solved(index, action)
-        return Outcome(*row.tolist())
+        return _Outcome(*row.tolist())
 
     def solve(self, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
         """Solve every attempt that has no outcome.
@@ -193,7 +193,7 @@ class WalkPool:
         pool._table = np.array(table, dtype=np.float64)
         return pool
 
-    def _solved(self, index: int, action: Action) -> Outcome:
+    def _solved(self, index: int, action: _Action) -> _Outcome:
         walk = self.walk(index)
         if self._bench is None or self._bench.task is not walk:
             self._bench = Workbench(walk, self.settings)
@@ -201,8 +201,8 @@ class WalkPool:
         attempt = Attempt(
             chart=self.charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=index
         )
-        return Outcome.of(
-            attempted(self._bench, attempt), self.settings.max_iterations * len(attempt.heights)
+        return _Outcome.of(
+            _attempted(self._bench, attempt), self.settings.max_iterations * len(attempt.heights)
         )
 
     def _header(self) -> dict[str, Any]:
@@ -240,7 +240,7 @@ class WalkPool:
         return known
 
 
-def attempted(bench: Workbench, attempt: Attempt) -> Attempted | None:
+def _attempted(bench: Workbench, attempt: Attempt) -> Attempted | None:
     """Result of an attempt; None where the terrain has no map."""
     try:
         return bench.run(attempt)
@@ -255,7 +255,7 @@ _PLACES: NDArray[np.float64] = np.stack(
 
 def _number(value: float | Array) -> float:
     """A finite number."""
-    return float(np.clip(np.nan_to_num(value, nan=LARGEST), 0.0, LARGEST))
+    return float(np.clip(np.nan_to_num(value, nan=_LARGEST), 0.0, _LARGEST))
 
 
 PATCH, PATCH_M = 24, 4.0
@@ -337,7 +337,7 @@ class GaitEnvSettings:
         )
 
 
-NOTHING: Mapping[str, int | float] = MappingProxyType(
+_NOTHING: Mapping[str, int | float] = MappingProxyType(
     {
         "verified": 0,
         "is_success": 0,
@@ -485,7 +485,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         else:
             self._walk = int(self.np_random.integers(len(self.pool)))
             self._task = self.pool.walk(self._walk)
-        return self._observed(self._task), dict(NOTHING)
+        return self._observed(self._task), dict(_NOTHING)
 
     def step(
         self, action: NDArray[np.int64]
@@ -499,8 +499,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
             attempt = Attempt(
                 chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed
             )
-            self._found = attempted(self._workbench(self._task), attempt)
-            came_to = Outcome.of(self._found, self._settings.max_iterations * len(attempt.heights))
+            self._found = _attempted(self._workbench(self._task), attempt)
+            came_to = _Outcome.of(self._found, self._settings.max_iterations * len(attempt.heights))
         else:
             came_to = self.pool.outcome(self._walk, (chart, heights, noise))
         info = self._info(came_to)
@@ -553,8 +553,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         chart, heights, noise = (int(index) for index in action)
         return chart, heights, noise
 
-    def _info(self, found: Outcome) -> dict[str, Any]:
-        """Info of an attempt; every key is there for ``NOTHING``, too."""
+    def _info(self, found: _Outcome) -> dict[str, Any]:
+        """Info of an attempt; every key is there for ``_NOTHING``, too."""
         weights, seconds = self._weights, found.seconds if self._timing else 0.0
         verified, feasible = bool(found.verified), bool(found.feasible)
         return {
@@ -580,7 +580,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
 def _pool_of(
     pool: int | str | Path | None, tasks: Tasks, charts: tuple[str, ...], settings: GaitSettings
-) -> WalkPool | None:
+) -> _WalkPool | None:
     """The pool that is asked for by a number of walks or a file.
 
     Raises InvalidInput.
@@ -588,8 +588,8 @@ def _pool_of(
     if pool is None:
         return None
     if isinstance(pool, int):
-        return WalkPool(tasks, pool, charts, settings)
-    return WalkPool.read(pool, tasks, charts, settings)
+        return _WalkPool(tasks, pool, charts, settings)
+    return _WalkPool.read(pool, tasks, charts, settings)
 
 
 def observe(task: Walk) -> dict[str, NDArray[np.float32]]:

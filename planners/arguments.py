@@ -60,7 +60,7 @@ class cached_property(functools.cached_property[T]):
 P = ParamSpec("P")
 R = TypeVar("R")
 Settings = TypeVar("Settings")
-PLAIN = (NoneType, bool, int, float, str)
+_PLAIN = (NoneType, bool, int, float, str)
 """What a message shows itself; of other things it shows the type."""
 _WORDS = {
     NoneType: "None",
@@ -225,9 +225,9 @@ def came(value: Any) -> str:
     """A value as messages show it: itself where it is plain, else its type."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
-    if isinstance(value, list | tuple) and value and all(isinstance(one, PLAIN) for one in value):
+    if isinstance(value, list | tuple) and value and all(isinstance(one, _PLAIN) for one in value):
         return shown(value)
-    return shown(value) if isinstance(value, PLAIN) else _articled(type(value).__name__)
+    return shown(value) if isinstance(value, _PLAIN) else _articled(type(value).__name__)
 
 
 def _articled(name: str) -> str:

@@ -196,7 +196,7 @@ class Trace:
 FORMAT = "stancekit/run/1"
 LOADED = "loaded"
 """The decision to begin with joints that press already."""
-LARGEST_TIME = 1e9
+_LARGEST_TIME = 1e9
 """Largest value of times [s] and rates [Hz] in a log."""
 TOPICS: dict[str, dict[str, str]] = {
     "plan": {
@@ -221,7 +221,7 @@ TOPICS: dict[str, dict[str, str]] = {
 _ARRAYS_OF = {"joints": str}
 """Content of the arrays of messages; numbers, or rows of them, where it is not said. What was not
 finite is null."""
-KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
+_KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
 
 
 class Log:
@@ -458,7 +458,7 @@ def _check_message(topic: str, content: Any, where: str) -> None:
         )
     for name, kind in wanted.items():
         value: Any = content[name]
-        if not isinstance(value, KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
+        if not isinstance(value, _KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
             raise InvalidInput(f"{where}: {name}: expected {kind}, got {shown(value)}")
         if (
             kind == "array"
@@ -468,9 +468,9 @@ def _check_message(topic: str, content: Any, where: str) -> None:
             raise InvalidInput(f"{where}: {name}: expected texts, got {shown(value)}")
         if kind == "array" and name not in _ARRAYS_OF:
             table(value, (None,), f"{where}: {name}")
-        if kind == "number" and not abs(value) <= LARGEST_TIME:
+        if kind == "number" and not abs(value) <= _LARGEST_TIME:
             raise InvalidInput(
-                f"{where}: {name}: expected a number up to {LARGEST_TIME:g}, got {shown(value)}"
+                f"{where}: {name}: expected a number up to {_LARGEST_TIME:g}, got {shown(value)}"
             )
 
 

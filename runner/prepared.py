@@ -49,9 +49,9 @@ from .worlds.world import Ground, Solids, State, Terrain
 LOG = logging.getLogger(__name__)
 PlannedMotion = PlanMotion | GaitMotion | LeapRun | CrossingMotion
 BodyFrom = Literal["the world", "leg odometry", "nothing"]
-WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
+_WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
-_LEAPING: dict[str, Any] = {**WALKING, "settle_hz": 5.0}
+_LEAPING: dict[str, Any] = {**_WALKING, "settle_hz": 5.0}
 """So is one that lands, which slides as it does; where it came to rest it stands."""
 M_co = TypeVar("M_co", bound=Motion, covariant=True)
 P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
@@ -354,7 +354,7 @@ def _paced(
     """
     sees, feet = (
         _sees_feet(world, settings),
-        WALKING if isinstance(motion, GaitMotion) else _LEAPING,
+        _WALKING if isinstance(motion, GaitMotion) else _LEAPING,
     )
     tracker = Tracker(
         followed,

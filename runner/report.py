@@ -169,7 +169,7 @@ class RunReport:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready."""
-        record = {name: value for name, value in self.__dict__.items() if name not in NESTED}
+        record = {name: value for name, value in self.__dict__.items() if name not in _NESTED}
         numbers = {
             n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in record.items()
         }
@@ -186,7 +186,7 @@ class RunReport:
         }
 
 
-NESTED = ("ended", "execution", "cycle_s", "needs", "loads", "friction")
+_NESTED = ("ended", "execution", "cycle_s", "needs", "loads", "friction")
 
 
 def _by_odometry(

@@ -40,17 +40,17 @@ from .sheet import DEFAULT_STYLE, Size, headline, sheet, to_rgb
 from .still import GLASS, is_glass, normals_of
 from .video import Frame, check_video
 
-FINER = 2
+_FINER = 2
 """Rows and columns drawn to a pixel; their mean is what is seen."""
 _SHADOW_PX = 1024
 """Pixels of the map that says what the light reaches."""
-POINT_M = 0.0006
+_POINT_M = 0.0006
 """Half the width of a line of one point, as a share of the distance."""
 _EMPTY = """<mujoco><visual><headlight active="0"/></visual>
 <asset><texture name="sky" type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/></asset>
 <worldbody><light type="directional" castshadow="false" ambient=".78 .78 .78" diffuse="0 0 0" specular="0 0 0"/>
 <light type="directional" dir="{} {} {}" pos="{} {} {}" diffuse=".3 .3 .3" specular=".1 .1 .1"/></worldbody></mujoco>"""
-GL = "video: expected a GL library for MuJoCo's renderer; install one, e.g. apt-get install libegl1 libgl1"
+_GL = "video: expected a GL library for MuJoCo's renderer; install one, e.g. apt-get install libegl1 libgl1"
 
 
 def check_film(path: str | File) -> File:
@@ -87,10 +87,10 @@ def rendered(motion: Animation, size_px: Size) -> Iterator[Frame]:
     """
     stage = _Stage(motion)
     low, high = motion.window(size_px[0] / size_px[1])
-    with _renderer(stage.model, (FINER * size_px[0], FINER * size_px[1])) as draw:
+    with _renderer(stage.model, (_FINER * size_px[0], _FINER * size_px[1])) as draw:
         for moment in motion.moments:
             pixels = draw(partial(stage.pose, moment=moment, low=low, high=high))
-            yield np.array(Image.fromarray(pixels).reduce(FINER))
+            yield np.array(Image.fromarray(pixels).reduce(_FINER))
 
 
 class _Stage:
@@ -257,12 +257,12 @@ class _Stage:
         self._spec.worldbody.add_geom(type=kind, contype=0, conaffinity=0, castshadow=False, **more)
 
 
-Flat = tuple[tuple[float, ...], float, Array, Array]
+_Flat = tuple[tuple[float, ...], float, Array, Array]
 """Colour, opacity, triangles of shape (F, 3, 3) [m] and their normals in the light, shape (F,
 3)."""
 
 
-def _facets(facets: Sequence[Facet], camera: Camera) -> list[Flat]:
+def _facets(facets: Sequence[Facet], camera: Camera) -> list[_Flat]:
     """Facets and their edges; what would hide the robot is glass."""
     seen = [
         replace(
@@ -280,7 +280,7 @@ def _facets(facets: Sequence[Facet], camera: Camera) -> list[Flat]:
     )
 
 
-def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
+def _ribbons(paths: Sequence[Path], camera: Camera) -> list[_Flat]:
     """Lines as bands that face the viewer, those of one colour together, a little before what they
     are on.
     """
@@ -292,7 +292,7 @@ def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
         side = np.cross(b - a, towards)
         length = np.linalg.norm(side, axis=1, keepdims=True)
         seen = length[:, 0] > 1e-9
-        half = path.width * POINT_M * camera.distance_m
+        half = path.width * _POINT_M * camera.distance_m
         side *= half / np.maximum(length, 1e-12)
         a, b = (end + (0.003 + 1.5 * half + min(path.lift_m, 0.02)) * towards for end in (a, b))
         quads = np.stack([a - side, a + side, b + side, b - side], axis=1)[seen]
@@ -326,7 +326,7 @@ def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], N
         context = source.GLContext(width, height)
         context.make_current()
     except Exception as error:  # every backend and every missing library has its own
-        raise InvalidInput(GL) from error
+        raise InvalidInput(_GL) from error
     try:
         scene = mujoco.MjvScene(model, maxgeom=20_000)
         target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)

@@ -38,12 +38,12 @@ from .sheet import (
 )
 
 _AXIS_COLOURS = (MEASURE_COLOURS[0], MEASURE_COLOURS[1], MEASURE_COLOURS[4])
-SIZE_IN, _HEAD_IN = (12.0, 10.0), 0.9
-TOUCH_N = 1.5
+_SIZE_IN, _HEAD_IN = (12.0, 10.0), 0.9
+_TOUCH_N = 1.5
 """A foot that feels more than this touches."""
 _REPLANS = ("plan anew", "stand")
 """Decisions that are drawn: the rest was planned again, or feet slid and the robot stood."""
-PLANNED: dict[str, Any] = {"linestyle": ":", "linewidth": 0.9}
+_PLANNED: dict[str, Any] = {"linestyle": ":", "linewidth": 0.9}
 
 
 def tracked(recorded: Recorded) -> dict[str, Array]:
@@ -101,9 +101,9 @@ def draw_tracking(recorded: Recorded) -> Figure:
     tracks = tracked(recorded)
     joints, time_s = _limbs(plan), tracks["time_s"]
     limbs, begins = list(joints), np.cumsum([0, *map(len, joints.values())])[:-1]
-    figure = Figure(figsize=SIZE_IN)
-    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - _HEAD_IN / SIZE_IN[1]))
-    aims = targets(recorded, len(limbs))
+    figure = Figure(figsize=_SIZE_IN)
+    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - _HEAD_IN / _SIZE_IN[1]))
+    aims = _targets(recorded, len(limbs))
     top, middle, low, *slid, bottom = figure.subplots(4 if aims is None else 5, 1, sharex=True)
     away = 1e3 * np.abs(tracks["angles_rad"] - tracks["planned_rad"])
     _limb_lines(top, time_s, np.maximum.reduceat(away, begins, axis=1), limbs)
@@ -121,7 +121,7 @@ def draw_tracking(recorded: Recorded) -> Figure:
     low.set_ylabel("force on\nfoot [N]")
     if aims is not None:
         slid[0].set_ylabel("feet slid\n[mm]")
-        _limb_lines(low, aims["time_s"], np.linalg.norm(aims["forces_n"], axis=2), limbs, PLANNED)
+        _limb_lines(low, aims["time_s"], np.linalg.norm(aims["forces_n"], axis=2), limbs, _PLANNED)
         _limb_lines(slid[0], aims["time_s"], 1e3 * slips(recorded, aims), limbs)
         for axis in range(3):
             planned = 1e3 * (aims["origin_m"][:, axis] - tracks["position_m"][0, axis])
@@ -130,7 +130,7 @@ def draw_tracking(recorded: Recorded) -> Figure:
                 planned,
                 color=_AXIS_COLOURS[axis],
                 label="planned" if axis == 2 else None,
-                **PLANNED,
+                **_PLANNED,
             )
     for each in recorded.of("decision"):
         if each["what"] in _REPLANS and "time_s" in each:
@@ -179,7 +179,7 @@ def _limbs(plan: dict[str, Any]) -> dict[str, list[str]]:
     return parts
 
 
-def targets(recorded: Recorded, limbs: int) -> dict[str, Array] | None:
+def _targets(recorded: Recorded, limbs: int) -> dict[str, Array] | None:
     """Times, planned body and forces, what feet stood on and should have rolled, as far as the log
     has them; shape (T,), (T, 3), (T, N, 3), (T, N), (T, N, 3). None of a log that does not say.
     """
@@ -213,7 +213,7 @@ def slips(recorded: Recorded, aims: dict[str, Array]) -> Array:
         )
         for name in ("forces_n", "feet_m")
     )
-    feet, touches = feet - aims["rolled_m"], np.linalg.norm(felt, axis=2) > TOUCH_N
+    feet, touches = feet - aims["rolled_m"], np.linalg.norm(felt, axis=2) > _TOUCH_N
     result, place = np.zeros(touches.shape), np.full((limbs, 3), np.nan)
     before = np.full(limbs, np.nan)
     for row, holds in enumerate(aims["foothold"]):
@@ -238,19 +238,19 @@ def _limb_lines(
         axes.plot(time_s, values[:, index], color=leg_colour(index), **options)
 
 
-TOLERANCE = 1e-4
+_TOLERANCE = 1e-4
 """Pan et al. §V: a solve succeeds when its largest violation falls below this."""
 LEAST = 1e-9
 """Violations below this are drawn as this."""
-TICKS = (1, 3, 10, 30, 100, 300, 1000)
+_TICKS = (1, 3, 10, 30, 100, 300, 1000)
 _SECONDS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
-COMPASS = "0° = +y, clockwise"
+_COMPASS = "0° = +y, clockwise"
 """Count of walking directions."""
-COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
+_COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
 """Colours of methods in their order; they repeat after the sixth."""
-MANY = 8
+_MANY = 8
 """More runs of a method than this are drawn thin, with their median."""
-ROOM = 38
+_ROOM = 38
 """Letters that fit over a panel at full size."""
 LONG = 60
 """Iterations beyond which the axis is logarithmic."""
@@ -286,13 +286,13 @@ class GaitRun:
         """Number of iterations that were taken: up to the first violation below the tolerance, or
         all.
         """
-        below = np.flatnonzero(self.violations < TOLERANCE)
+        below = np.flatnonzero(self.violations < _TOLERANCE)
         return int(below[0]) if below.size else len(self.violations) - 1
 
     @property
     def success(self) -> bool:
         """Tell whether the violation fell below the tolerance."""
-        return bool(np.any(self.violations < TOLERANCE))
+        return bool(np.any(self.violations < _TOLERANCE))
 
 
 @DEFAULT_STYLE
@@ -319,7 +319,7 @@ def draw_convergence(
     headline(
         figure,
         caption or "Convergence",
-        f"largest constraint violation; success is below {TOLERANCE:g}",
+        f"largest constraint violation; success is below {_TOLERANCE:g}",
     )
     labels = [_label(name, [run for run in runs if run.method == name]) for name in colours]
     high = figure.get_figheight()
@@ -332,12 +332,12 @@ def draw_convergence(
     most = max(run.iterations for run in runs)
     axes.set(
         yscale="log",
-        ylim=(0.1 * TOLERANCE, max(3.0 * max(float(run.violations.max()) for run in runs), 1.0)),
+        ylim=(0.1 * _TOLERANCE, max(3.0 * max(float(run.violations.max()) for run in runs), 1.0)),
     )
     axes.set_xlabel("iteration", size=11.5, color=INK)
     _iterations(axes, most)
-    axes.axhspan(0.1 * TOLERANCE, TOLERANCE, color="#e6f0ec", lw=0, zorder=0)
-    axes.axhline(TOLERANCE, color="#58a695", lw=1.2, zorder=1)
+    axes.axhspan(0.1 * _TOLERANCE, _TOLERANCE, color="#e6f0ec", lw=0, zorder=0)
+    axes.axhline(_TOLERANCE, color="#58a695", lw=1.2, zorder=1)
     quiet_axes(axes)
     axes.tick_params(which="both", labelsize=11)
     for (method, colour), label in zip(colours.items(), labels, strict=True):
@@ -359,9 +359,9 @@ def draw_convergence(
 
 def _draw_lines(axes: Axes, runs: Sequence[GaitRun], colour: str) -> None:
     """The solves of one method."""
-    few = len(runs) <= MANY
+    few = len(runs) <= _MANY
     for run in runs:
-        shown = np.maximum(run.violations[: run.iterations + 1], 0.15 * TOLERANCE)
+        shown = np.maximum(run.violations[: run.iterations + 1], 0.15 * _TOLERANCE)
         width, alpha = (2.0, 1.0) if len(runs) < 4 else (1.1, 0.55) if few else (0.6, 0.18)
         axes.plot(shown, color=colour, lw=width, alpha=alpha)
         if few or not run.success:
@@ -374,7 +374,7 @@ def _draw_lines(axes: Axes, runs: Sequence[GaitRun], colour: str) -> None:
         held = np.array(
             [run.violations[np.minimum(np.arange(last + 1), run.iterations)] for run in runs]
         )
-        middle = np.maximum(np.median(held, axis=0), 0.15 * TOLERANCE)
+        middle = np.maximum(np.median(held, axis=0), 0.15 * _TOLERANCE)
         axes.plot(
             middle,
             color=colour,
@@ -382,7 +382,7 @@ def _draw_lines(axes: Axes, runs: Sequence[GaitRun], colour: str) -> None:
             zorder=3,
             path_effects=[withStroke(linewidth=4.6, foreground="white")],
         )
-        _draw_end(axes, last, float(middle[-1]), colour, bool(middle[-1] < TOLERANCE), 10.0)
+        _draw_end(axes, last, float(middle[-1]), colour, bool(middle[-1] < _TOLERANCE), 10.0)
 
 
 def _draw_end(
@@ -404,7 +404,7 @@ def _iterations(axes: Axes, most: int) -> None:
         return
     axes.set_xscale("function", functions=(_radius, lambda radius: 2.0 * np.expm1(radius)))
     axes.set_xlim(0.0, 1.05 * most)
-    axes.xaxis.set_major_locator(FixedLocator([0, *(tick for tick in TICKS if tick <= most)]))
+    axes.xaxis.set_major_locator(FixedLocator([0, *(tick for tick in _TICKS if tick <= most)]))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_minor_formatter(NullFormatter())
 
@@ -428,20 +428,20 @@ def draw_directions(
     figure = sheet(size_px or (PLOT_PX if len(methods) < 4 else _TALL_PX), PLOT_PX)
     words = (
         "iterations from the centre outward, coloured by the largest violation; red: no success; "
-        + COMPASS
+        + _COMPASS
     )
     headline(figure, caption or "Violation by walking direction", words)
     most = max(run.iterations for run in runs)
     rim = float(_radius(max(most, 3)))
-    colours = ScalarMappable(LogNorm(TOLERANCE, 10.0), "magma_r")
+    colours = ScalarMappable(LogNorm(_TOLERANCE, 10.0), "magma_r")
     titles = [_label(method, [run for run in runs if run.method == method]) for method in methods]
-    size = min(12.0, 12.0 * ROOM / max(map(len, titles)))
+    size = min(12.0, 12.0 * _ROOM / max(map(len, titles)))
     for axes, method, title in zip(_panels(figure, len(methods)), methods, titles, strict=True):
         runs_of_method = [run for run in runs if run.method == method]
         width = _wedge(runs_of_method)
         turns = 0.96 * width * np.linspace(-0.5, 0.5, 2 + int(np.rad2deg(width) / 3.0))
         axes.set_title(title, size=size, weight="bold", color=INK, pad=12, parse_math=False)
-        _polar(axes, 1.12 * rim, [tick for tick in TICKS if _radius(tick) <= rim], _radius)
+        _polar(axes, 1.12 * rim, [tick for tick in _TICKS if _radius(tick) <= rim], _radius)
         for run in runs_of_method:
             shown = np.clip(run.violations[: run.iterations + 1], LEAST, 1e6)
             edges = _radius(np.arange(len(shown) + 1))
@@ -496,7 +496,7 @@ def draw_times(
     """
     colours = _colours(runs, methods)
     figure = sheet(size_px, PLOT_PX)
-    words = f"median seconds a solve; crosses: no success; {COMPASS}"
+    words = f"median seconds a solve; crosses: no success; {_COMPASS}"
     headline(figure, caption or "CPU time by walking direction", words)
     high, wide = figure.get_figheight(), figure.get_figwidth()
     side = high - 1.45
@@ -543,7 +543,7 @@ def _colours(runs: Sequence[GaitRun], known: Sequence[str]) -> dict[str, str]:
     """The colour of every method that was run."""
     methods = _methods(runs)
     order = list(dict.fromkeys([*known, *methods]))
-    return {method: COLOURS[order.index(method) % len(COLOURS)] for method in methods}
+    return {method: _COLOURS[order.index(method) % len(_COLOURS)] for method in methods}
 
 
 def _label(method: str, runs: Sequence[GaitRun]) -> str:

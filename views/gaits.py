@@ -53,7 +53,7 @@ from .terrain import Entry, block, draw_legend, force_entry, grid_on_ground
 from .video import Frame
 
 _FILM_PX = (1280, 720)
-MARGIN = 0.08
+_MARGIN = 0.08
 """Left and right of the time axis, as a share of the width."""
 
 
@@ -62,7 +62,7 @@ def _draw_contacts(trajectory: Trajectory, size_px: Size, height: int) -> NDArra
     """A bar a foot where it stands, at the foot of every frame."""
     figure = sheet(size_px, _FILM_PX)
     feet, share = trajectory.robot.feet, height / size_px[1]
-    axes = figure.add_axes((MARGIN, 0.3 * share, 1.0 - 2.0 * MARGIN, 0.62 * share))
+    axes = figure.add_axes((_MARGIN, 0.3 * share, 1.0 - 2.0 * _MARGIN, 0.62 * share))
     times_s = trajectory.times_s - trajectory.times_s[0]
     for row in range(len(feet)):
         steps = np.diff(trajectory.contact[:, row].astype(int), prepend=0, append=0)
@@ -92,7 +92,7 @@ def _draw_contacts(trajectory: Trajectory, size_px: Size, height: int) -> NDArra
 def _mark_time(pixels: NDArray[np.uint8], height: int, share: float) -> None:
     """A line across the strip at the share of the time that has passed."""
     rows, width = pixels.shape[:2]
-    x = round((MARGIN + (1.0 - 2.0 * MARGIN) * share) * width)
+    x = round((_MARGIN + (1.0 - 2.0 * _MARGIN) * share) * width)
     half = max(1, width // 900)
     top, bottom = rows - round(0.94 * height), rows - round(0.28 * height)
     pixels[top:bottom, max(0, x - half) : x + half] = (209, 35, 59)
@@ -104,9 +104,9 @@ GRID, GRID_M = "#4d5d66", 0.25
 """The lines drawn on the terrain, and their distance in the map's own metres."""
 CELLS = 84
 """Facets of the terrain along its longer side."""
-FPS = 25.0
+_FPS = 25.0
 """Pictures per second of films, as fast as the motion."""
-WEIGHT_ARROW = 1.1
+_WEIGHT_ARROW = 1.1
 """Length of an arrow as heavy as the robot, in stand heights."""
 
 
@@ -174,7 +174,7 @@ class GaitView(View):
     @property
     def metres_a_newton(self) -> float:
         """Length of the arrow of a force."""
-        return WEIGHT_ARROW * self.shape.size_m / (self.trajectory.robot.mass_kg * 9.81)
+        return _WEIGHT_ARROW * self.shape.size_m / (self.trajectory.robot.mass_kg * 9.81)
 
     @cached_property
     def bounds_m(self) -> Array:
@@ -392,7 +392,7 @@ class GaitView(View):
             ]
         )
 
-    def film(self, *, step_s: float = 1.0 / FPS) -> Animation:
+    def film(self, *, step_s: float = 1.0 / _FPS) -> Animation:
         """The trajectory's motion, a moment every ``step_s``: footholds stay once a foot came down."""
         count = 1 + int(np.floor(self.trajectory.duration_s / step_s + 1e-9))
         return Animation(

@@ -42,18 +42,18 @@ from .sheet import (
 from .still import Still
 from .terrain import SCALE, Entry, draw_legend, force_entry, patches
 
-FPS, CLIMBS, LEAPS = 25.0, 4.0, 0.25
+_FPS, _CLIMBS, _LEAPS = 25.0, 4.0, 0.25
 """Numbers of films: pictures per second, and how many times their pace key frames are shown, and
 leaps."""
 _ABOUT_S = 0.6
 """So long before and after a flight is its leap [s]."""
 _ABOUT_M = 0.35
 """So much of the terrain is shown about the way [m]."""
-LOOK_S, _PUSHES_S = 0.005, 0.02
+_LOOK_S, _PUSHES_S = 0.005, 0.02
 """The motion is looked at so often, and drawn so long before a flight as it takes off [s]."""
 UNJUDGED = "joints and bodies are not judged"
 """Words of every picture for a leap whose robot has limbs alone."""
-JUDGED = "the motion that joints and bodies are judged by"
+_JUDGED = "the motion that joints and bodies are judged by"
 """Words of it for a leap of a robot whose legs are known."""
 
 
@@ -90,7 +90,7 @@ class LeapView(View):
     @property
     def judged(self) -> str:
         """Sentence about joints and bodies."""
-        return JUDGED if self.robot.source.own else UNJUDGED
+        return _JUDGED if self.robot.source.own else UNJUDGED
 
     @cached_property
     def motion(self) -> Motion:
@@ -100,7 +100,7 @@ class LeapView(View):
     @cached_property
     def times_s(self) -> Array:
         """Moments that are looked at, shape (T,) [s]."""
-        return np.linspace(0.0, self.motion.duration_s, 2 + int(self.motion.duration_s / LOOK_S))
+        return np.linspace(0.0, self.motion.duration_s, 2 + int(self.motion.duration_s / _LOOK_S))
 
     @cached_property
     def rows(self) -> Samples:
@@ -275,11 +275,11 @@ class LeapView(View):
     def pace_at(self, time_s: float) -> float:
         """Pace at which a moment of the motion is shown."""
         if isinstance(self.subject, LeapPlan) and not self.flights_s:
-            return LEAPS
+            return _LEAPS
         near = any(begin - _ABOUT_S <= time_s < end + _ABOUT_S for begin, end in self.flights_s)
-        return LEAPS if near else CLIMBS
+        return _LEAPS if near else _CLIMBS
 
-    def film_times_s(self, fps: float = FPS) -> Array:
+    def film_times_s(self, fps: float = _FPS) -> Array:
         """Moments of the motion that a film shows, shape (K,) [s]."""
         times, now = [0.0], 0.0
         while now < self.motion.duration_s:
@@ -287,7 +287,7 @@ class LeapView(View):
             times.append(now)
         return np.array(times)
 
-    def film(self, *, fps: float = FPS) -> Animation:
+    def film(self, *, fps: float = _FPS) -> Animation:
         """The motion, key frames faster and leaps slower than they are; or its execution."""
         times, execution = self.film_times_s(fps), self.execution
         if execution is None:
@@ -314,7 +314,7 @@ class LeapView(View):
 
     def _word(self, time_s: float, now: Samples) -> str:
         """Word for what goes on at a time."""
-        if self.pace_at(time_s) == CLIMBS:
+        if self.pace_at(time_s) == _CLIMBS:
             return "key frames" if isinstance(self.subject, Crossing) else "rest"
         return "stance" if now.stands.any() else "flight"
 

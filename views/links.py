@@ -21,13 +21,13 @@ from .scene import Colour, DrawnBody, between
 from .shapes import Faces, Mesh, Sphere, hull
 from .sheet import leg_colour
 
-SHELL, STEEL, RIM = "#aab5c0", "#7b8a99", "#2b3642"
+_SHELL, _STEEL, _RIM = "#aab5c0", "#7b8a99", "#2b3642"
 _TINT = 0.3
 """Share of its leg's colour that a link has."""
 TRIANGLES = 3000
 """Most triangles of the mesh of one file: a quadruped is drawn with 20,000 to 50,000, and
 its page opens at once."""
-SMALLEST = 0.012
+_SMALLEST = 0.012
 """Radius of the ball that marks a foot, in stand heights, where the foot is a point."""
 
 
@@ -90,10 +90,10 @@ class Links:
         base, model = base_of(self.model, com_m, rotation), self.model
         chains, trunk = self.chains(com_m, rotation, angles), self.meshes.get((None, -1))
         result = (
-            [] if trunk is None else [self._body(f"{prefix}base", trunk, base, rotation, SHELL)]
+            [] if trunk is None else [self._body(f"{prefix}base", trunk, base, rotation, _SHELL)]
         )
         for i, (leg, q, chain) in enumerate(zip(model.legs, angles, chains, strict=True)):
-            colour = _mixed(STEEL, leg_colour(i), _TINT)
+            colour = _mixed(_STEEL, leg_colour(i), _TINT)
             turns, places = (part[0] for part in leg.chain.frames(np.asarray(q)[None]))
             joints = [k for k in range(len(leg.joints)) if (i, k) in self.meshes]
             result += [
@@ -109,11 +109,11 @@ class Links:
             if not joints:
                 thick = 0.05 * model.stand_height_m
                 result += [
-                    between(f"{prefix}{leg.name} bar {k}", a, b, (1.2 * thick, thick), colour, RIM)
+                    between(f"{prefix}{leg.name} bar {k}", a, b, (1.2 * thick, thick), colour, _RIM)
                     for k, (a, b) in enumerate(pairwise(chain))
                     if np.linalg.norm(b - a) > 1e-9
                 ]
-            radius = max(leg.radius_m, SMALLEST * model.stand_height_m)
+            radius = max(leg.radius_m, _SMALLEST * model.stand_height_m)
             foot = Sphere(radius)
             result.append(
                 DrawnBody(

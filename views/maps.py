@@ -45,13 +45,13 @@ from .sheet import (
 from .still import Still
 from .terrain import EARTH, block
 
-COLOURS = ("#e4e7eb", "#2c8173", "#b8407a", "#a9d6c9", "#e6bcd3")
+_COLOURS = ("#e4e7eb", "#2c8173", "#b8407a", "#a9d6c9", "#e6bcd3")
 """Colours of unknown, feasible, infeasible, likely feasible, likely infeasible."""
-WAYS = ("#8a5a44", "#d1495b", "#edae49", "#00798c", "#30638e", "#6f5aa8", "#444b54")
+_WAYS = ("#8a5a44", "#d1495b", "#edae49", "#00798c", "#30638e", "#6f5aa8", "#444b54")
 """Colours of limits, in their order."""
 _BEST = (FEASIBLE, LIKELY, UNKNOWN, UNLIKELY, INFEASIBLE)
 """From the best verdict to the worst."""
-SIZE_IN = (9.0, 8.4)
+_SIZE_IN = (9.0, 8.4)
 _TALL_IN = (8.0, 11.0)
 LONG = 1.8
 """Length of a map over its width from which on its panels stand below each other."""
@@ -67,7 +67,7 @@ def draw_standing_map(found: StandingMap) -> Figure:
     nx, ny, _ = found.shape
     long = nx > LONG * ny
     room = ConstrainedLayoutEngine(rect=(0.0, 0.0, 0.95, 1.0))  # for the bars on the right
-    figure = Figure(figsize=_TALL_IN if long else SIZE_IN, dpi=100, layout=room)
+    figure = Figure(figsize=_TALL_IN if long else _SIZE_IN, dpi=100, layout=room)
     axes = figure.subplots(*((4, 1) if long else (2, 2)), sharex=True, sharey=True).ravel()
     half = 0.5 * found.spacing_m
     extent = (
@@ -86,14 +86,14 @@ def draw_standing_map(found: StandingMap) -> Figure:
         best.T,
         origin="lower",
         extent=extent,
-        cmap=ListedColormap(COLOURS),
-        norm=Normalize(-0.5, len(COLOURS) - 0.5),
+        cmap=ListedColormap(_COLOURS),
+        norm=Normalize(-0.5, len(_COLOURS) - 0.5),
         interpolation="nearest",
     )
     counts = found.counts()
     handles = [
         Swatch(color=colour, label=f"{name}: {counts[name]}")
-        for name, colour in zip(VERDICTS, COLOURS, strict=True)
+        for name, colour in zip(VERDICTS, _COLOURS, strict=True)
         if counts[name]
     ]
     figure.legend(handles=handles, fontsize=8, loc="outside lower center", ncols=5, frameon=False)
@@ -140,7 +140,7 @@ def _draw_limits(axes: Axes, found: StandingMap, extent: tuple[float, float, flo
     there = [number for number in range(len(LIMITS)) if (most == number).any()]
     order = np.full(len(LIMITS) + 1, 0)
     order[there] = np.arange(1, len(there) + 1)
-    colours = [COLOURS[UNKNOWN], *(WAYS[number % len(WAYS)] for number in there)]
+    colours = [_COLOURS[UNKNOWN], *(_WAYS[number % len(_WAYS)] for number in there)]
     axes.imshow(
         order[most].T,
         origin="lower",
@@ -160,8 +160,8 @@ def _bar(figure: Figure, axes: Axes, image: AxesImage) -> None:
     bar.ax.tick_params(labelsize=7)
 
 
-LINE = "#27407f"
-_FACETS, LINES, POINTS = 80, 25, 121
+_LINE = "#27407f"
+_FACETS, _LINES, _POINTS = 80, 25, 121
 """Facets of the terrain a side; lines of the map a side; points on one."""
 
 
@@ -219,12 +219,12 @@ def _ground(warp: SplineMap, field: HeightField) -> Still:
         distance_m=2.2 * span,
     )
     lines, along = (
-        [np.linspace(*span_m, count) for span_m in warp.domain_m] for count in (LINES, POINTS)
+        [np.linspace(*span_m, count) for span_m in warp.domain_m] for count in (_LINES, _POINTS)
     )
     first = np.moveaxis(warp.ground_on_grid(lines[0], along[1]), 0, -1)
     second = np.moveaxis(warp.ground_on_grid(along[0], lines[1]), 0, -1).swapaxes(0, 1)
     pieces = np.concatenate([polyline(line) for line in (*first, *second)])
-    path = Path(pieces_m=pieces, colour=LINE, opacity=0.6, width=0.8, lift_m=1.5 * span / _FACETS)
+    path = Path(pieces_m=pieces, colour=_LINE, opacity=0.6, width=0.8, lift_m=1.5 * span / _FACETS)
     return Still(Scene(sheets=sheets, paths=[path]), camera)
 
 
@@ -233,18 +233,18 @@ def _draw_section(axes: Axes, warp: SplineMap) -> None:
     the most.
     """
     (x0, x1), (y0, y1) = warp.domain_m
-    candidates = np.linspace(y0, y1, POINTS)[POINTS // 4 : -(POINTS // 4)]
-    rise = np.ptp(warp.ground_on_grid(np.linspace(x0, x1, POINTS), candidates)[2], axis=0)
+    candidates = np.linspace(y0, y1, _POINTS)[_POINTS // 4 : -(_POINTS // 4)]
+    rise = np.ptp(warp.ground_on_grid(np.linspace(x0, x1, _POINTS), candidates)[2], axis=0)
     near = np.abs(candidates - 0.5 * (y0 + y1)) / (y1 - y0)  # of equal ones the middle
     middle = candidates[[int(np.argmax(rise - 0.02 * rise.max() * near))]]
     upright = warp.on_grid(
-        np.linspace(x0, x1, 2 * LINES - 1), middle, np.linspace(0.0, warp.height_m, POINTS)
+        np.linspace(x0, x1, 2 * _LINES - 1), middle, np.linspace(0.0, warp.height_m, _POINTS)
     )[0]
     level = warp.on_grid(
-        np.linspace(x0, x1, 4 * POINTS), middle, np.linspace(0.0, warp.height_m, 13)
+        np.linspace(x0, x1, 4 * _POINTS), middle, np.linspace(0.0, warp.height_m, 13)
     )[0]
-    axes.plot(upright[0, :, 0].T, upright[2, :, 0].T, color=LINE, lw=0.6, alpha=0.6)
-    axes.plot(level[0, :, 0], level[2, :, 0], color=LINE, lw=0.6, alpha=0.6)
+    axes.plot(upright[0, :, 0].T, upright[2, :, 0].T, color=_LINE, lw=0.6, alpha=0.6)
+    axes.plot(level[0, :, 0], level[2, :, 0], color=_LINE, lw=0.6, alpha=0.6)
     x, heights = level[0, :, 0, 0], level[2, :, 0, 0]
     bottom = float(heights.min()) - 0.12 * warp.height_m
     axes.fill_between(x, heights, bottom, color=tuple(EARTH), lw=0)

@@ -48,7 +48,7 @@ LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
 """Terrain is shown so far beyond everywhere that the robot goes."""
-FPS, STEP_S, _HOLD_S, SPEED = 20.0, 1.2, 0.5, 2.0
+FPS, _STEP_S, _HOLD_S, SPEED = 20.0, 1.2, 0.5, 2.0
 """Numbers of films: pictures a second, seconds per step, those that the beginning and the end take
 in addition, and how much faster than the world an execution plays."""
 _GHOSTS = 3
@@ -324,7 +324,7 @@ class PlanView(View):
         return result
 
     def film(
-        self, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = _HOLD_S
+        self, *, fps: float = FPS, step_s: float = _STEP_S, hold_s: float = _HOLD_S
     ) -> Animation:
         """The plan's motion at an even pace, as much faster than it is run as lets each step last
         ``step_s``; its execution at ``SPEED`` times the pace of the world.
@@ -351,7 +351,7 @@ class PlanView(View):
         count = int(np.ceil(trace.time_s[-1] * fps / SPEED))
         rows = np.searchsorted(trace.time_s, np.arange(count) * SPEED / fps).tolist()
         return Animation(
-            fixed=self.fixed + went(trace),
+            fixed=self.fixed + _went(trace),
             moments=[self.at(self.measured(execution, row), cone_m=height) for row in rows],
             step_s=1.0 / fps,
             camera=self.camera,
@@ -476,7 +476,7 @@ def draw_execution(
     last = len(trace.time_s) - 1
     row = last if time_s is None else min(int(np.searchsorted(trace.time_s, time_s)), last)
     figure = sheet(size_px, SIZE_PX)
-    scene = view.fixed + view.at(view.measured(execution, row)) + went(trace, row)
+    scene = view.fixed + view.at(view.measured(execution, row)) + _went(trace, row)
     Still(scene, view.camera).paint(plain_axes(figure, 10.0, 10.0, 92.0))
     done = "done" if execution.succeeded else "failed"
     title = caption or f"{plan.problem.name} in {execution.world}: {done}"
@@ -484,7 +484,7 @@ def draw_execution(
     return figure
 
 
-def went(trace: Trace, row: int | None = None) -> Scene:
+def _went(trace: Trace, row: int | None = None) -> Scene:
     """The path that the centre of mass went, over the planned one; until ``row``, or to its end."""
     line = polyline(trace.com_m[: None if row is None else row + 1 : 20])
     return Scene(paths=[Path(pieces_m=line, colour=REAL, width=1.4, layer=Layer.TOP, lift_m=65.0)])

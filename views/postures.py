@@ -43,7 +43,7 @@ from .sheet import (
 from .still import Still
 from .terrain import Entry, draw_legend, force_entry, mark_com, plane, stone
 
-COMPONENTS = ("$p_x$", "$p_y$", "$p_z$", "$f_n$", "$f_y$", "$f_z$")
+_COMPONENTS = ("$p_x$", "$p_y$", "$p_z$", "$f_n$", "$f_y$", "$f_z$")
 
 
 def _draw_strip(
@@ -86,7 +86,7 @@ def _draw_strip(
 def _frame_panel(axes: Axes, reach: float, *, named: bool) -> None:
     axes.set(xlim=(-1.06 * reach, 1.06 * reach), ylim=(5.75, -0.75), facecolor="#f6f7f9")
     axes.set_yticks(
-        range(6), COMPONENTS if named else [""] * 6, size=12, color=INK, parse_math=True
+        range(6), _COMPONENTS if named else [""] * 6, size=12, color=INK, parse_math=True
     )
     ticks = (
         [-1.0, 0.0, 1.0] if reach < 1.5 else [-float(np.floor(reach)), 0.0, float(np.floor(reach))]
@@ -111,13 +111,13 @@ def _bound_bar(
         )
 
 
-WEIGHT_ARROW = 0.8
+_WEIGHT_ARROW = 0.8
 """Length of an arrow as heavy as the robot, in units of the mean reach."""
-COUNT_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight")
+_COUNT_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PostureView:
+class _PostureView:
     """A posture problem, and a posture where there is one, as something to look at."""
 
     problem: Problem
@@ -185,7 +185,7 @@ class PostureView:
     @property
     def metres_a_newton(self) -> float:
         """Length of the arrow of a force."""
-        return WEIGHT_ARROW * self.size_m / self.problem.weight_n
+        return _WEIGHT_ARROW * self.size_m / self.problem.weight_n
 
     @cached_property
     def friction(self) -> ScalarMappable:
@@ -421,7 +421,7 @@ def draw_posture(
             read_only(getattr(posture, name), shape, f"posture: {name}")
     if envelope is not None and envelope.contacts != count:
         raise InvalidInput(f"envelope: expected {count} contacts, got {envelope.contacts}")
-    view = PostureView(problem=problem, posture=posture)
+    view = _PostureView(problem=problem, posture=posture)
     figure, foot = sheet(size_px), 0.0 if envelope is None else 252.0
     axes = plain_axes(figure, 24.0, foot + 70.0, 92.0)
     scale = Still(view.scene(envelope), view.camera).paint(axes)
@@ -442,7 +442,7 @@ def draw_posture(
     return figure
 
 
-def _words(view: PostureView, caption: str, why: str) -> tuple[str, str]:
+def _words(view: _PostureView, caption: str, why: str) -> tuple[str, str]:
     """Title and the line below it."""
     problem, posture = view.problem, view.posture
     weight = f"{problem.weight_n:.1f} N"
@@ -450,7 +450,7 @@ def _words(view: PostureView, caption: str, why: str) -> tuple[str, str]:
         unknown = "no posture (infeasible or unsolved): patches, and the shoulders at the nominal centre of mass"
         return caption or f"{len(problem.contacts)} contacts, {weight}: no posture", why or unknown
     count = len(problem.contacts)
-    limbs = f"{COUNT_WORDS[count] if count < len(COUNT_WORDS) else count} limb{'s' if count > 1 else ''}"
+    limbs = f"{_COUNT_WORDS[count] if count < len(_COUNT_WORDS) else count} limb{'s' if count > 1 else ''}"
     away_mm = 1e3 * float(np.linalg.norm(posture.com_m[0] - problem.com_nominal_m[0]))
     tilt_deg = np.rad2deg(np.linalg.norm(posture.rotation_rad))
     moved = f"centre of mass {away_mm:.0f} mm from nominal   ·   body turned by {tilt_deg:.1f}°"

@@ -19,10 +19,10 @@ from .scene import UP, Arrow, Colour, DrawnBody, Facet, Layer, Path, Scene, betw
 from .shapes import Box, Mesh, Shape, Sphere, hull, polyline, prism, unit
 from .sheet import ACCENT, leg_colour
 
-STEEL, JOINT, RIM, SHELL = "#5b6b7b", "#8593a1", "#2b3642", "#dfe6ee"
+_STEEL, JOINT, _RIM, _SHELL = "#5b6b7b", "#8593a1", "#2b3642", "#dfe6ee"
 _GHOST = "#5c6b7a"
 """Colour of a robot in thin lines."""
-PAPER = np.array(rgb("#f4f1ea"))
+_PAPER = np.array(rgb("#f4f1ea"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,12 @@ class RobotShape:
             ends = [*0.85 * sizes[:-1], 0.5 * sizes[-1]]
             result += [
                 between(
-                    f"{name} link {j}", joints[j], joints[j + 1], (ends[j], ends[j + 1]), STEEL, RIM
+                    f"{name} link {j}",
+                    joints[j],
+                    joints[j + 1],
+                    (ends[j], ends[j + 1]),
+                    _STEEL,
+                    _RIM,
                 )
                 for j in range(len(joints) - 1)
             ]
@@ -97,7 +102,7 @@ class RobotShape:
                 position_m=position_m,
                 rotation=rotation,
                 colour=part.colour,
-                edge=STEEL,
+                edge=_STEEL,
                 opacity=opacity,
                 lift_m=part.lift_m,
             )
@@ -147,7 +152,7 @@ def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotSha
     nose = _nose(0.36 * radius, 0.55 * radius, 0.2 * radius, 2.0 * thick)
     return RobotShape(
         limbs=limbs,
-        trunk=[Part(hull(np.concatenate(deck)), SHELL), Part(nose, STEEL, radius)],
+        trunk=[Part(hull(np.concatenate(deck)), _SHELL), Part(nose, _STEEL, radius)],
         outline_m=0.97 * ring,
         size_m=size_m,
         bone_m=0.033 * size_m,
@@ -173,7 +178,7 @@ def single_body(robot: Robot) -> RobotShape:
     )
     return RobotShape(
         limbs=robot.limb_names,
-        trunk=[Part(Box(half), SHELL), Part(nose, STEEL, half[0])],
+        trunk=[Part(Box(half), _SHELL), Part(nose, _STEEL, half[0])],
         outline_m=outline,
         size_m=size,
         bone_m=0.045 * size,
@@ -218,7 +223,7 @@ def limb_of_three(shoulder: Array, foot: Array, outward: Array, reach_m: float) 
 def ball(name: str, position_m: Array, radius_m: float, colour: Colour) -> DrawnBody:
     """A joint or a foot."""
     return DrawnBody(
-        name=name, shape=Sphere(radius_m), position_m=position_m, colour=colour, edge=RIM
+        name=name, shape=Sphere(radius_m), position_m=position_m, colour=colour, edge=_RIM
     )
 
 
@@ -250,7 +255,7 @@ def faded(bodies: Sequence[DrawnBody], strength: float) -> list[DrawnBody]:
         return (
             None
             if colour is None
-            else tuple(strength * np.array(rgb(colour)) + (1.0 - strength) * PAPER)
+            else tuple(strength * np.array(rgb(colour)) + (1.0 - strength) * _PAPER)
         )
 
     return [replace(body, colour=tone(body.colour), edge=tone(body.edge)) for body in bodies]

@@ -133,7 +133,7 @@ class Layer(IntEnum):
     TOP = 4
 
 
-CUBE = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
+_CUBE = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
 """Corners of the unit cube, shape (8, 3)."""
 
 
@@ -326,7 +326,7 @@ def _corners(body: DrawnBody, boxes: dict[int, Array]) -> Array:
     """
     if id(body.shape) not in boxes:
         low, high = box_of(body.shape)
-        boxes[id(body.shape)] = low + CUBE * (high - low)
+        boxes[id(body.shape)] = low + _CUBE * (high - low)
     return np.asarray(body.position_m + boxes[id(body.shape)] @ body.rotation.T)
 
 
@@ -361,7 +361,7 @@ def borders(facets: Sequence[Facet]) -> list[Path]:
     ]
 
 
-def merged(paths: Sequence[Path]) -> list[Path]:
+def _merged(paths: Sequence[Path]) -> list[Path]:
     """Join lines of one look in one path."""
     groups: dict[tuple[Any, ...], list[Array]] = {}
     for path in paths:
@@ -395,7 +395,7 @@ def between(
     )
 
 
-POINT_M = 0.0011
+_POINT_M = 0.0011
 """Width of a line of one point, as a share of the viewer's distance."""
 
 
@@ -422,7 +422,7 @@ class Stage:
             shown.add(
                 self._mesh(f"{root}/facets{k}", corners, faces, colour, opacity, flat_shading=True)
             )
-        paths = merged([*scene.paths, *borders(scene.facets)])
+        paths = _merged([*scene.paths, *borders(scene.facets)])
         shown |= {self._path(f"{root}/path{k}", path) for k, path in enumerate(paths)}
         shown |= {self._body(f"{root}/{body.name}", body) for body in scene.bodies}
         shown |= {
@@ -490,7 +490,7 @@ class Stage:
             self._nodes[name] = self._scene.add_arrows(
                 name,
                 points,
-                rgb(arrow.colour),
+                _rgb(arrow.colour),
                 shaft_radius=radius,
                 head_radius=2.4 * radius,
                 head_length=5.5 * radius,
@@ -499,9 +499,9 @@ class Stage:
         return name
 
     def _path(self, name: str, path: Path) -> str:
-        thickness = path.width * POINT_M * self._distance_m
+        thickness = path.width * _POINT_M * self._distance_m
         pieces = (path.pieces_m + min(path.lift_m, 0.01) * UP).astype(np.float32)
-        look = (rgb(path.colour), thickness, len(pieces))
+        look = (_rgb(path.colour), thickness, len(pieces))
         if self._drawn.get(name) != look:
             self._nodes[name] = self._scene.add_line_segments(
                 name, pieces, look[0], thickness=thickness
@@ -544,7 +544,7 @@ class Stage:
                 name,
                 points,
                 faces,
-                color=rgb(colour),
+                color=_rgb(colour),
                 opacity=opacity if opacity < 1.0 else None,
                 cast_shadow=False,
                 receive_shadow=False,
@@ -556,8 +556,8 @@ class Stage:
             and np.array_equal(known.vertices, points.astype(np.float32))
         ):
             known.vertices, known.faces = points.astype(np.float32), faces.astype(np.uint32)
-        if known.color != rgb(colour):
-            known.color = rgb(colour)
+        if known.color != _rgb(colour):
+            known.color = _rgb(colour)
         if known.opacity != (opacity if opacity < 1.0 else None):
             known.opacity = opacity if opacity < 1.0 else None
         return name
@@ -610,7 +610,7 @@ def quaternion(rotation: Array) -> tuple[float, ...]:
     return tuple(scale * value for value in rows[largest])
 
 
-def rgb(colour: Colour) -> tuple[int, int, int]:
+def _rgb(colour: Colour) -> tuple[int, int, int]:
     """Red, green and blue, from 0 to 255."""
     red, green, blue = (round(255 * share) for share in to_rgb(colour))
     return red, green, blue

@@ -14,9 +14,9 @@ from stancekit.planners.files.arrays import Array
 
 Faces = NDArray[np.int64]
 """Corners of faces by index, shape (F, 3) or (F, 4), to the left as seen from outside."""
-AROUND = 16
+_AROUND = 16
 """Corners of what is round."""
-TURN = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
+_TURN = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
 
 
 @dataclass(frozen=True)
@@ -102,17 +102,17 @@ def turned(profile: Array) -> tuple[Array, Faces]:
     """The solid of a profile (distance from z, height), shape (K, 2) [m] and upward, turned around
     z.
     """
-    ring = np.column_stack([np.cos(TURN), np.sin(TURN)])
+    ring = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
     corners = np.concatenate(
-        [np.column_stack([radius * ring, np.full(AROUND, z)]) for radius, z in profile]
+        [np.column_stack([radius * ring, np.full(_AROUND, z)]) for radius, z in profile]
     )
-    row, column = np.meshgrid(np.arange(len(profile) - 1), np.arange(AROUND), indexing="ij")
-    ahead = (column + 1) % AROUND
+    row, column = np.meshgrid(np.arange(len(profile) - 1), np.arange(_AROUND), indexing="ij")
+    ahead = (column + 1) % _AROUND
     quads = [
-        AROUND * row + column,
-        AROUND * row + ahead,
-        AROUND * (row + 1) + ahead,
-        AROUND * (row + 1) + column,
+        _AROUND * row + column,
+        _AROUND * row + ahead,
+        _AROUND * (row + 1) + ahead,
+        _AROUND * (row + 1) + column,
     ]
     return corners, np.stack(quads, axis=-1).reshape(-1, 4)
 
@@ -159,7 +159,7 @@ def prism(outline: Array, low_m: float, high_m: float) -> Mesh:
 
 def disc(normal: Array, radius_m: float) -> Mesh:
     """A thin round plate across a normal: a foothold."""
-    ends = prism(radius_m * np.column_stack([np.cos(TURN), np.sin(TURN)]), 0.0, 0.08 * radius_m)
+    ends = prism(radius_m * np.column_stack([np.cos(_TURN), np.sin(_TURN)]), 0.0, 0.08 * radius_m)
     return Mesh(ends.vertices_m @ along(normal).T, ends.faces)
 
 

@@ -33,7 +33,7 @@ _CREASE = 0.92
 _CIRCLE = np.column_stack(
     [np.cos(turn := np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)), np.sin(turn)]
 )
-WEIGHT = {Layer.TERRAIN: 5.0, Layer.SPACE: 1.0, Layer.GLASS: 0.3, Layer.TOP: 4.0}
+_WEIGHT = {Layer.TERRAIN: 5.0, Layer.SPACE: 1.0, Layer.GLASS: 0.3, Layer.TOP: 4.0}
 """Weight of a label's distance from what is drawn."""
 
 
@@ -248,7 +248,7 @@ class Still:
         picture.
         """
         faces = [
-            (face[1], WEIGHT[Layer(face[0][0])]) for face in self._faces if face[0][0] in WEIGHT
+            (face[1], _WEIGHT[Layer(face[0][0])]) for face in self._faces if face[0][0] in _WEIGHT
         ]
         sizes = [len(outline) for outline, _ in faces]
         corners, starts = (

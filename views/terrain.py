@@ -27,17 +27,17 @@ from .sheet import ACCENT, DEFAULT_STYLE, INK, QUIET, SIZE_PX, Size, headline, p
 from .still import Still
 
 _STONE, _STONE_EDGE = "#d9d4c9", "#b5aea0"
-GOOD, _GOOD_EDGE = "#58a695", "#125a50"
-UNSURE = "#d99a2b"
-UNSURE_SD_M = 0.005
+_GOOD, _GOOD_EDGE = "#58a695", "#125a50"
+_UNSURE = "#d99a2b"
+_UNSURE_SD_M = 0.005
 """A foothold whose height has this standard deviation is all amber: 2 cm of touch-down are four of
 them [m]."""
-OFF_M = 0.003
+_OFF_M = 0.003
 """Footholds are drawn so far off their surface [m]."""
-AXES, _AXIS = ("#c0392b", "#27803b"), 0.15
+_AXES, _AXIS = ("#c0392b", "#27803b"), 0.15
 """Colours of the world's x and y, drawn from the terrain's least corner, and their length, in
 extents of the terrain."""
-_LEGEND = ((GOOD, "foothold"), (_STONE, "surface"))
+_LEGEND = ((_GOOD, "foothold"), (_STONE, "surface"))
 
 
 @DEFAULT_STYLE
@@ -65,14 +65,14 @@ def _foothold_scene(found: Footholds) -> Scene:
     """Surfaces and footholds as facets."""
     surfaces = [_facet(patch, _STONE, _STONE_EDGE, Layer.TERRAIN, 0.0) for patch in found.surfaces]
     good = [
-        _facet(piece.patch, _colour(piece), _GOOD_EDGE, Layer.SPACE, OFF_M)
+        _facet(piece.patch, _colour(piece), _GOOD_EDGE, Layer.SPACE, _OFF_M)
         for piece in found.pieces
     ]
     low, high = found.extent_m.T
     corner, arms = np.append(low[:2], high[2]), _AXIS * float(np.ptp(found.extent_m[:2]))
     axes = [
         Path(pieces_m=np.array([[corner, corner + arms * np.eye(3)[k]]]), colour=colour, width=2.0)
-        for k, colour in enumerate(AXES)
+        for k, colour in enumerate(_AXES)
     ]
     return Scene(facets=[*surfaces, *good], paths=axes)
 
@@ -81,11 +81,11 @@ def foothold_motion(found: Footholds) -> Animation:
     """Animation of the footholds, for a page that can be turned."""
     scene = _foothold_scene(found)
     outlines = [
-        ring(piece.patch.vertices_m + 2.0 * OFF_M * piece.patch.normal) for piece in found.pieces
+        ring(piece.patch.vertices_m + 2.0 * _OFF_M * piece.patch.normal) for piece in found.pieces
     ]
     moment = Scene(paths=[Path(pieces_m=np.concatenate(outlines), colour=_GOOD_EDGE, width=1.2)])
     title = f"footholds of {found.name}: {len(found.pieces)} patches, {found.area_m2:.4g} m²{_sure(found)}"
-    amber = ((UNSURE, f"known to {1e3 * UNSURE_SD_M:g} mm or worse"),) if _sure(found) else ()
+    amber = ((_UNSURE, f"known to {1e3 * _UNSURE_SD_M:g} mm or worse"),) if _sure(found) else ()
     return Animation(
         fixed=scene,
         moments=[moment],
@@ -103,12 +103,12 @@ def _sure(found: Footholds) -> str:
 
 
 def _colour(piece: TerrainPatch) -> str:
-    """Green where a foothold's height is exact, amber where it is not known to ``UNSURE_SD_M``,
+    """Green where a foothold's height is exact, amber where it is not known to ``_UNSURE_SD_M``,
     between them else.
     """
-    share = min((piece.height_sd_m or 0.0) / UNSURE_SD_M, 1.0)
+    share = min((piece.height_sd_m or 0.0) / _UNSURE_SD_M, 1.0)
     red, green, blue = (
-        (1.0 - share) * a + share * b for a, b in zip(to_rgb(GOOD), to_rgb(UNSURE), strict=True)
+        (1.0 - share) * a + share * b for a, b in zip(to_rgb(_GOOD), to_rgb(_UNSURE), strict=True)
     )
     return to_hex((red, green, blue))
 
@@ -298,14 +298,14 @@ def _draw_friction(figure: Figure, bottom: float, friction: ScalarMappable) -> N
 
 ICE, ICE_EDGE, ICY = "#d3ebfa", "#5ba7d6", 0.05
 """Colours of ice, and the friction below which a surface is called that."""
-CELL_M = 0.1
+_CELL_M = 0.1
 """The grid on surfaces; each cell is painted on its own, so that surfaces may stand one behind
 another."""
-SCALE = f"grid {CELL_M:g} m"
+SCALE = f"grid {_CELL_M:g} m"
 """Words of a picture for it."""
-STRAIGHT_M = 0.0005
+_STRAIGHT_M = 0.0005
 """A line on the ground is straight where it is this near to a piece."""
-LOW, HIGH, EARTH = np.array(rgb("#9fb4b0")), np.array(rgb("#ecdcc0")), np.array(rgb("#cfc8ba"))
+_LOW, _HIGH, EARTH = np.array(rgb("#9fb4b0")), np.array(rgb("#ecdcc0")), np.array(rgb("#cfc8ba"))
 """Colours of the lowest and the highest ground, and of what is below it."""
 
 
@@ -354,17 +354,17 @@ def cells(patch: Patch, box_m: Array) -> Iterator[tuple[tuple[int, int], Array]]
         return
     shift = origin @ plane  # lines at multiples of the cell's size in the world
     first, last = (
-        np.floor((whole.min(axis=0) + shift) / CELL_M),
-        np.ceil((whole.max(axis=0) + shift) / CELL_M),
+        np.floor((whole.min(axis=0) + shift) / _CELL_M),
+        np.ceil((whole.max(axis=0) + shift) / _CELL_M),
     )
     sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     for i in np.arange(first[0], last[0]):
         strip = clipped(
-            whole, sides[:2], np.array([(i + 1.0) * CELL_M - shift[0], shift[0] - i * CELL_M])
+            whole, sides[:2], np.array([(i + 1.0) * _CELL_M - shift[0], shift[0] - i * _CELL_M])
         )
         for j in np.arange(first[1], last[1]):
             cell = clipped(
-                strip, sides[2:], np.array([(j + 1.0) * CELL_M - shift[1], shift[1] - j * CELL_M])
+                strip, sides[2:], np.array([(j + 1.0) * _CELL_M - shift[1], shift[1] - j * _CELL_M])
             )
             if len(cell) >= 3:
                 yield (int(i), int(j)), origin + cell @ plane.T
@@ -452,10 +452,10 @@ def _grid(whole: Array, shift: Array) -> Array:
     ahead = np.roll(whole, -1, axis=0)
     for axis in (0, 1):
         low, high = (
-            (whole[:, axis].min() + shift[axis]) / CELL_M,
-            (whole[:, axis].max() + shift[axis]) / CELL_M,
+            (whole[:, axis].min() + shift[axis]) / _CELL_M,
+            (whole[:, axis].max() + shift[axis]) / _CELL_M,
         )
-        at = np.arange(np.floor(low) + 1.0, np.ceil(high)) * CELL_M - shift[axis]
+        at = np.arange(np.floor(low) + 1.0, np.ceil(high)) * _CELL_M - shift[axis]
         run = ahead[:, axis] - whole[:, axis]
         share = (at[:, None] - whole[:, axis]) / np.where(np.abs(run) < 1e-12, np.inf, run)
         across = whole[:, 1 - axis] + share * (ahead - whole)[:, 1 - axis]
@@ -496,7 +496,7 @@ def block(
         for border in borders
     ]
     return [
-        Sheet(points_m=points, colours=LOW + share[..., None] * (HIGH - LOW)),
+        Sheet(points_m=points, colours=_LOW + share[..., None] * (_HIGH - _LOW)),
         *(Sheet(points_m=side, colours=np.broadcast_to(EARTH, side.shape)) for side in sides),
     ]
 
@@ -546,7 +546,7 @@ def grid_on_ground(
         for value in step_m * np.arange(np.ceil(first / step_m), np.floor(last / step_m) + 1.0):
             points[:, axis] = value
             pieces.append(
-                on_ground(points if warp is None else warp(points), field, low, high, STRAIGHT_M)
+                on_ground(points if warp is None else warp(points), field, low, high, _STRAIGHT_M)
             )
     return np.concatenate(pieces)
 

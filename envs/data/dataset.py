@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-POSTURE: dict[str, tuple[int, ...]] = {
+_POSTURE: dict[str, tuple[int, ...]] = {
     "com_m": (3,),
     "rotation_rad": (3,),
     "toes_m": (-1, 3),
@@ -87,7 +87,7 @@ class LabelledPosture:
         return "trivial" if self.trivial else str(self.status)
 
 
-def problem_of(raw: dict[str, Any], robot: Robot) -> Problem:
+def _problem_of(raw: dict[str, Any], robot: Robot) -> Problem:
     """The problem of a shard's row, equal to what was drawn to the last bit.
 
     Arguments:
@@ -96,9 +96,9 @@ def problem_of(raw: dict[str, Any], robot: Robot) -> Problem:
     return Problem.from_json(parse_json(raw["problem"], "problem"), robot=robot)
 
 
-def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
+def _row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
     """Posture and label in a row of a shard, whose columns have these names."""
-    problem, certificate = problem_of(raw, robot), None
+    problem, certificate = _problem_of(raw, robot), None
     if raw["tree"] is not None:
         rows = sum(len(c.reach_rows.bounds_m) for c in problem.contacts if c.reach_rows is not None)
         multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(problem.contacts) + rows))
@@ -108,7 +108,7 @@ def row_of(raw: dict[str, Any], robot: Robot) -> LabelledPosture:
         )
     witness = {
         name: np.reshape(raw[name], shape)
-        for name, shape in POSTURE.items()
+        for name, shape in _POSTURE.items()
         if raw[name] is not None
     }
     return LabelledPosture(
@@ -139,7 +139,7 @@ def _cell(row: LabelledPosture, name: str) -> Any:
         return json.dumps(row.problem.to_json(), separators=(",", ":"))
     if name == "label":
         return str(row.status)
-    if name in POSTURE:
+    if name in _POSTURE:
         return None if row.posture is None else getattr(row.posture, name).ravel()
     if name in ("tree", "multipliers"):
         return None if row.certificate is None else getattr(row.certificate, name).ravel()
@@ -236,14 +236,14 @@ def finite(values: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-Index = NDArray[np.intp]
-Observation = dict[str, NDArray[np.float32]]
+_Index = NDArray[np.intp]
+_Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
 Part = Literal["all", "train", "test"]
 """Part of a data set's rows: see ``Dataset.only``."""
 _TEST_SHARE = 5
 """One row in so many is of the part "test"."""
-LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
+_LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
 """Labels that ``Dataset[k]`` gives to a row."""
 OPEN_SHARDS = 4
 """Number of shards that a data set keeps decompressed."""
@@ -280,7 +280,7 @@ class Dataset:
     """
 
     ledger: Ledger
-    chosen: Index
+    chosen: _Index
     part: Part = "all"
     _open: dict[int, pa.Table] = field(default_factory=dict)
 
@@ -319,7 +319,7 @@ class Dataset:
     def __len__(self) -> int:
         return len(self.chosen)
 
-    def __getitem__(self, index: int) -> tuple[Observation, int]:
+    def __getitem__(self, index: int) -> tuple[_Observation, int]:
         """Observation of a row's scene, and its label.
 
         Raises as ``row`` does.
@@ -327,9 +327,9 @@ class Dataset:
         if not -len(self) <= index < len(self):
             raise IndexError(f"row {index} of {len(self)}")
         problem = self._read(index % len(self), self._problem)
-        return observe(Scaled.of(problem)), LABELS[str(self.labels[index])]
+        return observe(Scaled.of(problem)), _LABELS[str(self.labels[index])]
 
-    def __iter__(self) -> Iterator[tuple[Observation, int]]:
+    def __iter__(self) -> Iterator[tuple[_Observation, int]]:
         """The pairs of all rows in their order."""
         return map(self.__getitem__, range(len(self)))
 
@@ -356,17 +356,17 @@ class Dataset:
         return np.asarray(np.where(self._kinds == "trivial", "infeasible", self._kinds))
 
     @property
-    def feasible(self) -> Index:
+    def feasible(self) -> _Index:
         """Indices of the feasible rows, ascending."""
         return np.flatnonzero(self._kinds == "feasible")
 
     @property
-    def infeasible(self) -> Index:
+    def infeasible(self) -> _Index:
         """Indices of the infeasible rows that are not trivial, ascending."""
         return np.flatnonzero(self._kinds == "infeasible")
 
     @property
-    def trivial(self) -> Index:
+    def trivial(self) -> _Index:
         """Indices of the trivially infeasible rows, ascending; a balanced set has none."""
         return np.flatnonzero(self._kinds == "trivial")
 
@@ -470,10 +470,10 @@ class Dataset:
         return Robot(name=self.problem_class, mass_kg=1.0, limbs=limbs)
 
     def _problem(self, raw: dict[str, Any]) -> Problem:
-        return problem_of(raw, self._robot)
+        return _problem_of(raw, self._robot)
 
     def _decoded(self, raw: dict[str, Any]) -> LabelledPosture:
-        return row_of(raw, self._robot)
+        return _row_of(raw, self._robot)
 
     def _read(self, index: int, decode: Callable[[dict[str, Any]], Read]) -> Read:
         """Columns of one row, decoded."""

@@ -13,9 +13,9 @@ from pydantic import ConfigDict
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.robot_file import BUILT_IN
 
-MOST_ROWS, MOST_SHARDS = 10**9, 10**5
+_MOST_ROWS, _MOST_SHARDS = 10**9, 10**5
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
-ORDERS = ("random", "rule", "farkas", "finder", "noise")
+_ORDERS = ("random", "rule", "farkas", "finder", "noise")
 """Orders in which a leap's contacts are chosen, see ``planners.leap.tries``."""
 USUAL_TRIES: Mapping[str, int] = MappingProxyType({"random": 8, "finder": 4, "noise": 4})
 """Tries of a scene where nothing is said: half of them spread over all choices, the others near
@@ -52,9 +52,9 @@ class RowPlan(ABC):
                 raise InvalidInput(
                     f"{name}: expected an integer of at least {smallest}, got {value!r}"
                 )
-        if self.rows > MOST_ROWS or self.shards > MOST_SHARDS:
+        if self.rows > _MOST_ROWS or self.shards > _MOST_SHARDS:
             raise InvalidInput(
-                f"{', '.join(self.counted)}: expected {MOST_ROWS:.0e} rows, {MOST_SHARDS:.0e} "
+                f"{', '.join(self.counted)}: expected {_MOST_ROWS:.0e} rows, {_MOST_SHARDS:.0e} "
                 "shards or fewer, "
                 f"got {self.rows} in {self.shards}"
             )
@@ -176,15 +176,15 @@ class TryPlan(RowPlan):
     share: float = 0.8
 
     def __post_init__(self) -> None:
-        wanted = f"a count for some of {', '.join(ORDERS)}"
+        wanted = f"a count for some of {', '.join(_ORDERS)}"
         for order, count in self.tries.items():
-            if order not in ORDERS:
+            if order not in _ORDERS:
                 raise InvalidInput(f"tries: expected {wanted}, got {order!r}")
             if isinstance(count, bool) or not isinstance(count, int) or count < 0:
                 raise InvalidInput(
                     f"tries: expected an integer of at least 0 for {order}, got {count!r}"
                 )
-        orders = {order: self.tries[order] for order in ORDERS if self.tries.get(order)}
+        orders = {order: self.tries[order] for order in _ORDERS if self.tries.get(order)}
         if not orders:
             raise InvalidInput(f"tries: expected {wanted}, got none")
         object.__setattr__(self, "tries", orders)

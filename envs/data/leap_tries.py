@@ -27,8 +27,8 @@ from .ledger import Ledger, TryHeader, folder_of, read_header, shard_name
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Arrays = dict[str, NDArray[Any]]
-STATE = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad")
+_Arrays = dict[str, NDArray[Any]]
+_STATE = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad")
 """Rows of ``start`` and ``goal``."""
 _OF_SCENE = (
     "start",
@@ -141,7 +141,7 @@ class LeapTries:
             tries_per_cpu_s=1e3 / result.cpu_s_per_1000,
         )
 
-    def tries(self) -> Arrays:
+    def tries(self) -> _Arrays:
         """One entry per try, by name: the K tries of all scenes, scene by scene in the order in
         which they were made.
 
@@ -162,7 +162,7 @@ class LeapTries:
             arrays[name] = np.where(np.isnan(arrays[name]), np.inf, arrays[name])
         return arrays
 
-    def scenes(self) -> Arrays:
+    def scenes(self) -> _Arrays:
         """One entry per scene, by name: S scenes of P footholds with R candidates of V corners at
         most.
 
@@ -180,7 +180,7 @@ class LeapTries:
         options = max(int(max(row["candidates"])) for row in rows)
         corners = max(max(row["corners"]) for row in rows)
         one = (len(rows), footholds, options)
-        arrays: Arrays = {
+        arrays: _Arrays = {
             "vertices_m": np.full((*one, corners, 3), np.nan),
             "normals": np.full((*one, 3), np.nan),
             "shear_references": np.full((*one, 3), np.nan),
@@ -389,7 +389,7 @@ def _scene_cells(leap: Leap) -> dict[str, Any]:
 
 
 def _state(state: BodyState) -> Array:
-    return np.concatenate([getattr(state, name) for name in STATE])
+    return np.concatenate([getattr(state, name) for name in _STATE])
 
 
 def _firsts(table: pa.Table) -> list[dict[str, Any]]:
@@ -447,7 +447,7 @@ def _keys(header: TryHeader, scene: int, row: Mapping[str, Any]) -> dict[str, An
         if not np.isnan(toe).any():
             foothold["toe_m"] = toe.tolist()
     ends = {
-        name: dict(zip(STATE, np.reshape(row[name], (4, 3)).tolist(), strict=True))
+        name: dict(zip(_STATE, np.reshape(row[name], (4, 3)).tolist(), strict=True))
         for name in ("start", "goal")
     }
     name = scene_name(header.problem_class, header.plan.seed, scene)

@@ -55,10 +55,10 @@ def check_there(path: str | Path) -> None:
         raise InvalidInput(f"{path}: expected a plan, proof, gait or data set, found nothing there")
 
 
-SHARD_FORMAT = "stancekit/shard/1"
+_SHARD_FORMAT = "stancekit/shard/1"
 HEADER = "header.json"
-SOFTWARE = ("stancekit", "numpy", "clarabel", "cvxpy")
-MOST_SHARD_BYTES = 512_000_000
+_SOFTWARE = ("stancekit", "numpy", "clarabel", "cvxpy")
+_MOST_SHARD_BYTES = 512_000_000
 """That a shard may unfold to."""
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -193,7 +193,7 @@ class ShardTiming(BaseModel):
 
 def software() -> dict[str, str]:
     """Versions of what the labels depend on."""
-    return {name: version(name) for name in SOFTWARE}
+    return {name: version(name) for name in _SOFTWARE}
 
 
 def check_arrow() -> None:
@@ -412,15 +412,15 @@ def _read_tally(path: Path, header: Head) -> Tally:
         size = sum(
             file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups)
         )
-    if size > MOST_SHARD_BYTES:
+    if size > _MOST_SHARD_BYTES:
         raise InvalidInput(
-            f"{path}: expected {MOST_SHARD_BYTES} bytes of rows or fewer, got {size}"
+            f"{path}: expected {_MOST_SHARD_BYTES} bytes of rows or fewer, got {size}"
         )
     try:
         tally = Tally.model_validate_json((schema.metadata or {}).get(b"stancekit", b""))
     except ValidationError:
         raise InvalidInput(
-            f"{path}: expected a shard ({SHARD_FORMAT}), got another Parquet file"
+            f"{path}: expected a shard ({_SHARD_FORMAT}), got another Parquet file"
         ) from None
     if (
         tally.dataset != header.digest
@@ -432,7 +432,7 @@ def _read_tally(path: Path, header: Head) -> Tally:
         )
     if rows != tally.rows.total or not schema.remove_metadata().equals(header.columns()):
         raise InvalidInput(
-            f"{path}: expected {tally.rows.total} rows of the columns of {SHARD_FORMAT}, got others"
+            f"{path}: expected {tally.rows.total} rows of the columns of {_SHARD_FORMAT}, got others"
         )
     return tally
 

@@ -45,7 +45,7 @@ from stancekit.planners.terrain.reference import (
     reference_terrain,
 )
 
-DRAWS = 100
+_DRAWS = 100
 Tasks = Callable[[np.random.Generator], Walk]
 """Draws a walk."""
 
@@ -106,13 +106,13 @@ class SampledTasks:
         Raises PlanningFailed if none is found.
         """
         tasks = () if self._families else reference_tasks(self.terrain)
-        for _ in range(DRAWS):
+        for _ in range(_DRAWS):
             try:
                 return self._task_of(tasks, rng) if tasks else self._drawn(rng)
             except InvalidInput as error:
                 refused = error
         raise PlanningFailed(
-            f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}"
+            f"no walk was found on {self.terrain} in {_DRAWS} draws; the last: {refused}"
         )
 
     def _drawn(self, rng: np.random.Generator) -> Walk:
@@ -153,10 +153,10 @@ def _gait(robot: Robot) -> str:
 
 ICE = 0.5
 """Share of the panels of icy walls that have no friction."""
-ROWS, COLUMNS = 24, 8
+_ROWS, COLUMNS = 24, 8
 """Size of a drawn pattern of panels; larger walls repeat it."""
 REDRAWS = 1000
-SMALL = ("stairs", "walls", "tube", "icy-walls")
+_SMALL = ("stairs", "walls", "tube", "icy-walls")
 
 
 def perturbed(
@@ -289,7 +289,7 @@ def _panels(rng: np.random.Generator, ice: float) -> dict[str, Any]:
     """Two patterns of panels, each without friction by this chance."""
     if not 0.0 <= ice <= 1.0:
         raise InvalidInput(f"ice: expected a chance in [0, 1], got {ice!r}")
-    slippery = rng.random((2, ROWS, COLUMNS)) < ice
+    slippery = rng.random((2, _ROWS, COLUMNS)) < ice
     rows = [["".join(".#"[int(not icy)] for icy in row) for row in side] for side in slippery]
     return {"left": rows[0], "right": rows[1]}
 

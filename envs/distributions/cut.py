@@ -42,10 +42,10 @@ _SPACING = 0.5
 SMALLER = 0.4
 """The smallest patch of a terrain, in circumradii of the smallest that is drawn."""
 _MOST_PLACES = 200_000
-FLAT_M = 0.003
+_FLAT_M = 0.003
 """Distance of a grid from the tangent plane within a patch [m]."""
-AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4.0), np.sin(np.arange(8) * np.pi / 4.0)], axis=1)
-TRIES = 20_000
+_AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4.0), np.sin(np.arange(8) * np.pi / 4.0)], axis=1)
+_TRIES = 20_000
 """Bodies until one has a place for every leg."""
 
 
@@ -124,12 +124,12 @@ def _of_grid(field_: HeightField, least_m: float, spacing_m: float) -> tuple[Arr
     free = np.zeros(len(xy))
     flat = np.ones(len(xy), dtype=np.bool_)
     for radius in least_m * np.array([1.0, 2.0, 4.0, 8.0]):
-        ring = xy[:, None] + radius * AROUND
+        ring = xy[:, None] + radius * _AROUND
         off = (
-            field_.height(np.clip(ring, low, high)) - heights[:, None] - radius * slopes @ AROUND.T
+            field_.height(np.clip(ring, low, high)) - heights[:, None] - radius * slopes @ _AROUND.T
         )
         flat &= np.all((ring >= low) & (ring <= high), axis=(1, 2)) & (
-            np.abs(off).max(axis=1) <= FLAT_M
+            np.abs(off).max(axis=1) <= _FLAT_M
         )
         free[flat] = radius
     normals = np.column_stack([-slopes, np.ones(len(xy))])
@@ -201,7 +201,7 @@ class CutDistribution:
 
     def _drawn(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Vertices, normals and friction of one scene's patches in the body's axes."""
-        for _ in range(TRIES):
+        for _ in range(_TRIES):
             under, turn = (
                 self.places.points_m[rng.integers(len(self.places.points_m))],
                 rng.uniform(0.0, 2.0 * np.pi),
@@ -221,7 +221,7 @@ class CutDistribution:
             raise InvalidInput(
                 f"{self.name}: expected footholds for {', '.join(self.legs)} about some body over "
                 "the terrain, "
-                f"found none in {TRIES} tries"
+                f"found none in {_TRIES} tries"
             )
         low, high = self.stance.circumradius_m
         smallest, largest = SMALLER * low, np.minimum(high, self.places.free_m[chosen])

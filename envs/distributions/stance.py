@@ -41,10 +41,10 @@ _GROUND_ROOM_M, _WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
 """Distance that a patch may have from its nominal place, along x, y and z, to either side."""
 _CIRCUMRADIUS_M = (0.03, 0.08)
 _COM_RADIUS_M = 0.08
-BEYOND = 1.1
+_BEYOND = 1.1
 """The length scale of a robot from a file, in units of how far a toe may be from its centre of
 mass."""
-POINTS = 4000
+_POINTS = 4000
 """Number of points of a leg's set, by which the walls are placed."""
 _SIDEWAYS = 0.8
 """Share of a leg's set that is nearer than the wall is."""
@@ -187,7 +187,7 @@ class StandingRobot:
             np.tile([0.0, 0.0, 1.0], (len(toes), 1)),
         )
         radii = (size * _CIRCUMRADIUS_M[0], size * _CIRCUMRADIUS_M[1])
-        sizes = radii, size * _COM_RADIUS_M, BEYOND * self._farthest, 0.0
+        sizes = radii, size * _COM_RADIUS_M, _BEYOND * self._farthest, 0.0
         if law != "wall":
             room = np.tile(size * np.array(_GROUND_ROOM_M), (len(toes), 1))
             return NominalStance(toes, upwards, room, *sizes)
@@ -232,7 +232,7 @@ def _set_of(limb: Limb) -> Polytope:
 
 def _on_walls(sets: Sequence[Polytope], side: Array, thickness_m: float) -> Array:
     """The middles of what legs reach of two walls, as far to either side, shape (N, 3) [m]."""
-    points = [polytope.sample(POINTS, np.random.default_rng(0)) for polytope in sets]
+    points = [polytope.sample(_POINTS, np.random.default_rng(0)) for polytope in sets]
     out = [sign * some[:, 1] for sign, some in zip(side, points, strict=True)]
     away = float(np.mean([np.quantile(beside, _SIDEWAYS) for beside in out]))
     centres = []

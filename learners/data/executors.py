@@ -34,13 +34,13 @@ Answer = TypeVar("Answer")
 Task = Callable[[], Answer]
 Kind = Literal["processes", "ray"]
 
-IDLE_S = 60
+_IDLE_S = 60
 """Worker processes end when idle for so long; and at once when the process that started them is
 gone."""
 DEATHS = 5
 """How many times in a row, without any answer between, workers may die before a run gives up; or a
 task's worker."""
-POLL_S = 1.0
+_POLL_S = 1.0
 """Period at which a worker looks whether the process that started it is still there."""
 _ONE_THREAD = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA", "NUMEXPR")
@@ -133,7 +133,7 @@ def _end_with(parent: int) -> None:
 
     def watch() -> None:
         while os.getppid() == parent:
-            time.sleep(POLL_S)
+            time.sleep(_POLL_S)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -145,7 +145,7 @@ def _pooled(workers: int, tasks: Iterator[Task[Answer] | None]) -> Iterator[Answ
     """
     left, numbers, deaths = dict[int, Task[Answer]](), itertools.count(), 0
     while True:
-        pool = get_reusable_executor(max_workers=workers, timeout=IDLE_S, env=_ONE_THREAD)
+        pool = get_reusable_executor(max_workers=workers, timeout=_IDLE_S, env=_ONE_THREAD)
         fresh, flying = dict(left), set[Future[tuple[int, Answer]]]()
         try:
             while True:
@@ -193,7 +193,7 @@ START_S, JOIN_S = 60.0, 60.0
 of its own."""
 
 
-def ray_cluster(address: str = "auto") -> Executor:
+def _ray_cluster(address: str = "auto") -> Executor:
     """Run tasks on a Ray cluster, one processor each; Ray runs the tasks of a lost worker or node
     again.
 
@@ -344,5 +344,5 @@ def executor(kind: Kind = "processes", *, workers: int = 1, address: str | None 
             )
         return processes(workers)
     if kind == "ray":
-        return ray_cluster(address or "auto")
+        return _ray_cluster(address or "auto")
     raise InvalidInput(f"executor: expected processes or ray, got {kind!r}")

@@ -29,7 +29,7 @@ from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.writing import check_new_folder, failure_of, replaced
 from stancekit.planners.relaxation.envelope import Envelope
 
-ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
+_ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
 _INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
 """Entries of the step's info that an episode keeps, each of shape (1,)."""
 
@@ -224,7 +224,7 @@ def _spec(plan: LabelPlan) -> gymnasium.envs.registration.EnvSpec:
     """Specification from which ``recover_environment`` makes an environment: the environment of
     this class, robot and terrain.
     """
-    spec = copy.deepcopy(gymnasium.spec(ENVIRONMENT))
+    spec = copy.deepcopy(gymnasium.spec(_ENVIRONMENT))
     files = {"robot": plan.robot, "terrain": plan.terrain}
     spec.kwargs = {
         "problem": plan.distribution,
@@ -236,7 +236,7 @@ def _spec(plan: LabelPlan) -> gymnasium.envs.registration.EnvSpec:
 def _description(dataset: Dataset, room: float) -> str:
     plan = dataset.header.plan
     return (
-        f"One-step episodes of {ENVIRONMENT}, {dataset.problem_class}, seed {plan.seed}: the "
+        f"One-step episodes of {_ENVIRONMENT}, {dataset.problem_class}, seed {plan.seed}: the "
         "action is the smallest "
         f"box around the exact planner's [p, f], every side moved out by {room:g}; around an "
         "answer without the moment "

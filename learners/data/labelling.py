@@ -244,7 +244,7 @@ def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) ->
         )
 
 
-WITNESS: Literal["canonical/1"] = "canonical/1"
+_WITNESS: Literal["canonical/1"] = "canonical/1"
 """Choice of postures and points now (``search.canonical``); another choice gets another name."""
 
 _INNER = (
@@ -430,7 +430,7 @@ def _header(plan: LabelPlan, source: Distribution) -> Header:
         plan=plan,
         first_sample=hashlib.sha256(json.dumps(first.to_json()).encode()).hexdigest(),
         software=ledger.software(),
-        witness=WITNESS,
+        witness=_WITNESS,
         robot=first.robot.identity or None,
         speaks_of=_INNER
         if any(contact.reach_rows is not None for contact in first.contacts)

@@ -60,7 +60,7 @@ _INDEX = "scenes.json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneVerdict:
+class _SceneVerdict:
     """Verdict on a scene.
 
     Arguments:
@@ -72,17 +72,17 @@ class SceneVerdict:
     proof: str = ""
 
 
-def judged(planner: Planner, name: str) -> SceneVerdict:
+def judged(planner: Planner, name: str) -> _SceneVerdict:
     """Decide whether the course FAMILY:LEVEL:SEED has a plan, by a planner whose answers are
     verified. Raises InvalidInput.
     """
     try:
         outcome = planner.solve(read_course(name))
     except NoFooting:
-        return SceneVerdict(status=Status.INFEASIBLE, proof="no footing")
+        return _SceneVerdict(status=Status.INFEASIBLE, proof="no footing")
     if outcome.status is Status.INFEASIBLE and outcome.certificate is None:
-        return SceneVerdict(status=Status.UNDECIDED)
-    return SceneVerdict(
+        return _SceneVerdict(status=Status.UNDECIDED)
+    return _SceneVerdict(
         status=outcome.status, proof="certificate" if outcome.status is Status.INFEASIBLE else ""
     )
 

@@ -20,9 +20,9 @@ from typing import Any
 
 from .executors import DEATHS
 
-POLL_S = 1.0
+_POLL_S = 1.0
 """Period at which the cluster is asked whether it is still there."""
-PATIENCE_S = 5.0
+_PATIENCE_S = 5.0
 """Time that a cluster may be out of reach, or without a processor, before it counts as gone."""
 
 
@@ -134,9 +134,9 @@ def work(ray: Any, pipe: Connection, expected: dict[str, str]) -> None:
     flying: list[Any] = []
     while True:
         flying += [remote.remote(task) for task in pipe.recv()]
-        done, flying = ray.wait(flying, num_returns=1, timeout=POLL_S) if flying else ([], [])
+        done, flying = ray.wait(flying, num_returns=1, timeout=_POLL_S) if flying else ([], [])
         try:
-            answered = ray.get(done, timeout=PATIENCE_S)
+            answered = ray.get(done, timeout=_PATIENCE_S)
         except ray.exceptions.RayError as error:
             raise Gone(f"lost a task for good: {reason(error)}") from None
         unfit = next((answer for answer in answered if isinstance(answer, str)), None)
@@ -206,7 +206,7 @@ class Watch:
         now = time.monotonic()
         if seen:
             self._seen_s = now
-        if now - self._looked_s < POLL_S:
+        if now - self._looked_s < _POLL_S:
             return self._processors
         self._looked_s, there = now, answers(self._head)
         if there:
@@ -220,7 +220,7 @@ class Watch:
                 answers(f"{node['NodeManagerAddress']}:{node['NodeManagerPort']}") for node in nodes
             ):
                 self._seen_s = now
-        if now - self._seen_s > PATIENCE_S:
+        if now - self._seen_s > _PATIENCE_S:
             raise Gone("has no processor left" if there else "does not answer any more")
         return self._processors
 

@@ -76,11 +76,11 @@ def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(shard,)))
 
 
-KINDS = ("feasible", "infeasible", "trivial", "undecided")
+_KINDS = ("feasible", "infeasible", "trivial", "undecided")
 """Labels of samples, those of ``Counts``."""
-CALLED = ("feasible", "infeasible")
+_CALLED = ("feasible", "infeasible")
 """Names by which a surrogate calls a draw that it is sure of."""
-Place = tuple[int, Mapping[str, Any]]
+_Place = tuple[int, Mapping[str, Any]]
 """A number of samples, and the state of a shard's random stream after so many."""
 
 
@@ -101,7 +101,7 @@ class LabelBlock:
     first: int
     kinds: list[str]
     rows: pa.Table
-    after: Place
+    after: _Place
     solve_ms: list[float]
     cpu_s: float
     called: list[str] | None = None
@@ -135,7 +135,7 @@ def _decide_block(
     plan: LabelPlan,
     source: Distribution,
     shard: int,
-    start: Place | None,
+    start: _Place | None,
     first: int,
     count: int,
     kinds: frozenset[str],
@@ -326,7 +326,7 @@ class ShardDraft:
         )
         self._wanted = self._room.total()
         self._limit = draws_per_row * self._wanted
-        self._asked, self._places = 0, list[Place]()
+        self._asked, self._places = 0, list[_Place]()
         self._waiting = dict[int, LabelBlock]()
         self._drawn, self._kept = list[str](), Counter[str]()
         self._rows: list[pa.Table] = []
@@ -358,7 +358,7 @@ class ShardDraft:
     @property
     def most(self) -> int:
         """Samples that are decided together, at most."""
-        return BLOCK if self._screen is None or all(map(self._wants, CALLED)) else SCREENED
+        return BLOCK if self._screen is None or all(map(self._wants, _CALLED)) else SCREENED
 
     def block(self, source: Distribution, count: int) -> Callable[[], LabelBlock]:
         """The task that decides the next ``count`` samples."""
@@ -368,7 +368,7 @@ class ShardDraft:
             key=lambda place: place[0],
             default=None,
         )
-        kinds = frozenset(kind for kind in KINDS if self._wants(kind))
+        kinds = frozenset(kind for kind in _KINDS if self._wants(kind))
         place = (self._plan, source, self.shard, start, first, count)
         return partial(_decide_block, *place, kinds, self._programs, self._screen)
 

@@ -242,7 +242,7 @@ def _cards(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 Progress = Callable[[str, int, int], None]
-OnProgress = Callable[[str], Callable[[int, int], None]]
+_OnProgress = Callable[[str], Callable[[int, int], None]]
 _SHARD_SIZE = 125
 
 
@@ -320,7 +320,7 @@ class _Class:
         name: str,
         folder: Path,
         executor: Executor,
-        on_progress: OnProgress,
+        on_progress: _OnProgress,
     ) -> None:
         self._experiment, self._name, self._folder, self._run, self._told = (
             experiment,

@@ -44,9 +44,9 @@ from stancekit.views.gait_plot import GaitRun, draw_convergence, draw_directions
 from ..data.executors import processes
 from .evaluate import Share
 
-OURS = ("portfolio", "decoupled", "warped", "ambient")
+_OURS = ("portfolio", "decoupled", "warped", "ambient")
 """Methods of ``bench gait`` whose cells are shown beside other programs' walks."""
-SHOWN = ("peak_acceleration_g", "force_rms", "friction_needed", "outside_cone")
+_SHOWN = ("peak_acceleration_g", "force_rms", "friction_needed", "outside_cone")
 
 
 def judged(
@@ -88,7 +88,7 @@ def ours(rows: list[dict[str, Any]], folder: Path) -> list[dict[str, Any]]:
     for terrain, task in dict.fromkeys(
         (row["terrain"], row["task"]) for row in rows if row["task"] is not None
     ):
-        for method in OURS:
+        for method in _OURS:
             path = folder / f"{terrain}-{task:02d}-0-{method}.json"
             if path.exists():
                 rows_of_ours.append(_of_cell(path, terrain, task, method))
@@ -112,7 +112,7 @@ def _of_cell(path: Path, terrain: str, task: int, method: str) -> dict[str, Any]
         "cpu_process_s": None,
         "cpu_solver_s": row.get("cpu_s"),
         "duration_s": None,
-        "figures": {name: row.get(name) for name in SHOWN},
+        "figures": {name: row.get(name) for name in _SHOWN},
     }
 
 
@@ -125,7 +125,7 @@ def by_program(rows: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
         medians = {
             name: _median([row[name] for row in good]) for name in ("cpu_process_s", "cpu_solver_s")
         }
-        medians |= {name: _median([row["figures"].get(name) for row in good]) for name in SHOWN}
+        medians |= {name: _median([row["figures"].get(name) for row in good]) for name in _SHOWN}
         lines.append(
             {"program": program, "walks": len(rows_of_program), "verified": len(good), **medians}
         )
@@ -204,7 +204,7 @@ def _checked_row(row: Any, cell: Mapping[str, Any], where: str) -> dict[str, Any
 
 
 @dataclass(frozen=True, kw_only=True)
-class GaitMethod:
+class _GaitMethod:
     """A way to solve.
 
     Arguments:
@@ -219,32 +219,34 @@ class GaitMethod:
 
 _PAPER = {"dynamics": "printed", "trunk_clearance_m": None}
 
-_KNOWN: Mapping[str, GaitMethod] = {
-    "ambient": GaitMethod(label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}),
-    "warped": GaitMethod(label="warped, as published", settings={"chart": "warped", **_PAPER}),
-    "decoupled": GaitMethod(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
-    "portfolio": GaitMethod(label="ours: portfolio, smoothed", portfolio=True),
-    "warped-exact": GaitMethod(
+_KNOWN: Mapping[str, _GaitMethod] = {
+    "ambient": _GaitMethod(
+        label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}
+    ),
+    "warped": _GaitMethod(label="warped, as published", settings={"chart": "warped", **_PAPER}),
+    "decoupled": _GaitMethod(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
+    "portfolio": _GaitMethod(label="ours: portfolio, smoothed", portfolio=True),
+    "warped-exact": _GaitMethod(
         label="ours: warped-exact, centred", settings={"chart": "warped-exact"}
     ),
-    "shear": GaitMethod(label="shear, centred", settings={"chart": "shear"}),
-    "ambient-centred": GaitMethod(label="ambient, centred", settings={"chart": "ambient"}),
-    "ambient-lbfgs": GaitMethod(
+    "shear": _GaitMethod(label="shear, centred", settings={"chart": "shear"}),
+    "ambient-centred": _GaitMethod(label="ambient, centred", settings={"chart": "ambient"}),
+    "ambient-lbfgs": _GaitMethod(
         label="baseline, L-BFGS", settings={"chart": "ambient", "hessian": "lbfgs", **_PAPER}
     ),
-    "warped-lbfgs": GaitMethod(
+    "warped-lbfgs": _GaitMethod(
         label="warped, as published, L-BFGS",
         settings={"chart": "warped", "hessian": "lbfgs", **_PAPER},
     ),
-    "decoupled-lbfgs": GaitMethod(
+    "decoupled-lbfgs": _GaitMethod(
         label="ours: decoupled, L-BFGS", settings={"chart": "decoupled", "hessian": "lbfgs"}
     ),
 }
 
-METHODS: Mapping[str, GaitMethod] = {
+METHODS: Mapping[str, _GaitMethod] = {
     **_KNOWN,
     **{
-        chart: GaitMethod(label=f"{chart}, centred", settings={"chart": chart})
+        chart: _GaitMethod(label=f"{chart}, centred", settings={"chart": chart})
         for chart in CHARTS.names()
         if chart not in _KNOWN
     },
@@ -259,11 +261,11 @@ PAPER: Mapping[str, Mapping[str, float]] = {
 """Success of Pan et al.'s Table I (Knitro, 200 iterations)."""
 
 
-Seconds = Annotated[float, Field(gt=0.0, le=LARGEST)]
+_Seconds = Annotated[float, Field(gt=0.0, le=LARGEST)]
 TERRAINS = ("ripple", "cone", "hill", "pit")
 
 
-JUDGED = ("reach", "penetration", "trunk", "cone", "slip", "contact_gap")
+_JUDGED = ("reach", "penetration", "trunk", "cone", "slip", "contact_gap")
 """Groups of the verifier whose values a cell keeps."""
 
 
@@ -286,8 +288,8 @@ class GaitBenchSettings:
     seeds: NonNegativeInt = 3
     noise: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
     iterations: PositiveInt = 200
-    cap_s: Seconds = 120.0
-    total_s: Seconds = 240.0
+    cap_s: _Seconds = 120.0
+    total_s: _Seconds = 240.0
 
     def __post_init__(self) -> None:
         for name, known in (("terrains", reference.TERRAINS.names()), ("methods", tuple(METHODS))):
@@ -475,7 +477,7 @@ def figures(report: Report[Trajectory]) -> dict[str, Any]:
     """Figures that the verifier measured: its figures, the values of some groups [SI], and what it
     refuses.
     """
-    values = {group.name: group.value for group in report.groups if group.name in JUDGED}
+    values = {group.name: group.value for group in report.groups if group.name in _JUDGED}
     return {
         "message": report.message,
         "refused": [group.name for group in report.refused],
@@ -671,10 +673,10 @@ def _counted(names: Iterable[str]) -> dict[str, int]:
     return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
 
-DRAWN = ("ambient-lbfgs", "warped-lbfgs", "decoupled-lbfgs", "ambient", "warped", "decoupled")
-_COLOURED = tuple(METHODS[method].label for method in DRAWN)
+_DRAWN = ("ambient-lbfgs", "warped-lbfgs", "decoupled-lbfgs", "ambient", "warped", "decoupled")
+_COLOURED = tuple(METHODS[method].label for method in _DRAWN)
 """A method has the same colour in every picture, whatever was measured."""
-AROUND = ("ripple", "cone", "pit", "pit-84", "pit-87")
+_AROUND = ("ripple", "cone", "pit", "pit-84", "pit-87")
 """Terrains whose tasks go all around."""
 
 
@@ -687,13 +689,13 @@ def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
     from stancekit.views.sheet import save
 
     every, written = (
-        [row for row in rows if row["method"] in DRAWN and row.get("violations")],
+        [row for row in rows if row["method"] in _DRAWN and row.get("violations")],
         list[Path](),
     )
     for terrain in dict.fromkeys(row["terrain"] for row in every):
         rows_of_method = [
             row
-            for method in DRAWN
+            for method in _DRAWN
             for row in every
             if (row["method"], row["terrain"]) == (method, terrain)
         ]
@@ -710,7 +712,7 @@ def _figures(terrain: str, rows: Sequence[Row]) -> Iterator[tuple[str, Any]]:
         "convergence",
         draw_convergence(runs, caption=f"Convergence on {terrain}", methods=_COLOURED),
     )
-    if terrain in AROUND:
+    if terrain in _AROUND:
         wedge = 2.0 * math.pi / len(reference_tasks(terrain)) / len(seeds)
         beside = [
             _run(row, wedge * (seeds.index(row["seed"]) - 0.5 * (len(seeds) - 1))) for row in rows

@@ -79,9 +79,9 @@ class LeapBenchSettings:
         for method in self.methods:
             if not is_scorer(method):
                 checked_choice(method, "method", UNLEARNED)
-        if len({name_of(method) for method in self.methods}) < len(self.methods):
+        if len({_name_of(method) for method in self.methods}) < len(self.methods):
             raise InvalidInput(
-                f"methods: expected different names, got {', '.join(map(name_of, self.methods))}"
+                f"methods: expected different names, got {', '.join(map(_name_of, self.methods))}"
             )
 
     def scene(self, index: int) -> Leap:
@@ -107,7 +107,7 @@ def run(
     path = folder / ROWS
     rows = _kept(path, settings)
     programs = Programs()
-    finders = {name_of(method): _finder(method, settings.seed) for method in settings.methods}
+    finders = {_name_of(method): _finder(method, settings.seed) for method in settings.methods}
     with path.open("a", encoding="utf-8") as file:
         if not path.stat().st_size:
             file.write(json.dumps(settings.shared) + "\n")
@@ -178,7 +178,7 @@ def by_finder(leap: Leap, method: LeapFinder, solves: int, programs: Programs) -
     }
 
 
-def name_of(method: str) -> str:
+def _name_of(method: str) -> str:
     """The name of a method in rows and tables: its own, or that of its file."""
     return Path(method).stem if method.endswith(SCORER) else method
 

@@ -54,7 +54,7 @@ FORMS: Mapping[_Form, str] = {
 implies (no envelope), or over the envelope. Only programs of the same K have as many binaries."""
 MICP: tuple[_Form, ...] = tuple(form for form in FORMS if "-" in form)
 _OPTIMISED: tuple[_Form, ...] = ("unit-4", "rows-4", "shrink-4", "unit-2", "shrink-2")
-PAPER: Mapping[tuple[_Form, int], dict[str, Any]] = {
+_PAPER: Mapping[tuple[_Form, int], dict[str, Any]] = {
     ("envelope", 8): {"seconds": 0.16, "variables": 4128, "binaries": 0, "constraints": 1176},
     ("unit-4", 4): {"seconds": 91.0, "variables": 16608, "binaries": 276, "constraints": 3360},
     ("rows-4", 4): {"seconds": 33.0, "variables": 16608, "binaries": 276, "constraints": 4008},
@@ -103,7 +103,7 @@ class PlannerBenchSettings:
 
 
 @dataclass(frozen=True)
-class PlannerCell:
+class _PlannerCell:
     """One planner at M key frames.
 
     Arguments:
@@ -120,17 +120,17 @@ class PlannerCell:
         return f"{self.form}-{self.frames}{'' if self.gap is None else '-optimised'}.json"
 
 
-def cells(settings: PlannerBenchSettings) -> list[PlannerCell]:
+def cells(settings: PlannerBenchSettings) -> list[_PlannerCell]:
     """Every cell, the quick ones first."""
     planner_cells = [
-        PlannerCell(form, frames)
+        _PlannerCell(form, frames)
         for form in FORMS
         if form not in MICP
         for frames in settings.two_stage
     ]
-    planner_cells += [PlannerCell(form, frames) for frames in settings.micp for form in MICP]
+    planner_cells += [_PlannerCell(form, frames) for frames in settings.micp for form in MICP]
     return planner_cells + [
-        PlannerCell(form, frames, settings.gap)
+        _PlannerCell(form, frames, settings.gap)
         for frames in settings.optimised
         for form in _OPTIMISED
     ]
@@ -187,7 +187,7 @@ def _wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
 
 
 def measure(
-    cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
+    cell: _PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
 ) -> dict[str, Any]:
     """The row of one cell; times in seconds.
 
@@ -206,7 +206,7 @@ def measure(
         "optimised": cell.gap is not None,
         **figures,
     }
-    paper = PAPER.get((cell.form, cell.frames)) if cell.gap is None else None
+    paper = _PAPER.get((cell.form, cell.frames)) if cell.gap is None else None
     return (
         row
         if paper is None
@@ -215,7 +215,7 @@ def measure(
 
 
 def _two_stage(
-    cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
+    cell: _PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
 ) -> dict[str, Any]:
     course, programs = read_course(settings.course, frames=cell.frames), Programs()
     lifted = cell.form == "lift"
@@ -251,7 +251,7 @@ def _two_stage(
 
 
 def _micp(
-    cell: PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
+    cell: _PlannerCell, settings: PlannerBenchSettings, envelopes: EnvelopeSet
 ) -> dict[str, Any]:
     course = read_course(settings.course, frames=cell.frames)
     form, intervals = cell.form.split("-")

@@ -28,7 +28,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from .leap_bench import AGAIN, FINDERS, TUNED, UNLEARNED, share
 
 Share = tuple[float, float, float]
-DRAWS = 10_000
+_DRAWS = 10_000
 """Resamples of a paired interval."""
 
 
@@ -156,7 +156,7 @@ def paired(one: Any, other: Any, seed: int = 0) -> Share:
     interval (bootstrap).
     """
     apart = 100.0 * (np.asarray(one, dtype=float) - np.asarray(other, dtype=float))
-    resamples = np.random.default_rng(seed).integers(len(apart), size=(DRAWS, len(apart)))
+    resamples = np.random.default_rng(seed).integers(len(apart), size=(_DRAWS, len(apart)))
     low, high = np.percentile(apart[resamples].mean(axis=1), [2.5, 97.5])
     return float(apart.mean()), float(low), float(high)
 
@@ -194,16 +194,16 @@ def _share(found: Any) -> Share:
     return one
 
 
-Player = Callable[[Any, Any, np.random.Generator], Any]
+_Player = Callable[[Any, Any, np.random.Generator], Any]
 """Gives an action for an environment, its observation and a generator."""
-ROWS = "rows.jsonl"
-EXACT = "exact"
-RANDOM = ("random", "random-again")
+_ROWS = "rows.jsonl"
+_EXACT = "exact"
+_RANDOM = ("random", "random-again")
 """Names of policies that draw; the second has another seed."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plays:
+class _Plays:
     """An environment and what is played in it.
 
     Arguments:
@@ -217,7 +217,7 @@ class Plays:
 
     options: Mapping[str, Any] = field(default_factory=dict)
     budget: str
-    players: Callable[[], Mapping[str, Player]]
+    players: Callable[[], Mapping[str, _Player]]
     learned: tuple[str, ...] = ()
     solves: int | None = None
 
@@ -247,7 +247,7 @@ def environment_room(
     checked_int(scenes, "scenes", least=1)
     checked_int(seed, "seed", least=0)
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / ROWS
+    path = folder / _ROWS
     head = {"environment": name, "seed": seed}
     rows = _kept(path, head)
     players, env = plays.players(), gym.make(f"stancekit/{name}", **plays.options)
@@ -258,7 +258,8 @@ def environment_room(
             if on_progress is not None:
                 on_progress(f"{name} {index}", index, scenes)
             if all(
-                (index, method) in rows for method in (*players, *([EXACT] if plays.solves else []))
+                (index, method) in rows
+                for method in (*players, *([_EXACT] if plays.solves else []))
             ):
                 continue
             for row in _scene(env, plays, players, seed, index):
@@ -277,14 +278,14 @@ def environment_room(
         oracle_budget="all policies" + (", exact search without a limit" if plays.solves else ""),
         within={method: np.array(each) for method, each in answers.items()},
         anywhere={method: np.array(each) for method, each in anywhere.items()},
-        fair=[method for method in answers if method not in (*RANDOM, *plays.learned)],
+        fair=[method for method in answers if method not in (*_RANDOM, *plays.learned)],
         learned=list(plays.learned),
         again={"random": "random-again"},
     )
 
 
 def _scene(
-    env: gym.Env[Any, Any], plays: Plays, players: Mapping[str, Player], seed: int, index: int
+    env: gym.Env[Any, Any], plays: _Plays, players: Mapping[str, _Player], seed: int, index: int
 ) -> Iterator[dict[str, Any]]:
     """A row per policy on one scene, and one of the exact planner."""
     episode = int(np.random.default_rng([seed, index]).integers(2**31))
@@ -310,7 +311,7 @@ def _scene(
         decided = outcome.status is not Status.UNDECIDED
         yield {
             "scene": index,
-            "method": EXACT,
+            "method": _EXACT,
             "found": decided and outcome.effort.solves <= plays.solves,
             "anywhere": decided,
             "cpu_s": time.process_time() - begin,
@@ -344,11 +345,11 @@ def _drawn(env: Any, observation: Any, rng: np.random.Generator) -> Any:
     return rng.uniform(space.low, space.high).astype(space.dtype)
 
 
-def _by(policy: Any) -> Player:
+def _by(policy: Any) -> _Player:
     return lambda env, observation, rng: policy.predict(observation, deterministic=True)[0]
 
 
-def _selectors() -> Mapping[str, Player]:
+def _selectors() -> Mapping[str, _Player]:
     from stancekit.envs.data.dataset import Dataset
     from stancekit.envs.data.ledger import folder_of
 
@@ -358,13 +359,13 @@ def _selectors() -> Mapping[str, Player]:
     rows = Dataset.open(folder_of("pool-wall-3"))
     boxes = {name: _by(FixedSelector(name, fit(name, rows))) for name in ("heuristic", "quantile")}
     return {
-        **dict.fromkeys(RANDOM, _drawn),
+        **dict.fromkeys(_RANDOM, _drawn),
         **boxes,
         "neural-wall-3": _by(load_selector("neural-wall-3").selector),
     }
 
 
-def _rules() -> Mapping[str, Player]:
+def _rules() -> Mapping[str, _Player]:
     chance = any_dimension(np.random.default_rng(0))
     chance_again = any_dimension(np.random.default_rng(1))
     gap = noisy_gap(np.random.default_rng(0), spread=0.0)
@@ -373,44 +374,44 @@ def _rules() -> Mapping[str, Player]:
         "largest gap · width": gap,
         "widest": MemorylessPolicy(widest),
     }
-    chances = dict(zip(RANDOM, (chance, chance_again), strict=True))
+    chances = dict(zip(_RANDOM, (chance, chance_again), strict=True))
     return {name: _by(rule) for name, rule in {**chances, **rules}.items()}
 
 
-def _planners() -> Mapping[str, Player]:
-    return {**dict.fromkeys(RANDOM, _drawn), **{f"always {k}": _always(k) for k in range(3)}}
+def _planners() -> Mapping[str, _Player]:
+    return {**dict.fromkeys(_RANDOM, _drawn), **{f"always {k}": _always(k) for k in range(3)}}
 
 
-def _always(chosen: int) -> Player:
+def _always(chosen: int) -> _Player:
     return lambda env, observation, rng: np.int64(chosen)
 
 
-def _charts() -> Mapping[str, Player]:
+def _charts() -> Mapping[str, _Player]:
     """Every chart, on the terrain as it is, from the guess that follows it."""
     always = {f"always {chart}": _at_once(k) for k, chart in enumerate(CHARTS.names())}
-    return {**dict.fromkeys(RANDOM, _drawn), **always}
+    return {**dict.fromkeys(_RANDOM, _drawn), **always}
 
 
-def _at_once(chart: int) -> Player:
+def _at_once(chart: int) -> _Player:
     return lambda env, observation, rng: np.array([chart, 0, 0])
 
 
-ENVIRONMENTS: Mapping[str, Plays] = {
-    "EnvelopeSelection-v0": Plays(
+ENVIRONMENTS: Mapping[str, _Plays] = {
+    "EnvelopeSelection-v0": _Plays(
         options={"problem": "wall-3"},
         budget="one box: 2 convex problems",
         players=_selectors,
         learned=("neural-wall-3",),
         solves=2,
     ),
-    "EnvelopeRefinement-v0": Plays(
+    "EnvelopeRefinement-v0": _Plays(
         options={"problem": "ground-3", "budget": 50},
         budget="50 convex problems",
         players=_rules,
         solves=50,
     ),
-    "Traverse-v0": Plays(budget="an episode", players=_planners),
-    "WarpedGait-v0": Plays(budget="one attempt", players=_charts),
+    "Traverse-v0": _Plays(budget="an episode", players=_planners),
+    "WarpedGait-v0": _Plays(budget="one attempt", players=_charts),
 }
 """Environments whose episodes policies play, by name without the package's; those of WarpedGait-v0
 take seconds of the processor each."""

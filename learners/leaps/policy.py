@@ -28,24 +28,24 @@ from ..selectors.network import AttentionBlock, load_weights, read_tensors, writ
 from ..zoo import shipped
 from .kinds import FORMAT, KINDS, Kind
 
-CAPS = {"grip": (0.0, 0.1, 0.3), "room_m": (-0.06, -0.03, 0.0, 0.03)}
+_CAPS = {"grip": (0.0, 0.1, 0.3), "room_m": (-0.06, -0.03, 0.0, 0.03)}
 """More than this of a feature may be worth nothing: the smaller of the two is a feature, too."""
-_FEATURES = len(OF_CANDIDATE) + sum(map(len, CAPS.values()))
+_FEATURES = len(OF_CANDIDATE) + sum(map(len, _CAPS.values()))
 _FOOTHOLDS = 8
 """P of LeapChoice-v0: all of its classes are of robots with four legs, which push off and land."""
-NONE = -1e8
+_NONE = -1e8
 """Score where there is no candidate."""
-CLIP = 8.0
+_CLIP = 8.0
 """Standard deviations beyond which a feature counts for no more."""
 
 
 def with_caps(candidates: Array) -> Array:
-    """Features of candidates, and those of ``CAPS`` up to their caps; shape (…, F) to (…,
+    """Features of candidates, and those of ``_CAPS`` up to their caps; shape (…, F) to (…,
     ``_FEATURES``).
     """
     capped = [
         np.minimum(candidates[..., OF_CANDIDATE.index(name)], cap)
-        for name, caps in CAPS.items()
+        for name, caps in _CAPS.items()
         for cap in caps
     ]
     return np.concatenate([candidates, np.stack(capped, axis=-1)], axis=-1)
@@ -97,8 +97,8 @@ class ScoreNetwork(nn.Module):
             mask: (B, P, R).
             leap: (B, G).
         """
-        seen = ((candidates - self.mean) / self.scale).clamp(-CLIP, CLIP) * mask[..., None]
-        task = ((leap - self.leap_mean) / self.leap_scale).clamp(-CLIP, CLIP)
+        seen = ((candidates - self.mean) / self.scale).clamp(-_CLIP, _CLIP) * mask[..., None]
+        task = ((leap - self.leap_mean) / self.leap_scale).clamp(-_CLIP, _CLIP)
         scores, odds = self.linear(seen)[..., 0], self.scene(task)[:, 0]
         if self.kind == "additive":
             return scores, odds
@@ -128,11 +128,11 @@ class ScoreNetwork(nn.Module):
         there = mask.reshape(len(mask), _FOOTHOLDS, -1)
         capped = [
             table[..., OF_CANDIDATE.index(name), None].clamp(max=cap)
-            for name, caps in CAPS.items()
+            for name, caps in _CAPS.items()
             for cap in caps
         ]
         scores, odds = self(torch.cat([table, *capped], dim=-1), there, leap)
-        return scores.masked_fill(there == 0.0, NONE), odds
+        return scores.masked_fill(there == 0.0, _NONE), odds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from ..surrogates.surrogate import Surrogate
 
 
-Index = NDArray[np.intp]
+_Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -168,7 +168,7 @@ class Poses:
         """Poses that lack a foothold, shape (P,)."""
         return np.asarray((self.aside_m > self.most_aside_m).any(axis=1))
 
-    def batch(self, which: Index) -> PostureBatch:
+    def batch(self, which: _Index) -> PostureBatch:
         """Problems of some poses, by number, in the body's axes."""
         i, j, k = np.unravel_index(which, self.shape)
         body = np.column_stack(
@@ -230,12 +230,12 @@ _SAVED_S = 20.0
 """A map that is being made is written so often [s]."""
 CALIBRATION = 3000
 """Poses to calibrate likely answers on, at most."""
-LEARNED = 20_000
+_LEARNED = 20_000
 """Proved poses to learn from, at most."""
 SHARE_OF_FIT = 0.5
 """Share of the time in which poses are proved before anything is learned."""
-CONFIDENCE = 0.95
-SAME_M = 1e-4
+_CONFIDENCE = 0.95
+_SAME_M = 1e-4
 """Bodies of one question are as high in both maps [m]."""
 Progress = Callable[[int, int, str], object]
 
@@ -282,7 +282,7 @@ class Maker:
         off = poses.off
         self._set(np.flatnonzero(off), INFEASIBLE, "foothold", -1.0)
 
-    def _set(self, which: Index, verdict: int, limit: str, margin: float | Array) -> None:
+    def _set(self, which: _Index, verdict: int, limit: str, margin: float | Array) -> None:
         self.verdict[which] = verdict
         self.limit[which] = LIMITS.index(limit)
         self.margin[which] = margin
@@ -301,18 +301,18 @@ class Maker:
         self._tried |= proved
 
     @property
-    def open(self) -> Index:
+    def open(self) -> _Index:
         """Numbers of the poses that nobody has tried to prove."""
         return np.flatnonzero(~self._tried)
 
-    def coarse_to_fine(self) -> Index:
+    def coarse_to_fine(self) -> _Index:
         """Numbers of the open poses, those of the coarsest grid first."""
         left = self.open
         i, j, k = np.unravel_index(left, self.poses.shape)
         level = np.min([_level(i), _level(j), _level(k)], axis=0)
         return np.asarray(left[np.argsort(-level, kind="stable")])
 
-    def prove(self, which: Index) -> None:
+    def prove(self, which: _Index) -> None:
         """Decide poses exactly; one that meets a limit of the search stays unknown."""
         batch = self.poses.batch(which)
         answers = decide_all(self._exact, batch).outcomes
@@ -401,7 +401,7 @@ def make_map(
         mine = maker.map({})
         other = [name for name, value in mine.question.items() if earlier.question[name] != value]
         if not other and not np.allclose(
-            earlier.z_m, mine.z_m, rtol=0.0, atol=SAME_M, equal_nan=True
+            earlier.z_m, mine.z_m, rtol=0.0, atol=_SAME_M, equal_nan=True
         ):
             other = ["height of the body"]
         if other:
@@ -412,7 +412,7 @@ def make_map(
             )
         maker.take(earlier)
 
-    def go(which: Index, until: float, stage: str) -> int:
+    def go(which: _Index, until: float, stage: str) -> int:
         """Prove poses in this order until a time; how many."""
         saved = time.monotonic()
         done = 0
@@ -453,7 +453,7 @@ def _learned(maker: Maker, settings: MapSettings, rng: np.random.Generator) -> S
         (maker.verdict == FEASIBLE)
         | ((maker.verdict == INFEASIBLE) & (maker.limit != LIMITS.index("foothold")))
     )
-    learned = np.sort(rng.permutation(proved)[:LEARNED])
+    learned = np.sort(rng.permutation(proved)[:_LEARNED])
     kinds = np.where(maker.verdict[learned] == FEASIBLE, "feasible", "infeasible")
     if len(set(kinds.tolist())) < 2:
         return None
@@ -477,7 +477,7 @@ def _with_likely(
     settings: MapSettings,
     surrogate: Surrogate,
     rng: np.random.Generator,
-    go: Callable[[Index, float, str], int],
+    go: Callable[[_Index, float, str], int],
     seconds: dict[str, float],
     end: float,
 ) -> StandingMap:
@@ -516,7 +516,7 @@ def _with_likely(
         },
         "limits": [_or_none(value) for value in limits],
     }
-    return maker.map(seconds, error=settings.error, confidence=CONFIDENCE, card=card)
+    return maker.map(seconds, error=settings.error, confidence=_CONFIDENCE, card=card)
 
 
 def _limits(
@@ -535,7 +535,7 @@ def _limits(
 
 def _least(scores: Array, wrong: NDArray[np.bool_], error: float, lost: int) -> float:
     """The least limit of the score above which wrong answers are rare enough; inf for none."""
-    doubt = 0.5 * (1.0 - CONFIDENCE)
+    doubt = 0.5 * (1.0 - _CONFIDENCE)
     order = np.argsort(-scores, kind="stable")
     sorted_scores, mistakes = scores[order], np.cumsum(wrong[order]) + lost
     count = first = max(math.ceil(math.log(doubt) / math.log1p(-error)), 1)
@@ -551,7 +551,7 @@ def _least(scores: Array, wrong: NDArray[np.bool_], error: float, lost: int) -> 
     return best if math.isinf(best) else float(np.nextafter(best, -np.inf))
 
 
-def _level(index: Index) -> NDArray[np.int_]:
+def _level(index: _Index) -> NDArray[np.int_]:
     """Number of times that a number can be halved, up to 6 times: the coarser the grid that it is of."""
     level = np.zeros(len(index), dtype=int)
     for power in range(1, 7):

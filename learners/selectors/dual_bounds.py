@@ -18,7 +18,7 @@ from stancekit.planners.relaxation.mccormick import domain_of
 BAND = 1e-6
 """A witness must have this margin to spare, a certificate must exclude this margin: ten times what
 P1 forgives."""
-ROUNDS = 8
+_ROUNDS = 8
 """Number of times that the moments of a witness are tried again with the largest held at their
 bounds."""
 Bools = NDArray[np.bool_]
@@ -97,7 +97,7 @@ def balanced(axes: Array, excess: Array, bottom: Array, top: Array) -> Bools:
     scaled = axes[rows] * half[rows][:, None]
     target = np.einsum("trc,tc->tr", axes[rows], excess[rows] - middle[rows])
     held = np.zeros((len(rows), axes.shape[2]))
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         free = scaled * (held == 0.0)[:, None]
         gram = free @ scaled.swapaxes(1, 2) + 1e-14 * np.eye(3)
         rest = target - np.einsum("trc,tc->tr", scaled, held)

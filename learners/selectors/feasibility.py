@@ -33,7 +33,7 @@ from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
 from ..data.executors import Executor, gather
 from .dual_bounds import BAND, Bools, DualBounds, Index, least, ranges, witnessed
 
-WITNESS, _CERTIFICATE = 0, 1
+_WITNESS, _CERTIFICATE = 0, 1
 CHUNK = 64
 """Problems that are checked at once: bounds the memory."""
 
@@ -203,7 +203,7 @@ class CachingOracle:
         served = witnessed(
             self._point[which], self._excess[which], self._axes[which], bounds, open_
         )
-        admits |= self._credit(WITNESS, which, served)
+        admits |= self._credit(_WITNESS, which, served)
         self._settle("witness", admits, open_)
         stored = self._rows[which], self._slope[which], self._constant[which]
         refuted = open_ & self._credit(
@@ -237,13 +237,13 @@ class CachingOracle:
                 rest = np.flatnonzero(open_)
                 now = np.zeros_like(open_)
                 now[rest] = self._apply(k, kind, slot, case, rest)
-                admits |= now & (kind == WITNESS)
-                self._settle("witness" if kind == WITNESS else "certificate", now, open_)
+                admits |= now & (kind == _WITNESS)
+                self._settle("witness" if kind == _WITNESS else "certificate", now, open_)
 
     def _apply(self, k: int, kind: int, slot: int, case: _Case, rest: Index) -> Bools:
         """Boxes among these that one kept proof settles, shape (len(rest),)."""
         bounds, one = case.bounds.take(rest), (slice(k, k + 1), slice(slot, slot + 1))
-        if kind == WITNESS:
+        if kind == _WITNESS:
             open_ = np.ones((1, len(rest)), dtype=bool)
             hits = witnessed(
                 self._point[one], self._excess[one], self._axes[k : k + 1], bounds, open_
@@ -269,10 +269,10 @@ class CachingOracle:
         """Put what a solve proves in the place of what has not served for longest; returns its kind
         and place.
         """
-        kind = WITNESS if bound.margin <= FEASIBLE_MARGIN else _CERTIFICATE
+        kind = _WITNESS if bound.margin <= FEASIBLE_MARGIN else _CERTIFICATE
         slot = int(np.argmin(self._used[kind][k]))
         self._used[kind][k, slot] = self._clock
-        if kind == WITNESS:
+        if kind == _WITNESS:
             self._point[k, slot], self._excess[k, slot] = bound.point, bound.excess
         else:
             self._rows[k, slot], self._slope[k, slot] = bound.rows, bound.slope

@@ -285,7 +285,7 @@ class Generation:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GeneticRun:
+class _GeneticRun:
     """State of a run.
 
     Arguments:
@@ -296,8 +296,8 @@ class GeneticRun:
     history: Sequence[Generation]
 
 
-def write_checkpoint(
-    path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: GeneticRun
+def _write_checkpoint(
+    path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: _GeneticRun
 ) -> None:
     """Write population, history and the state of the generator, whole or not at all.
 
@@ -321,8 +321,8 @@ def write_checkpoint(
     write_bytes(path, content.getvalue())
 
 
-def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator) -> GeneticRun:
-    """Read what ``write_checkpoint`` wrote and set the generator to where it was.
+def _read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator) -> _GeneticRun:
+    """Read what ``_write_checkpoint`` wrote and set the generator to where it was.
 
     Raises InvalidInput for what is damaged, foreign, or of a run with other settings or data.
     """
@@ -355,7 +355,7 @@ def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generat
         raise InvalidInput(
             f"{path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}"
         ) from None
-    return GeneticRun(population=arrays["population"], history=history)
+    return _GeneticRun(population=arrays["population"], history=history)
 
 
 def _digest(about: Mapping[str, Any]) -> str:
@@ -371,10 +371,10 @@ _REALS = ("mean", "variance", "best", "a", "b", "mutation_rate")
 _KINDS = tuple(f.name for f in fields(VerdictCounts))
 
 
-DOMAIN = 1.0
+_DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (Lin et al. §II)."""
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-OnProgress = Callable[[Generation], None]
+_Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+_OnProgress = Callable[[Generation], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -404,10 +404,10 @@ class GeneticSettings:
     generations: PositiveInt = 60
     terrains: Annotated[int, Field(ge=2)] = 100
     delta: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.1
-    penalty: Positive = 8.0
+    penalty: _Positive = 8.0
     mutation_start: float = 0.2
     mutation_end: float = 0.02
-    mutation_scale: Positive = 0.3
+    mutation_scale: _Positive = 0.3
     elites: NonNegativeInt = 2
     tournament: PositiveInt = 3
     finalists: PositiveInt = 12
@@ -525,7 +525,7 @@ def evolve(
     *,
     oracle: FeasibilityOracle | None = None,
     checkpoint: Path | None = None,
-    progress: OnProgress | None = None,
+    progress: _OnProgress | None = None,
 ) -> GeneticResult:
     """Run the genetic algorithm.
 
@@ -551,11 +551,11 @@ def evolve(
         "patches": patches,
     }
     run = (
-        read_checkpoint(checkpoint, about, rng)
+        _read_checkpoint(checkpoint, about, rng)
         if checkpoint is not None and checkpoint.exists()
         else None
     )
-    run = run or GeneticRun(
+    run = run or _GeneticRun(
         population=first_generation(points, settings.population, rng), history=[]
     )
     population, history = run.population, list(run.history)
@@ -574,8 +574,8 @@ def evolve(
                 population[order], np.maximum(points.std(axis=0), 1e-3), rate, settings, rng
             )
         if checkpoint is not None:
-            write_checkpoint(
-                checkpoint, about, rng, GeneticRun(population=population, history=history)
+            _write_checkpoint(
+                checkpoint, about, rng, _GeneticRun(population=population, history=history)
             )
     return finish(population[: settings.finalists], trials, settings, history)
 
@@ -640,7 +640,7 @@ def first_generation(points: Array, size: int, rng: np.random.Generator) -> Arra
         points[rng.choice(len(points), size=min(n, len(points)), replace=False)] for n in counts
     ]
     boxes = np.stack([[some.min(axis=0), some.max(axis=0)] for some in chosen])
-    return np.asarray(np.clip(boxes, -DOMAIN, DOMAIN))
+    return np.asarray(np.clip(boxes, -_DOMAIN, _DOMAIN))
 
 
 def breed(
@@ -662,7 +662,7 @@ def breed(
     child = np.where(from_mother, mother, father)
     mutated = rng.random((children, 1, *ranked.shape[2:])) < rate
     child = child + mutated * (settings.mutation_scale * spread * rng.standard_normal(child.shape))
-    child = np.sort(np.clip(child, -DOMAIN, DOMAIN), axis=1)  # low before high
+    child = np.sort(np.clip(child, -_DOMAIN, _DOMAIN), axis=1)  # low before high
     return np.concatenate([ranked[: settings.elites], child])
 
 

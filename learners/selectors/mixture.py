@@ -82,7 +82,7 @@ def largest_box(
     return centre - widths[:size], centre + widths[size:], float(answer.mip_gap)
 
 
-DOMAIN = 1.0
+_DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (Lin et al. §II)."""
 
 
@@ -113,7 +113,7 @@ def fit_as_printed(
 
     Line 3: cluster means of a mixture. Line 4: Boundary_fit, the largest box around a mean without
     points of S̄ (``boundary.largest_box``, stopped at the time limit). Line 5: the points of S in
-    it. Line 6: those that belong to the cluster with a probability above p_th (``membership``).
+    it. Line 6: those that belong to the cluster with a probability above p_th (``_membership``).
     Line 7: their exterior boundary; where lines 5 and 6 leave no point, the fitted box itself.
 
     Arguments:
@@ -123,8 +123,8 @@ def fit_as_printed(
     """
     flat, bad = points.reshape(len(points), -1), excluded.reshape(len(excluded), -1)
     mixture = _mixture(flat, clusters, seed)
-    belongs = membership(mixture, flat)
-    low, high = np.full(flat.shape[1], -DOMAIN), np.full(flat.shape[1], DOMAIN)
+    belongs = _membership(mixture, flat)
+    low, high = np.full(flat.shape[1], -_DOMAIN), np.full(flat.shape[1], _DOMAIN)
     envelopes, gaps = [], []
     for k in range(clusters):
         centre = np.clip(mixture.means_[k], low, high)
@@ -157,7 +157,7 @@ def fit_improved(
     """
     flat = points.reshape(len(points), -1)
     mixture = _mixture(flat, clusters, seed)
-    belongs, labels = membership(mixture, flat), mixture.predict(flat)
+    belongs, labels = _membership(mixture, flat), mixture.predict(flat)
     envelopes = []
     for k in range(clusters):
         members = np.flatnonzero((labels == k) & (belongs[:, k] > threshold))
@@ -166,7 +166,7 @@ def fit_improved(
     return MixtureFit(envelopes=tuple(envelopes), shares=_shares(envelopes, points))
 
 
-def membership(mixture: GaussianMixture, points: Array) -> Array:
+def _membership(mixture: GaussianMixture, points: Array) -> Array:
     """Probability that a point belongs to each component, shape (K, clusters).
 
     With one component the posterior is 1 everywhere and would filter nothing, so it is weighted

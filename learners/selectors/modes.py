@@ -21,7 +21,7 @@ from stancekit.planners.search.exact import ExactPlanner
 
 from .selector import quantile_box
 
-MODES = {"ground": "ground", "wall": "wall", "terrain": "ground"}
+_MODES = {"ground": "ground", "wall": "wall", "terrain": "ground"}
 """Name of a mode over the scenes of each law."""
 
 
@@ -53,7 +53,7 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
         if not problems:
             raise InvalidInput(f"data sets: expected feasible rows of {name}, got none")
         law = LAW.fullmatch(rows.header.plan.distribution)
-        terrain = MODES[law[1]] if law else getattr(distribution(name), "terrain", name)
+        terrain = _MODES[law[1]] if law else getattr(distribution(name), "terrain", name)
         if terrain in samples:
             raise InvalidInput(f"data sets: expected one a terrain, got two of {terrain}")
         samples[terrain] = (

@@ -33,7 +33,7 @@ _KEY = "stancekit"
 no fixed order."""
 
 
-MOST_BYTES = 512_000_000
+_MOST_BYTES = 512_000_000
 _DTYPES = (torch.float16, torch.float32, torch.float64, torch.int64)
 
 
@@ -68,8 +68,8 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
     path = Path(path)
     with open_file(path) as stream:
         size = os.fstat(stream.fileno()).st_size
-    if size > MOST_BYTES:
-        raise InvalidInput(f"{path}: expected a file of {MOST_BYTES} bytes or fewer, got {size}")
+    if size > _MOST_BYTES:
+        raise InvalidInput(f"{path}: expected a file of {_MOST_BYTES} bytes or fewer, got {size}")
     try:
         with safe_open(path, framework="pt") as file:
             header = parse_json((file.metadata() or {}).get(_KEY, "null"), "header")
@@ -122,9 +122,9 @@ def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: str | 
     network.load_state_dict(tensors)
 
 
-CORNERS = 3
+_CORNERS = 3
 """Corners of a patch in the environment's observation."""
-TOKEN = 27
+_TOKEN = 27
 """Numbers a contact besides the corners: the patch's middle, also from the shoulder, its second
 moments (6), the frame (9), the shoulder, friction, reach, and the vertical force that a unit normal
 force allows."""
@@ -181,7 +181,7 @@ class SceneTensors:
         Raises InvalidInput where sizes are not those of N contacts.
         """
         shapes = {
-            "vertices": (contacts, CORNERS, 3),
+            "vertices": (contacts, _CORNERS, 3),
             "frames": (contacts, 3, 3),
             "friction": (contacts,),
             "shoulders": (contacts, 3),
@@ -285,7 +285,7 @@ class Mirror:
         )
 
 
-class Encoder(nn.Module):
+class _Encoder(nn.Module):
     """Scenes to a token a contact that knows of the other contacts."""
 
     token_mean: Tensor
@@ -296,17 +296,17 @@ class Encoder(nn.Module):
         width, corner = architecture.width, architecture.corner_width
         self.corners = nn.Sequential(nn.Linear(6, corner), nn.SiLU(), nn.Linear(corner, corner))
         self.embed = nn.Sequential(
-            nn.Linear(TOKEN + corner, width), nn.SiLU(), nn.Linear(width, width)
+            nn.Linear(_TOKEN + corner, width), nn.SiLU(), nn.Linear(width, width)
         )
         self.blocks = nn.ModuleList(
             AttentionBlock(width, architecture.heads) for _ in range(architecture.layers)
         )
-        self.register_buffer("token_mean", torch.zeros(TOKEN))
-        self.register_buffer("token_scale", torch.ones(TOKEN))
+        self.register_buffer("token_mean", torch.zeros(_TOKEN))
+        self.register_buffer("token_scale", torch.ones(_TOKEN))
 
     def fit_scales(self, scenes: SceneTensors) -> None:
         """Set the scales of the inputs from scenes like these."""
-        tokens = _tokens(scenes).reshape(-1, TOKEN)
+        tokens = _tokens(scenes).reshape(-1, _TOKEN)
         self.token_mean = tokens.mean(dim=0)
         self.token_scale = tokens.std(dim=0).clamp(min=1e-3)
 
@@ -337,7 +337,7 @@ class BoxNetwork(nn.Module):
         super().__init__()
         self.architecture = architecture
         width = architecture.width
-        self.encoder = Encoder(architecture)
+        self.encoder = _Encoder(architecture)
         self.head = nn.Sequential(
             nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 18)
         )
@@ -382,7 +382,7 @@ class ChoiceNetwork(nn.Module):
         super().__init__()
         self.architecture = architecture
         width = architecture.width
-        self.encoder = Encoder(architecture)
+        self.encoder = _Encoder(architecture)
         self.head = nn.Sequential(
             nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, options)
         )

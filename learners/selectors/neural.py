@@ -105,7 +105,7 @@ def margins(
 
 
 Progress = Callable[[int, int], None]
-Share = Annotated[float, Field(gt=0.0, lt=1.0)]
+_Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 _CHECKPOINT = "stancekit/neural-checkpoint/1"
 
 
@@ -133,7 +133,7 @@ class NeuralSettings:
     """
 
     architecture: Architecture = field(default_factory=Architecture)
-    share: Share = 0.05
+    share: _Share = 0.05
     epochs: PositiveInt = 20
     batch: PositiveInt = 128
     rate: PositiveFloat = 2e-3
@@ -144,8 +144,8 @@ class NeuralSettings:
     caution: float = 2.0
     anchor: float = 30.0
     relaxation: str = "p1"
-    target: Share = 0.985
-    calibration: Share = 0.15
+    target: _Share = 0.985
+    calibration: _Share = 0.15
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -183,7 +183,7 @@ class TrainingRows:
         return len(self.problems)
 
 
-class Trainer:
+class _Trainer:
     """Both stages over one data set, an epoch at a time.
 
     history: one record an epoch, with the mean loss.
@@ -535,7 +535,7 @@ def fit_neural(
     infeasible = TrainingRows.of(train, "infeasible") if settings.margin_epochs else None
     programs = Programs()
     digest = f"{dataset.header.digest} {len(train)}"
-    trainer = Trainer(feasible, infeasible, programs, settings, digest, checkpoint)
+    trainer = _Trainer(feasible, infeasible, programs, settings, digest, checkpoint)
     network = trainer.run(progress)
     held = TrainingRows.of(calibration, "feasible")
     room = calibrated_room(network, held, programs, settings)

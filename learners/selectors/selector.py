@@ -194,7 +194,7 @@ def _own_selector(name: str) -> Learned:
     """
     selector = SELECTORS.get(name)
     return Learned.of(
-        OwnSelector(selector() if isinstance(selector, type) else selector, name), name, ANY
+        _OwnSelector(selector() if isinstance(selector, type) else selector, name), name, ANY
     )
 
 
@@ -204,11 +204,11 @@ def fitted(selector: Any, method: str, problem_class: str) -> Learned:
     Raises InvalidInput if the method returned neither envelopes nor a selector.
     """
     if of_file(selector) and callable(getattr(selector, "predict", None)):
-        selector = OwnSelector(selector, method, problem_class)
+        selector = _OwnSelector(selector, method, problem_class)
     return Learned.of(selector, method, problem_class)
 
 
-class OwnSelector:
+class _OwnSelector:
     """A selector from elsewhere.
 
     It can be copied and pickled, to processes that have not run its file, too.
@@ -282,11 +282,11 @@ class OwnSelector:
     def __reduce__(self) -> tuple[Any, ...]:
         if of_file(self._found):
             return _unpacked, (packed(self._found), self._name, self.problem_class)
-        return OwnSelector, (self._found, self._name, self.problem_class)
+        return _OwnSelector, (self._found, self._name, self.problem_class)
 
 
-def _unpacked(found: bytes, name: str, problem_class: str) -> OwnSelector:
-    return OwnSelector(pickle.loads(found), name, problem_class)
+def _unpacked(found: bytes, name: str, problem_class: str) -> _OwnSelector:
+    return _OwnSelector(pickle.loads(found), name, problem_class)
 
 
 def load_selector(path: str | Path) -> Learned:

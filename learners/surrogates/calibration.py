@@ -84,7 +84,7 @@ FEWEST = 64
 """Problems from which on a batch is compared: fewer cannot tell a class from another."""
 ALARM = 1e-4
 """A batch of the class is called unlike it with about this probability."""
-ROUNDS = 4
+_ROUNDS = 4
 LEAST = 5.0
 """Variance that a bin has at least, so that one problem in an empty bin is no alarm."""
 
@@ -129,7 +129,7 @@ class Likeness:
         size = counted[there][..., None]
         shares = (self.counts[there] + 0.5 / BINS) / (size + 0.5)
         weights, expected = np.ones(len(shares)), seen
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             scale = 1.0 / np.sqrt(np.maximum(expected, LEAST))
             rows = (shares * scale).reshape(len(shares), -1).T
             weights = nnls(rows, (seen * scale).ravel())[0]

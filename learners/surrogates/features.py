@@ -21,9 +21,9 @@ friction, the vertical force per unit normal force, and the room in reach of the
 nearest corner."""
 CORNER = 7
 """Numbers per corner: from the patch's middle, from the shoulder, and the room in reach."""
-TURNS = 12
+_TURNS = 12
 """Symmetries are looked for among the turns by a twelfth about the vertical, and their mirrors."""
-SAME = 1e-6
+_SAME = 1e-6
 _GENERIC = np.array([0.83, 0.56, 0.0])
 """Of all symmetric copies of a scene the one that leans farthest this way stands for all."""
 
@@ -121,10 +121,10 @@ def symmetries(scaled: Scaled, half_spaces: Sequence[tuple[Array, Array]]) -> Ar
     """
     rows = []
     for mirror in (1.0, -1.0):
-        for k in range(TURNS):
-            if scaled.tilt > 0.0 and k % (TURNS // 4):
+        for k in range(_TURNS):
+            if scaled.tilt > 0.0 and k % (_TURNS // 4):
                 continue
-            angle = 2.0 * np.pi * k / TURNS
+            angle = 2.0 * np.pi * k / _TURNS
             c, s = np.cos(angle), np.sin(angle)
             turn = np.array([[c, -s * mirror, 0.0], [s, c * mirror, 0.0], [0.0, 0.0, 1.0]])
             if _maps(scaled, half_spaces, turn):
@@ -137,10 +137,10 @@ def _maps(scaled: Scaled, half_spaces: Sequence[tuple[Array, Array]], turn: Arra
     turned = scaled.shoulders @ turn.T
     apart = np.abs(turned[:, None] - scaled.shoulders[None]).max(axis=-1)
     twin = apart.argmin(axis=1)
-    if apart.min(axis=1).max() > SAME or len(set(twin.tolist())) < len(twin):
+    if apart.min(axis=1).max() > _SAME or len(set(twin.tolist())) < len(twin):
         return False
     same = (scaled.reach, scaled.force_min, scaled.force_max)
-    if any(np.abs(values[twin] - values).max() > SAME for values in same):
+    if any(np.abs(values[twin] - values).max() > _SAME for values in same):
         return False
     for limb, other in enumerate(twin.tolist()):
         (mine, bounds), (theirs, others) = half_spaces[limb], half_spaces[other]
@@ -149,6 +149,6 @@ def _maps(scaled: Scaled, half_spaces: Sequence[tuple[Array, Array]], turn: Arra
         if len(mine):
             copies = np.column_stack([mine @ turn.T, bounds])
             gaps = np.abs(copies[:, None] - np.column_stack([theirs, others])[None]).max(axis=-1)
-            if gaps.min(axis=1).max() > SAME or gaps.min(axis=0).max() > SAME:
+            if gaps.min(axis=1).max() > _SAME or gaps.min(axis=0).max() > _SAME:
                 return False
     return True

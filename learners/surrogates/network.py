@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ..selectors.network import Architecture, AttentionBlock
 from .features import CORNER, TOKEN
 
-CLIP = 8.0
+_CLIP = 8.0
 """Standard deviations beyond which a feature counts for no more."""
 
 
@@ -58,10 +58,10 @@ class SurrogateNetwork(nn.Module):
             tokens: shape (B, N, ``TOKEN``).
             corners: (B, N, U, ``CORNER``).
         """
-        seen = ((corners - self.corner_mean) / self.corner_scale).clamp(-CLIP, CLIP)
+        seen = ((corners - self.corner_mean) / self.corner_scale).clamp(-_CLIP, _CLIP)
         patch = self.corners(seen)
         patch = torch.cat([patch.mean(dim=2), patch.amax(dim=2)], dim=-1)
-        of_contact = ((tokens - self.token_mean) / self.token_scale).clamp(-CLIP, CLIP)
+        of_contact = ((tokens - self.token_mean) / self.token_scale).clamp(-_CLIP, _CLIP)
         hidden: Tensor = self.embed(torch.cat([of_contact, patch], dim=-1))
         for block in self.blocks:
             hidden = block(hidden)

@@ -36,13 +36,13 @@ from .screened import Screened
 FORMAT = "stancekit/surrogate/2"
 CHUNK = 1024
 """Problems whose scores are worked out at once."""
-BEYOND = 0.01
+_BEYOND = 0.01
 """Distance beyond the numbers that were calibrated on a problem's may lie, in shares of their
 range."""
-NEAR = 1e-3
+_NEAR = 1e-3
 """Scores this close to a limit are worked out again in double precision, so that an answer does not
 depend on which problems were scored together."""
-NUMBERS = ("x", "y", "z", "normal x", "normal y", "normal z", "friction")
+_NUMBERS = ("x", "y", "z", "normal x", "normal y", "normal z", "friction")
 CLIPPED = 0.1
 """The largest margin that is told."""
 
@@ -178,14 +178,14 @@ class Surrogate:
         if column == self.ranges[0].size:
             return "scores"
         limb, which = divmod(column, self.ranges.shape[2])
-        name = NUMBERS[which] if which < len(NUMBERS) else "corners"
+        name = _NUMBERS[which] if which < len(_NUMBERS) else "corners"
         return f"{name} of {self.legs[limb]}"
 
     def answered(self, batch: PostureBatch, limits: tuple[float, float], error: float) -> Screened:
         """``screen`` with thresholds that are known, of problems that fit."""
         (low, high), within = limits, self._within(batch)
         scores, margins = self.scores(batch)
-        near = np.flatnonzero(np.minimum(np.abs(scores - low), np.abs(scores - high)) < NEAR)
+        near = np.flatnonzero(np.minimum(np.abs(scores - low), np.abs(scores - high)) < _NEAR)
         if len(near):
             seen = self.seer.features(_part(batch, near))
             scores[near] = _run(self._double, seen, torch.float64)[0]
@@ -224,10 +224,10 @@ class Surrogate:
         values = numbers(batch)
         if values.shape[1:] != self.ranges.shape[1:]:
             raise InvalidInput(
-                f"contacts: expected patches of {self.ranges.shape[2] - len(NUMBERS)} corners, got "
-                f"{values.shape[2] - len(NUMBERS)}"
+                f"contacts: expected patches of {self.ranges.shape[2] - len(_NUMBERS)} corners, got "
+                f"{values.shape[2] - len(_NUMBERS)}"
             )
-        room = BEYOND * (self.ranges[1] - self.ranges[0]) + 1e-9
+        room = _BEYOND * (self.ranges[1] - self.ranges[0]) + 1e-9
         return np.asarray(
             ((values >= self.ranges[0] - room) & (values <= self.ranges[1] + room)).all(axis=(1, 2))
         )
@@ -340,7 +340,7 @@ class _Header(BaseModel):
 
 def numbers(batch: PostureBatch) -> Array:
     """Numbers of every patch by which a problem is known to be like others, shape (B, N, 7 + U):
-    ``NUMBERS``, and its corners' distances from the middle, ascending.
+    ``_NUMBERS``, and its corners' distances from the middle, ascending.
     """
     middle = batch.vertices_m.mean(axis=2)
     spokes = np.sort(np.linalg.norm(batch.vertices_m - middle[:, :, None], axis=-1), axis=-1)

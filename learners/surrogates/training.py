@@ -161,7 +161,7 @@ def _rooms(batch: PostureBatch, postures: dict[int, list[Array]]) -> Array:
     return np.asarray(slacks(some, points, list(Seer.of(batch.like).half_spaces)).min(axis=1))
 
 
-WARM = 0.1
+_WARM = 0.1
 """Share of the steps in which the rate grows."""
 
 
@@ -349,7 +349,7 @@ def _train(
     )
     steps = settings.epochs * -(-len(wanted) // settings.batch)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, settings.rate, total_steps=steps + 1, pct_start=WARM
+        optimiser, settings.rate, total_steps=steps + 1, pct_start=_WARM
     )
     network.train()
     for epoch in range(settings.epochs):

@@ -24,7 +24,7 @@ from .baselines import open_scenes
 from .fitting import fit
 from .train_config import TrainConfig
 
-Figures = dict[str, float]
+_Figures = dict[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,7 @@ def _tell(
 
 def evaluator(
     config: TrainConfig, scenes: Sequence[LabelledScene]
-) -> Callable[[Predictor], tuple[float, Figures]]:
+) -> Callable[[Predictor], tuple[float, _Figures]]:
     """A function that plays every scene once with a policy: mean reward an episode, and figures.
 
     Selection: ``p1_feasible``, ``p1_infeasible`` (shares that P1 answers as the expert does),
@@ -138,7 +138,7 @@ def evaluator(
 
 def _selection_figures(
     policy: Predictor, env: EnvelopeSelectionEnv, episodes: int
-) -> tuple[float, Figures]:
+) -> tuple[float, _Figures]:
     rewards, projected = [], []
     right: dict[int, list[float]] = {0: [], 1: []}
     for _ in range(episodes):
@@ -156,7 +156,7 @@ def _selection_figures(
 
 def _refinement_figures(
     policy: Predictor, env: EnvelopeRefinementEnv, episodes: int
-) -> tuple[float, Figures]:
+) -> tuple[float, _Figures]:
     reward, solves, settled = refinement_episodes(policy, env, episodes).mean(axis=0).tolist()
     return reward, {"solves": solves, "settled": settled}
 

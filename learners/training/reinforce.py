@@ -39,7 +39,7 @@ _CHECKPOINT_FORMAT = "stancekit/training/1"
 NAME = "checkpoint.safetensors"
 
 
-def write_checkpoint(
+def _write_checkpoint(
     folder: Path,
     config: TrainConfig,
     curve: Sequence[CurvePoint],
@@ -62,7 +62,7 @@ def write_checkpoint(
     write_text(folder / "curve.jsonl", "".join(json.dumps(asdict(point)) + "\n" for point in curve))
 
 
-def read_checkpoint(
+def _read_checkpoint(
     path: Path, config: TrainConfig, module: torch.nn.Module, optimizer: torch.optim.Optimizer
 ) -> tuple[dict[str, Any], list[CurvePoint]]:
     """Put weights and optimiser back as they were; return the header and the curve.
@@ -218,7 +218,7 @@ class _Run:
     def _store(self) -> None:
         """The checkpoint."""
         model, policy = self._model, self._model.policy
-        write_checkpoint(
+        _write_checkpoint(
             self._folder,
             self._config,
             self._curve,
@@ -234,7 +234,7 @@ class _Run:
         Raises InvalidInput where it is damaged or of another configuration.
         """
         model = self._model
-        header, self._curve = read_checkpoint(
+        header, self._curve = _read_checkpoint(
             path, self._config, model.policy, model.policy.optimizer
         )
         model.num_timesteps, model._n_updates = int(header["steps"]), int(header["updates"])

@@ -22,7 +22,7 @@ OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
 """Arrays with a column per joint, and what the columns' names begin with."""
 OF_LIMBS = {"contact": "contact", "forces_n": "force", "feet_m": "foot"}
 """The same of those with a column, or three, per limb."""
-EVEN = 1e-4
+_EVEN = 1e-4
 """Times are a uniform grid to this share of a step; files round them."""
 
 
@@ -152,7 +152,7 @@ def _check_times(times_s: Array) -> None:
         )
     usual = float(np.median(steps))
     off = np.abs(steps - usual)
-    if float(off.max()) > EVEN * usual:
+    if float(off.max()) > _EVEN * usual:
         row = int(off.argmax())
         raise InvalidInput(
             f"time_s: row {row + 1}: expected a uniform grid, got a gap of {steps[row]:.6g} s at "

@@ -58,14 +58,14 @@ LATE = "the time limit ended"
 """The beginning of a group's message where the time ended before the group was checked."""
 OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
-ROUNDING = 1e-12
+_ROUNDING = 1e-12
 """Non-dimensional violations of a plan below this are nobody's fault."""
 S = TypeVar(
     "S",
     bound=Plan | LeapPlan | Crossing | Trajectory | Certificate | MotionTable,
     covariant=True,
 )
-Verdict = Literal["holds", "violated", "not checked", "not asked for"]
+_Verdict = Literal["holds", "violated", "not checked", "not asked for"]
 _BODY_VERDICTS = {"holds": "checked", "violated": "failed"}
 """The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
 
@@ -110,7 +110,7 @@ class Group:
     limb: str = ""
     message: str = ""
     scale: float | None = None
-    verdict: Verdict | Literal[""] = ""
+    verdict: _Verdict | Literal[""] = ""
     figures: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -383,7 +383,7 @@ class Report(Generic[S]):
             words = " and ".join(reason for reason, names in reasons.items() if names & failed)
             return f"{verdict}: contacts hold, {words}"
         group = max(self._of_contacts, key=lambda g: g.worst)
-        if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
+        if group.worst == 0.0 or (of_plan and group.worst < _ROUNDING):
             balanced = of_plan and cast("Plan", self.answer).problem.uncarried
             return (
                 verdict

@@ -26,7 +26,7 @@ class ConicStatus(enum.Enum):
     FAILED = "failed"
 
 
-class Vectors(Protocol):
+class _Vectors(Protocol):
     """x and z as a solver has them."""
 
     @property
@@ -60,7 +60,7 @@ class ConicSolution:
     """
 
     status: ConicStatus
-    answer: Vectors
+    answer: _Vectors
     columns: Mapping[str, Index]
     groups: Mapping[str, Index]
     objective: float
@@ -165,7 +165,7 @@ def multipliers(layout: Layout, solution: ConicSolution) -> Array:
 
 
 T = TypeVar("T")
-MOST = 64
+_MOST = 64
 """Programs that are kept; a long course over many candidates takes some megabytes."""
 
 
@@ -178,7 +178,7 @@ class Programs:
     copy (deepcopy, pickle) has none yet and writes its own.
     """
 
-    def __init__(self, most: int = MOST) -> None:
+    def __init__(self, most: int = _MOST) -> None:
         self._most = most
         self._kept: OrderedDict[Hashable, object] = OrderedDict()
 

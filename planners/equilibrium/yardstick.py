@@ -10,10 +10,10 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-SOLVES = 1000
+_SOLVES = 1000
 
 
-def yardstick(solves: int = SOLVES) -> float:
+def yardstick(solves: int = _SOLVES) -> float:
     """CPU time of cold solves of one cone program of a posture's size [s].
 
     Arguments:

@@ -21,16 +21,16 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from .documents import MOST_BYTES, read_bytes, shown
 
-MOST_ARRAYS = 1000
+_MOST_ARRAYS = 1000
 """In one archive."""
-MOST_UNPACKED = 256_000_000
+_MOST_UNPACKED = 256_000_000
 """Bytes that an archive may unfold to."""
 _DEFLATED_MOST = 1032
 """Deflate packs no more bytes into one."""
-KINDS = "biufU"
+_KINDS = "biufU"
 """Truth values, integers, real numbers and texts."""
 _LONGEST_HEADER = 10_000
-SAID = "expected arrays without pickle"
+_SAID = "expected arrays without pickle"
 
 
 def read_archive(path: str | Path) -> dict[str, NDArray[Any]]:
@@ -47,8 +47,8 @@ def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
     Raises InvalidInput for what is damaged, holds anything but arrays of numbers and texts, or
     declares more than its bytes can hold.
     """
-    if content.count(b"PK\x01\x02") > MOST_ARRAYS:
-        raise InvalidInput(f"{where}: expected {MOST_ARRAYS} arrays or fewer, got more")
+    if content.count(b"PK\x01\x02") > _MOST_ARRAYS:
+        raise InvalidInput(f"{where}: expected {_MOST_ARRAYS} arrays or fewer, got more")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
@@ -59,7 +59,7 @@ def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
     except InvalidInput:
         raise
     except Exception as error:  # zip, zlib and numpy's headers raise whatever struck them
-        raise InvalidInput(f"{where}: {SAID}: {_told(error)}") from None
+        raise InvalidInput(f"{where}: {_SAID}: {_told(error)}") from None
 
 
 def array_of(content: bytes, where: str) -> NDArray[Any]:
@@ -70,7 +70,7 @@ def array_of(content: bytes, where: str) -> NDArray[Any]:
     try:
         return _array(io.BytesIO(content), len(content))
     except Exception as error:  # as above
-        raise InvalidInput(f"{where}: {SAID}: {_told(error)}") from None
+        raise InvalidInput(f"{where}: {_SAID}: {_told(error)}") from None
 
 
 def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
@@ -79,13 +79,13 @@ def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
     """
     names = [entry.filename for entry in entries]
     if len(set(names)) < len(names) or not all(name.endswith(".npy") for name in names):
-        raise InvalidInput(f"{where}: {SAID}: its entries are not NAME.npy, each once")
-    if sum(entry.file_size for entry in entries) > MOST_UNPACKED:
-        raise InvalidInput(f"{where}: expected {MOST_UNPACKED} bytes of arrays or fewer, got more")
+        raise InvalidInput(f"{where}: {_SAID}: its entries are not NAME.npy, each once")
+    if sum(entry.file_size for entry in entries) > _MOST_UNPACKED:
+        raise InvalidInput(f"{where}: expected {_MOST_UNPACKED} bytes of arrays or fewer, got more")
     for entry in entries:
         if entry.file_size > entry.compress_size * (_DEFLATED_MOST if entry.compress_type else 1):
             raise InvalidInput(
-                f"{where}: {SAID}: {entry.filename!r:.40} cannot hold the bytes that it declares"
+                f"{where}: {_SAID}: {entry.filename!r:.40} cannot hold the bytes that it declares"
             )
 
 
@@ -106,7 +106,7 @@ def _array(stream: IO[bytes], size: int) -> NDArray[Any]:
         warnings.simplefilter("ignore")  # of Python's parser, on what is no header
         read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, by_column, dtype = read_header(stream, max_header_size=_LONGEST_HEADER)
-    if dtype.kind not in KINDS or dtype.itemsize == 0:
+    if dtype.kind not in _KINDS or dtype.itemsize == 0:
         raise ValueError(f"expected numbers or texts, got {dtype!s:.40}")
     if len(shape) > 8 or any(isinstance(n, bool) or n < 0 for n in shape):
         raise ValueError(f"expected up to 8 lengths, got {shape!s:.40}")
@@ -127,7 +127,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 Member = TypeVar("Member")
 
-LONGEST_NAME = 200
+_LONGEST_NAME = 200
 LARGEST = 1e6
 """No length [m], mass [kg], force [N] or ratio of a legged robot exceeds this; a larger one is a
 mistake in units."""
@@ -240,13 +240,17 @@ def checked_choice(value: Any, where: str, among: Iterable[str]) -> str:
 
 
 def checked_name(value: Any, where: str) -> str:
-    """Return a name that can be written anywhere: up to ``LONGEST_NAME`` printable letters.
+    """Return a name that can be written anywhere: up to ``_LONGEST_NAME`` printable letters.
 
     Raises InvalidInput.
     """
-    if not isinstance(value, str) or not 1 <= len(value) <= LONGEST_NAME or not value.isprintable():
+    if (
+        not isinstance(value, str)
+        or not 1 <= len(value) <= _LONGEST_NAME
+        or not value.isprintable()
+    ):
         raise InvalidInput(
-            f"{where}: expected 1 to {LONGEST_NAME} printable letters, got {shown(value)}"
+            f"{where}: expected 1 to {_LONGEST_NAME} printable letters, got {shown(value)}"
         )
     return value
 

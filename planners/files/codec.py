@@ -50,7 +50,7 @@ from ..errors import InvalidInput
 from .arrays import LARGEST, Array, checked, collect_errors
 from .documents import shown, validated
 
-Index = NDArray[np.int_]
+_Index = NDArray[np.int_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +64,13 @@ class Columns:
     """
 
     data: Array
-    indices: Index
-    indptr: Index
+    indices: _Index
+    indptr: _Index
     shape: tuple[int, int]
     has_canonical_format: ClassVar[bool] = True
 
     @property
-    def columns(self) -> Index:
+    def columns(self) -> _Index:
         """The column of every entry."""
         return np.repeat(np.arange(self.shape[1]), np.diff(self.indptr))
 
@@ -108,7 +108,7 @@ INLINE: Mapping[str, Any] = types.MappingProxyType({"inline": True})
 """Metadata of a field that is a value whose own keys stand among those of this one."""
 
 Value = TypeVar("Value")
-PLAIN = ConfigDict(
+_PLAIN = ConfigDict(
     extra="forbid", arbitrary_types_allowed=True, protected_namespaces=(), defer_build=True
 )
 
@@ -184,7 +184,7 @@ def keys_of(kind: Any, *, whole: bool = True) -> type[BaseModel]:
     )
     made: type[BaseModel] = create_model(
         form.__name__,
-        __config__=PLAIN,
+        __config__=_PLAIN,
         __doc__=form.__doc__,
         __module__=form.__module__,
         **keys,
@@ -213,20 +213,20 @@ def _keys(kind: Any, whole: bool) -> dict[str, Any]:
         else:
             optional = field.default is not MISSING and not needed
             key = Key(field.default if optional else ..., alias=alias)
-        keys[field.name] = key_of(hints[field.name], whole=whole), key
+        keys[field.name] = _key_of(hints[field.name], whole=whole), key
     return keys
 
 
-def key_of(hint: Any, *, whole: bool = True) -> Any:
+def _key_of(hint: Any, *, whole: bool = True) -> Any:
     """An annotation of a field as a file has it: numbers strictly, lists for tuples and arrays,
     objects for values.
     """
-    part = partial(key_of, whole=whole)
+    part = partial(_key_of, whole=whole)
     if hint in (float, int, str, bool):
         return Annotated[hint, Strict()]
     origin, of = get_origin(hint), get_args(hint)
     if origin is np.ndarray:
-        return Annotated[Any, PlainValidator(lambda value: numbers(value)), NUMBERS]
+        return Annotated[Any, PlainValidator(lambda value: numbers(value)), _NUMBERS]
     if origin is Annotated:
         return Annotated[part(of[0]), *of[1:]]
     if origin in (Union, types.UnionType):
@@ -255,7 +255,7 @@ class _Keys:
             return data if isinstance(data, kind) else of_keys(data)
 
         written = core_schema.plain_serializer_function_ser_schema(to_json)
-        keys = handler.generate_schema(key_of(kind, whole=self._whole))
+        keys = handler.generate_schema(_key_of(kind, whole=self._whole))
         return core_schema.no_info_wrap_validator_function(read, keys, serialization=written)
 
 
@@ -264,7 +264,7 @@ KEYS = _Keys(whole=False)
 keys that are not there have their defaults."""
 ALL_KEYS = _Keys(whole=True)
 """The same where all keys have to be there."""
-NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
+_NUMBERS = WithJsonSchema({"type": "array", "items": {"type": "number"}})
 """Words of the reference of keys for arrays, of whatever shape."""
 
 

@@ -104,7 +104,7 @@ class _Once(_Parser):  # type: ignore[misc]
         return mapping
 
 
-MOST_ERRORS = 20
+_MOST_ERRORS = 20
 """So many are told of a file; that there are more is said."""
 
 Value = TypeVar("Value")
@@ -238,7 +238,7 @@ def neighbour(name: str, known: Iterable[str]) -> str:
 
 
 def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
-    """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_ERRORS``.
+    """One "key: what was expected, got what" for everything wrong in a file, up to ``_MOST_ERRORS``.
 
     Arguments:
         kind: what was read. Where a dataclass refused its values (InvalidInput), what it said, with
@@ -253,7 +253,7 @@ def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
     if other:  # another kind of file: its keys are right, there
         yield f"format: {other[0]['msg'].replace('Input should be', 'expected')}, got {shown(other[0]['input'])}"
         return
-    for item in errors[:MOST_ERRORS]:
+    for item in errors[:_MOST_ERRORS]:
         key = "".join(
             f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]
         ).lstrip(".")
@@ -283,8 +283,8 @@ def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
                 item["msg"].replace("Input should be", "expected").partition(" or instance of ")[0]
             )
             yield f"{key}: {wanted}, got {shown(item['input'])}".removeprefix(": ")
-    if error.error_count() > MOST_ERRORS:
-        yield f"and {error.error_count() - MOST_ERRORS} more"
+    if error.error_count() > _MOST_ERRORS:
+        yield f"and {error.error_count() - _MOST_ERRORS} more"
 
 
 _SAID = re.compile(r"; (?=[a-z_]+[\w\[\].]*: expected)")
@@ -342,17 +342,17 @@ YAML = (".yaml", ".yml")
 """How the names of YAML files end."""
 MOST_BYTES = 128_000_000
 """Largest size of any file."""
-MOST_JSON_BYTES, MOST_YAML_BYTES = 32_000_000, 1_000_000
+_MOST_JSON_BYTES, _MOST_YAML_BYTES = 32_000_000, 1_000_000
 """Largest size of one document. YAML is for what people write by hand, and slow to read."""
-MOST_VALUES, MOST_YAML_VALUES = 2_000_000, 200_000
+_MOST_VALUES, MOST_YAML_VALUES = 2_000_000, 200_000
 """Most keys, lists and values of a document, what aliases stand for counted wherever they stand."""
 DEEPEST = 60
 """Deepest nesting of a document."""
-TOO_DEEP = f"expected {DEEPEST} levels of nesting or fewer, got more"
-MOST_ELEMENTS = 1_000_000
+_TOO_DEEP = f"expected {DEEPEST} levels of nesting or fewer, got more"
+_MOST_ELEMENTS = 1_000_000
 """Elements and attributes of an XML document."""
 
-NO_FILE = "a pipe, a socket or a device"
+_NO_FILE = "a pipe, a socket or a device"
 
 
 def file_or_named(path: str | Path, shipped: Mapping[str, Path]) -> Path:
@@ -386,12 +386,12 @@ def open_file(path: str | Path) -> Iterator[IO[bytes]]:
         if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG):
             raise InvalidInput(f"{path}: expected a file, found nothing there") from None
         if error.errno == errno.ENXIO:
-            raise InvalidInput(f"{path}: expected a file, found {NO_FILE}") from None
+            raise InvalidInput(f"{path}: expected a file, found {_NO_FILE}") from None
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
     mode = os.fstat(number).st_mode
     if not stat.S_ISREG(mode):
         os.close(number)
-        kind = "a folder" if stat.S_ISDIR(mode) else NO_FILE
+        kind = "a folder" if stat.S_ISDIR(mode) else _NO_FILE
         raise InvalidInput(f"{path}: expected a file, found {kind}")
     with os.fdopen(number, "rb") as stream:
         yield stream
@@ -449,12 +449,12 @@ def parse_json(text: str, where: str) -> Any:
     JSON does not have (NaN, Infinity), for halves of letters, and for a document beyond the limits
     of this module.
     """
-    if len(text) > MOST_JSON_BYTES:
+    if len(text) > _MOST_JSON_BYTES:
         raise InvalidInput(
-            f"{where}: expected {MOST_JSON_BYTES} letters of JSON or fewer, got {len(text)}"
+            f"{where}: expected {_MOST_JSON_BYTES} letters of JSON or fewer, got {len(text)}"
         )
-    if sum(map(text.count, ",[{")) > MOST_VALUES:
-        raise InvalidInput(f"{where}: expected {MOST_VALUES} values or fewer, got more")
+    if sum(map(text.count, ",[{")) > _MOST_VALUES:
+        raise InvalidInput(f"{where}: expected {_MOST_VALUES} values or fewer, got more")
     try:
         value = json.loads(text, object_pairs_hook=_object, parse_constant=_no_number)
         _check_depth(value)
@@ -494,9 +494,9 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     Raises InvalidInput for anything else, for a key that is there twice (YAML would take the last),
     and for a document beyond the limits of this module.
     """
-    if len(text) > MOST_YAML_BYTES:
+    if len(text) > _MOST_YAML_BYTES:
         raise InvalidInput(
-            f"{where}: expected {MOST_YAML_BYTES} letters of YAML or fewer, got {len(text)}"
+            f"{where}: expected {_MOST_YAML_BYTES} letters of YAML or fewer, got {len(text)}"
         )
 
     try:
@@ -506,7 +506,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     except Exception as error:  # PyYAML's constructors raise whatever struck them
         message = " ".join(str(error).split()) or type(error).__name__
         if "maximum nesting depth" in message:  # PyYAML 6.0.4 looks ahead, and finds it first
-            raise InvalidInput(f"{where}: {TOO_DEEP}") from None
+            raise InvalidInput(f"{where}: {_TOO_DEEP}") from None
         message = message.replace('in "<unicode string>", ', "at ")
         raise InvalidInput(f"{where}: expected YAML, it is broken: {message:.300}") from None
     if not isinstance(data, dict):
@@ -519,7 +519,7 @@ def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Ele
 
     Raises InvalidInput, which names no file, for anything else, for a document with a type and
     entities of its own, and for one that is nested deeper than ``deepest`` or has more than
-    ``MOST_ELEMENTS`` elements and attributes.
+    ``_MOST_ELEMENTS`` elements and attributes.
     """
     depth, count = 0, 0
 
@@ -530,9 +530,9 @@ def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Ele
         depth, count = depth + 1, count + 1 + len(attributes)
         if depth > deepest:
             raise InvalidInput(f"expected {deepest} levels of elements or fewer, got more")
-        if count > MOST_ELEMENTS:
+        if count > _MOST_ELEMENTS:
             raise InvalidInput(
-                f"expected {MOST_ELEMENTS} elements and attributes or fewer, got more"
+                f"expected {_MOST_ELEMENTS} elements and attributes or fewer, got more"
             )
 
     def ended(_: str) -> None:

@@ -71,9 +71,9 @@ def _number(value: Any) -> bool:
 TEMPORARY = re.compile(r"\.(?P<name>.+)\.\d+(-[0-9a-f]{8})?\.tmp", re.DOTALL)
 """Names of what is being written: those of its target and of the process, and a number of its
 own."""
-LONGEST_NAME = 255 - len("..4194304-01234567.tmp")
+_LONGEST_NAME = 255 - len("..4194304-01234567.tmp")
 """Longest name of a target, in bytes, on Linux."""
-TRIES = 100
+_TRIES = 100
 """Number of tries of names for what is being written: another one is needed where somebody took it
 away before it was locked."""
 
@@ -195,7 +195,7 @@ def check_writable(path: str | Path) -> Path:
             raise InvalidInput(f"{path}: expected an existing folder {path.parent}, found none")
         if not os.access(path if _is_special(path) else target.parent, os.W_OK):
             raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
-        if len(os.fsencode(target.name)) > LONGEST_NAME:
+        if len(os.fsencode(target.name)) > _LONGEST_NAME:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
     except (OSError, RuntimeError) as error:  # RuntimeError: links that lead back to themselves
         raise _unwritable(path, error) from None
@@ -238,7 +238,7 @@ def failure_of(name: str, said: str) -> OSError:
 
 def _locked(target: Path, folder: bool) -> tuple[Path, int]:
     """A new file or folder beside the target, and the descriptor that holds its lock."""
-    for _ in range(TRIES):
+    for _ in range(_TRIES):
         temporary = target.with_name(f".{target.name}.{os.getpid()}-{secrets.token_hex(4)}.tmp")
         if folder:
             temporary.mkdir()

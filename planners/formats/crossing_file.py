@@ -25,7 +25,7 @@ from .proof_file import proof_content, proof_from
 
 FORMAT = "stancekit/crossing/1"
 KEYS = ("format", "name", "parts", "refusal", "proof", "sha256")
-MOST_PARTS = 64
+_MOST_PARTS = 64
 
 
 def write_crossing(path: str | Path, crossing: Crossing) -> None:
@@ -73,8 +73,8 @@ def read_crossing(path: str | Path) -> Crossing:
     name, parts, refusal = data["name"], data["parts"], data["refusal"]
     if not isinstance(name, str) or not isinstance(refusal, str):
         raise InvalidInput(f"{path}: name, refusal: expected text, got something else")
-    if not isinstance(parts, list) or not 0 < len(parts) <= MOST_PARTS:
-        raise InvalidInput(f"{path}: parts: expected 1 to {MOST_PARTS} parts, got something else")
+    if not isinstance(parts, list) or not 0 < len(parts) <= _MOST_PARTS:
+        raise InvalidInput(f"{path}: parts: expected 1 to {_MOST_PARTS} parts, got something else")
     read = tuple(_part(part, f"{path}: parts[{k}]") for k, part in enumerate(parts))
     proof = None if data["proof"] is None else proof_from(data["proof"], f"{path}: proof")[1]
     try:

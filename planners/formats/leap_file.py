@@ -29,7 +29,7 @@ PLAN = ("timing", "choice", *NUMBERS, "provenance")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LeapFile:
+class _LeapFile:
     """The contents of a leap's file: the question, and a plan or a certificate, or neither."""
 
     leap: Leap
@@ -37,7 +37,7 @@ class LeapFile:
     certificate: Certificate | None = None
 
 
-def read_leap(path: str | Path, robot: str | Path | None = None) -> LeapFile:
+def read_leap(path: str | Path, robot: str | Path | None = None) -> _LeapFile:
     """Read a leap's file, JSON or YAML, or draw one by its name, CLASS:SEED as leap-hard:7.
 
     Raises InvalidInput, in one line, for anything else, and for another robot beside a file.
@@ -54,8 +54,8 @@ def read_leap(path: str | Path, robot: str | Path | None = None) -> LeapFile:
         if robot is not None:
             number = int(seed or "0")
             kind = leap_class(name).on(str(robot))
-            return LeapFile(leap=kind.draw(np.random.default_rng(number), f"{name}-{number}"))
-        return LeapFile(
+            return _LeapFile(leap=kind.draw(np.random.default_rng(number), f"{name}-{number}"))
+        return _LeapFile(
             leap=leap_from_keys({"distribution": name, "seed": int(seed or "0")}, str(path))
         )
     data = read_yaml(path) if Path(path).suffix in YAML else read_json(path)
@@ -66,7 +66,7 @@ def read_leap(path: str | Path, robot: str | Path | None = None) -> LeapFile:
     return leap_from(data, path)
 
 
-def leap_from(data: Mapping[str, Any], path: str | Path) -> LeapFile:
+def leap_from(data: Mapping[str, Any], path: str | Path) -> _LeapFile:
     """A leap of a file's content, with what answers it there.
 
     Raises InvalidInput, in one line.
@@ -80,7 +80,7 @@ def leap_from(data: Mapping[str, Any], path: str | Path) -> LeapFile:
         proof = None if raw_proof is None else Certificate.from_json(raw_proof).of(leap)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
-    return LeapFile(leap=leap, plan=plan, certificate=proof)
+    return _LeapFile(leap=leap, plan=plan, certificate=proof)
 
 
 def write_leap(

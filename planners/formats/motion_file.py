@@ -71,18 +71,18 @@ class FileCheck:
         return {**record, "message": self.message, "leaves": self.report.figures["leaves"]}
 
 
-AXES = "xyz"
+_AXES = "xyz"
 _OF_BODY = {
-    **{f"body.{axis}": ("origin_m", k) for k, axis in enumerate(AXES)},
+    **{f"body.{axis}": ("origin_m", k) for k, axis in enumerate(_AXES)},
     **{f"body.q{axis}": ("quaternion", k) for k, axis in enumerate("wxyz")},
-    **{f"com.{axis}": ("com_m", k) for k, axis in enumerate(AXES)},
-    **{f"com_v.{axis}": ("velocity_m_s", k) for k, axis in enumerate(AXES)},
-    **{f"body_w.{axis}": ("turning_rad_s", k) for k, axis in enumerate(AXES)},
+    **{f"com.{axis}": ("com_m", k) for k, axis in enumerate(_AXES)},
+    **{f"com_v.{axis}": ("velocity_m_s", k) for k, axis in enumerate(_AXES)},
+    **{f"body_w.{axis}": ("turning_rad_s", k) for k, axis in enumerate(_AXES)},
 }
 """Columns of the body: the array, and which number of a row."""
 _OF_POINTS = {"positions": "angles_rad", "velocities": "rates_rad_s", "effort": "torques_nm"}
 """Keys of a JointTrajectory's points, and the arrays that they hold."""
-_TIME, NANO = "t", 1_000_000_000
+_TIME, _NANO = "t", 1_000_000_000
 
 
 def _columns_of(table: MotionTable) -> dict[str, Array]:
@@ -134,7 +134,7 @@ def joint_trajectory(table: MotionTable) -> dict[str, Any]:
     rows = {key: known[name].tolist() for key, name in _OF_POINTS.items() if name in known}
     points = []
     for k, time_s in enumerate(table.time_s.tolist()):
-        sec, nanosec = divmod(round(time_s * NANO), NANO)
+        sec, nanosec = divmod(round(time_s * _NANO), _NANO)
         points.append(
             {key: row[k] for key, row in rows.items()}
             | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
@@ -222,7 +222,7 @@ def _places(
             if key == "contact":
                 places[f"{word}.{limb}"] = (key, (k,))
             else:
-                places |= {f"{word}.{limb}.{axis}": (key, (k, n)) for n, axis in enumerate(AXES)}
+                places |= {f"{word}.{limb}.{axis}": (key, (k, n)) for n, axis in enumerate(_AXES)}
     return places
 
 
@@ -379,7 +379,7 @@ def _seconds(point: Mapping[str, Any], k: int, where: str) -> float:
     if isinstance(time, Mapping):
         for whole, part in pairs:
             if isinstance(time.get(whole), int) and isinstance(time.get(part, 0), int):
-                return float(time[whole]) + float(time.get(part, 0)) / NANO
+                return float(time[whole]) + float(time.get(part, 0)) / _NANO
     raise InvalidInput(
         f"{where}: points[{k}].time_from_start: expected sec and nanosec, got {shown(time)}"
     )

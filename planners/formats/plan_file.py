@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 Read = TypeVar("Read")
-MOST_RECORDS = 500_000
+_MOST_RECORDS = 500_000
 """Most records of a file of JSON lines."""
 
 
@@ -51,12 +51,12 @@ def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInpu
 
     A record that cannot be parsed is yielded as its InvalidInput, and the rest still come. A text
     that is no JSON as a whole is taken for JSON lines where a line that is not indented is an
-    object, unless it begins as an array does. Raises InvalidInput for more than ``MOST_RECORDS``
+    object, unless it begins as an array does. Raises InvalidInput for more than ``_MOST_RECORDS``
     lines.
     """
-    if text.count("\n") > MOST_RECORDS:
+    if text.count("\n") > _MOST_RECORDS:
         raise InvalidInput(
-            f"{where}: expected {MOST_RECORDS} lines or fewer, got {text.count(chr(10))}"
+            f"{where}: expected {_MOST_RECORDS} lines or fewer, got {text.count(chr(10))}"
         )
     try:
         whole = parse_json(text, where)
@@ -184,13 +184,13 @@ __all__ = [
 
 FORMAT = "stancekit/plan/3"
 KEYS = ("format", "verified", "verdict", "provenance", "course", "arrays", "sha256")
-PARTS: dict[str, dict[str, type]] = {
+_PARTS: dict[str, dict[str, type]] = {
     "verdict": {"accepted": bool, "tolerance": float, "digest": str},
     "provenance": {},
     "arrays": {"npz": str},
 }
 """Least content of the objects in the header."""
-OF_JOINTS = ("joints", "torque")
+_OF_JOINTS = ("joints", "torque")
 """Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
 
 
@@ -356,7 +356,7 @@ def check_file(
     accepted = report.contacts and "violated" not in listed.values()
     same = accepted == verdict["accepted"] == header["verified"]
     unfounded = (
-        [name for name in OF_JOINTS if listed.get(name) == "not checked"]
+        [name for name in _OF_JOINTS if listed.get(name) == "not checked"]
         if find_spec("pinocchio")
         else []
     )
@@ -435,7 +435,7 @@ def _header(data: Any, path: Path) -> dict[str, Any]:
         )
     if _seal({name: data[name] for name in KEYS[:-1]}) != data["sha256"]:
         raise InvalidInput(f"{path}: digest mismatch: the file was changed after it was written")
-    for key, wanted in PARTS.items():
+    for key, wanted in _PARTS.items():
         part = data[key]
         if not isinstance(part, dict) or not all(
             isinstance(part.get(n), kind) for n, kind in wanted.items()

@@ -36,7 +36,7 @@ TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WalkRecord:
+class _WalkRecord:
     """A trajectory as it stood in a file.
 
     Arguments:
@@ -82,7 +82,7 @@ def check_name(path: str | Path) -> Path:
     return path
 
 
-def read_trajectory(path: str | Path) -> WalkRecord:
+def read_trajectory(path: str | Path) -> _WalkRecord:
     """Read a file.
 
     Raises InvalidInput, one line, for whatever is not as it was written.
@@ -108,7 +108,7 @@ def read_trajectory(path: str | Path) -> WalkRecord:
             f"{samples}: these samples do not belong to {path.name}: changed since they were "
             "written"
         )
-    return WalkRecord(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
+    return _WalkRecord(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
 
 
 def check_file(path: str | Path, *, robot: Robot | None = None) -> Report[Trajectory]:
@@ -140,7 +140,7 @@ def is_trajectory(data: Any) -> bool:
     return isinstance(data, dict) and str(data.get("format", "")).startswith("stancekit/gait/")
 
 
-def copied(trajectory: Trajectory) -> Trajectory:
+def _copied(trajectory: Trajectory) -> Trajectory:
     """Copy of a trajectory, made anew of the contents of its file.
 
     Raises InvalidInput where that is none.

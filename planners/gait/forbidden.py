@@ -31,8 +31,8 @@ from .walk_table import GaitSettings
 _FRICTION_ROOM = 0.02
 """Friction is taken to be this much more than it is: nothing is forbidden that the verifier
 tolerates."""
-TURNS = np.deg2rad(5.0) * np.arange(72)
-BELOW = np.array([1e-3, 0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0])
+_TURNS = np.deg2rad(5.0) * np.arange(72)
+_BELOW = np.array([1e-3, 0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0])
 """Directions about the vertical, and below the horizon, in which w is looked for [rad]."""
 LEAST, _GREATEST = 1e-6, 0.5 * np.pi - 1e-6
 """β that are taken, above the horizon [rad]."""
@@ -119,8 +119,8 @@ def _tips_over(normals: Array, friction: float, pull: float) -> bool:
     """Tell whether a direction below the horizon suits all normals, so far below that suction does
     not hold the weight.
     """
-    level = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
-    angles = BELOW[np.sin(BELOW) > pull]
+    level = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
+    angles = _BELOW[np.sin(_BELOW) > pull]
     below = [
         np.column_stack([np.cos(angle) * level, np.full(len(level), -np.sin(angle))])
         for angle in angles

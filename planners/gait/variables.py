@@ -63,7 +63,7 @@ def clamped_knots(pieces: int) -> Array:
     return np.concatenate([np.zeros(_DEGREE), np.linspace(0.0, 1.0, pieces + 1), np.ones(_DEGREE)])
 
 
-def greville(knots: Array) -> Array:
+def _greville(knots: Array) -> Array:
     """Place where each coefficient of a cubic B-spline acts most: the mean of its three inner
     knots.
     """
@@ -133,7 +133,7 @@ NOTHING = -1
 
 
 @dataclass(frozen=True, eq=False)
-class FootEntries:
+class _FootEntries:
     """Entries of one foot's variables in the decision vector.
 
     NOTHING marks what is always 0.
@@ -198,7 +198,7 @@ class GaitLayout:
         self._size += count
         return np.arange(self._size - count, self._size).reshape(shape)
 
-    def _foot(self, phases: FootPhases, force_knot_s: float, optimised: bool) -> FootEntries:
+    def _foot(self, phases: FootPhases, force_knot_s: float, optimised: bool) -> _FootEntries:
         count = phases.swings + 1
         stances = np.full((count, 3), NOTHING)
         stances[:, : 2 if self.flat else 3] = self._take((count, 2 if self.flat else 3))
@@ -211,7 +211,7 @@ class GaitLayout:
             )  # 0 at lift-off and touchdown
             entries[free] = self._take(entries[free].shape)
             forces.append(entries)
-        return FootEntries(
+        return _FootEntries(
             phases=phases,
             stances=stances,
             swings=self._take((phases.swings, 6)),
@@ -280,7 +280,7 @@ class GaitLayout:
         """When each coefficient of a stance's force acts most, shape (coefficients,) [s]."""
         begin, end = self.feet[foot].phases.stance(stance)
         pieces = len(self.feet[foot].forces[stance]) - 3
-        return begin + (end - begin) * greville(clamped_knots(pieces))
+        return begin + (end - begin) * _greville(clamped_knots(pieces))
 
     def entry_rows(self, entries: Index) -> csr_array:
         """Rows that read entries, shape (entries.size, size); NOTHING reads 0."""
@@ -328,7 +328,7 @@ _Key = tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class FootGroup:
+class _FootGroup:
     """Feet of one kind at nodes.
 
     Arguments:
@@ -362,7 +362,7 @@ class FootGroup:
 
 def _scheduled_groups(
     layout: GaitLayout, times_s: Array, foot_map: TaylorMap | None, step_s: float = 0.0
-) -> tuple[FootGroup, ...]:
+) -> tuple[_FootGroup, ...]:
     """All feet at all nodes by the schedule's phases: those that stand, then those that swing.
 
     Arguments:
@@ -386,7 +386,7 @@ def _scheduled_groups(
             chosen = np.flatnonzero(stands == standing)
             at[standing] += [(foot, node) for node in chosen.tolist()]
             rows[standing].append(csr_array(both[bases[chosen].ravel()]))
-    width, features = (5, on_ground) if layout.flat else (6, identity)
+    width, features = (5, _on_ground) if layout.flat else (6, identity)
     kinds: list[tuple[bool, str, int, Features]] = [
         (True, "stance", width, features),
         (False, "swing", 3, identity),
@@ -396,7 +396,7 @@ def _scheduled_groups(
         if at[standing]:
             variables = VariableGroup(name, csr_array(vstack(rows[standing])), size, foot_map, made)
             foot_of, node_of = np.array(at[standing]).T
-            groups.append(FootGroup(variables, foot_of, node_of, standing))
+            groups.append(_FootGroup(variables, foot_of, node_of, standing))
     return tuple(groups)
 
 
@@ -413,7 +413,7 @@ def _mean_rows(layout: GaitLayout, foot: int, times_s: Array, step_s: float) -> 
     return csr_array((before + at + after) / 3.0)
 
 
-def on_ground(v: cs.SX, constants: cs.SX) -> cs.SX:
+def _on_ground(v: cs.SX, constants: cs.SX) -> cs.SX:
     """(p̄, f̄) of a foot that stands on z̄ = 0, from (x̄, ȳ, f̄) (W8)."""
     return cs.vertcat(v[:2], 0.0, v[2:5])
 
@@ -438,7 +438,7 @@ def _entry_group(
 
 def _moving_groups(
     layout: GaitLayout, times_s: Array, foot_map: TaylorMap | None, slack_s: float
-) -> tuple[FootGroup, ...]:
+) -> tuple[_FootGroup, ...]:
     """All feet at all nodes, grouped by the phases that they may be in where switching times may
     move by slack_s.
     """
@@ -461,12 +461,12 @@ def _moving_groups(
             np.asarray(times_s)[node_of][:, None],
         )
         groups.append(
-            FootGroup(variables, foot_of, node_of, any(kind != "swing" for kind, _ in key))
+            _FootGroup(variables, foot_of, node_of, any(kind != "swing" for kind, _ in key))
         )
     return tuple(groups)
 
 
-def _candidates(entries: FootEntries, time: float, slack: float) -> list[int]:
+def _candidates(entries: _FootEntries, time: float, slack: float) -> list[int]:
     """Indices of the phases that a foot may be in at this time [s]: one, or two neighbours if the
     time is within ``slack`` [s] of the switch between them.
     """
@@ -476,7 +476,7 @@ def _candidates(entries: FootEntries, time: float, slack: float) -> list[int]:
     return [k for k in range(len(edges) - 1) if low[k] < time + 1e-9 and time - 1e-9 < high[k + 1]]
 
 
-def _columns(entries: FootEntries, candidates: list[int]) -> tuple[_Key, Index]:
+def _columns(entries: _FootEntries, candidates: list[int]) -> tuple[_Key, Index]:
     """Key of the group, and the entries of its variables, phase by phase; NOTHING for what is 0 or
     a constant.
     """
@@ -589,7 +589,7 @@ class Structure:
         return self.torso, np.clip(nodes, 0, self.nodes - 1)
 
     @cached_property
-    def feet_at_nodes(self) -> tuple[FootGroup, ...]:
+    def feet_at_nodes(self) -> tuple[_FootGroup, ...]:
         """All feet at all nodes, in groups."""
         if self.task.timings == "optimised":
             return _moving_groups(

@@ -10,7 +10,7 @@ The samples, SI units and world frame, a row a sample:
   ``stands`` (K, E), feet in the robot's order.
 
 A foot whose program does not say whether it stands does where it is pushed with more than
-``LOADED`` of the weight. Walks are judged on samples 5 ms apart or closer; coarser ones are
+``_LOADED`` of the weight. Walks are judged on samples 5 ms apart or closer; coarser ones are
 refused, since what is between samples is not known.
 """
 
@@ -44,7 +44,7 @@ from ..terrain.import_options import ImportOptions
 from ..terrain.reference import named_terrain
 from .charts import CHARTS
 
-Dynamics = Literal["centred", "printed", "newton-euler"]
+_Dynamics = Literal["centred", "printed", "newton-euler"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,7 @@ class GaitSettings:
     """
 
     chart: str = "decoupled"
-    dynamics: Dynamics = "centred"
+    dynamics: _Dynamics = "centred"
     hessian: Literal["exact", "lbfgs"] = "exact"
     max_iterations: int = 200
     tolerance: float = 1e-4
@@ -107,7 +107,7 @@ class GaitSettings:
 
     def __post_init__(self) -> None:
         CHARTS.get(self.chart)
-        checked_choice(self.dynamics, "dynamics", get_args(Dynamics))
+        checked_choice(self.dynamics, "dynamics", get_args(_Dynamics))
         checked_choice(self.hessian, "hessian", ("exact", "lbfgs"))
         above = ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m")
         check_numbers(
@@ -123,13 +123,13 @@ class GaitSettings:
             checked_int(getattr(self, name), f"{name}", least=1)
 
 
-LOADED = 1e-3
+_LOADED = 1e-3
 """Share of the weight."""
-MOST_ROWS = 500_000
-BASE = ("base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz")
-OF_FEET = ("x_m", "y_m", "z_m", "fx_n", "fy_n", "fz_n")
-Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Place = tuple[float, float]
+_MOST_ROWS = 500_000
+_BASE = ("base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz")
+_OF_FEET = ("x_m", "y_m", "z_m", "fx_n", "fy_n", "fz_n")
+_Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+_Place = tuple[float, float]
 
 
 class WalkKeys(BaseModel):
@@ -151,15 +151,15 @@ class WalkKeys(BaseModel):
     terrain: str
     spacing_m: Annotated[float, Field(gt=0.0)] = 0.05
     friction: Annotated[float, Field(ge=0.0, le=10.0)]
-    start_xy_m: Place
-    goal_xy_m: Place
-    cpu_process_s: Seconds | None = None
-    cpu_solver_s: Seconds | None = None
+    start_xy_m: _Place
+    goal_xy_m: _Place
+    cpu_process_s: _Seconds | None = None
+    cpu_solver_s: _Seconds | None = None
     task: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WalkTable:
+class _WalkTable:
     """A walk of some program: its name, what is said of it, and the walk itself."""
 
     name: str
@@ -183,7 +183,7 @@ def walk_names(folder: str | Path) -> tuple[Path, ...]:
     return names
 
 
-def read_walk(path: str | Path) -> WalkTable:
+def read_walk(path: str | Path) -> _WalkTable:
     """The walk of a YAML file and the samples beside it.
 
     Raises InvalidInput, one line, for keys that are wrong, samples that are missing, and samples of
@@ -215,7 +215,7 @@ def read_walk(path: str | Path) -> WalkTable:
         )
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
-    return WalkTable(name=path.stem, keys=keys, trajectory=trajectory)
+    return _WalkTable(name=path.stem, keys=keys, trajectory=trajectory)
 
 
 def _from(path: Path, name: str) -> str:
@@ -232,18 +232,18 @@ def _of_table(path: Path, robot: Robot) -> dict[str, Any]:
     rows = list(csv.reader(io.StringIO(read_text(path))))
     head, body = [name.strip() for name in rows[0]], [row for row in rows[1:] if row]
     names = [foot.name for foot in robot.feet]
-    wanted = ["t_s", *BASE, *(f"{name}_{part}" for name in names for part in OF_FEET)]
+    wanted = ["t_s", *_BASE, *(f"{name}_{part}" for name in names for part in _OF_FEET)]
     optional = [f"{name}_stands" for name in names]
     missing = [name for name in wanted if name not in head]
     unknown = [name for name in head if name not in (*wanted, *optional)]
     if missing or unknown or len(set(head)) != len(head):
         raise InvalidInput(
-            f"expected one column each of t_s, {BASE[0]} … {BASE[-1]} and, of {', '.join(names)}, "
-            f"{OF_FEET[0]} … {OF_FEET[-1]}; "
+            f"expected one column each of t_s, {_BASE[0]} … {_BASE[-1]} and, of {', '.join(names)}, "
+            f"{_OF_FEET[0]} … {_OF_FEET[-1]}; "
             + (f"missing {missing[0]}" if missing else f"got {(unknown or head)[0]}")
         )
-    if len(body) > MOST_ROWS:
-        raise InvalidInput(f"expected {MOST_ROWS} rows or fewer, got {len(body)}")
+    if len(body) > _MOST_ROWS:
+        raise InvalidInput(f"expected {_MOST_ROWS} rows or fewer, got {len(body)}")
     try:
         values = np.array(body, dtype=np.float64).reshape(len(body), len(head))
     except ValueError:
@@ -258,10 +258,10 @@ def _of_table(path: Path, robot: Robot) -> dict[str, Any]:
 
     arrays = {
         "t_s": column["t_s"],
-        "base_m": np.stack([column[name] for name in BASE[:3]], axis=1),
-        "base_wxyz": np.stack([column[name] for name in BASE[3:]], axis=1),
-        "feet_m": of(OF_FEET[:3]),
-        "forces_n": of(OF_FEET[3:]),
+        "base_m": np.stack([column[name] for name in _BASE[:3]], axis=1),
+        "base_wxyz": np.stack([column[name] for name in _BASE[3:]], axis=1),
+        "feet_m": of(_OF_FEET[:3]),
+        "forces_n": of(_OF_FEET[3:]),
     }
     if all(name in column for name in optional):
         arrays["stands"] = np.stack([column[name] for name in optional], axis=1)
@@ -307,7 +307,7 @@ def _samples(arrays: Mapping[str, Array], robot: Robot) -> dict[str, Any]:
         raise InvalidInput(f"base_wxyz: expected unit quaternions, got one of length {worst:g}")
     stands = arrays_of_walk.get("stands")
     if stands is None:
-        stands = np.linalg.norm(arrays_of_walk["forces_n"], axis=2) > LOADED * robot.weight_n
+        stands = np.linalg.norm(arrays_of_walk["forces_n"], axis=2) > _LOADED * robot.weight_n
     elif not np.isin(stands, (0.0, 1.0)).all():
         raise InvalidInput("stands: expected 0 or 1 for every foot, got others")
     return {
@@ -338,8 +338,8 @@ def table_of(trajectory: Trajectory) -> str:
     names = [foot.name for foot in trajectory.robot.feet]
     head = [
         "t_s",
-        *BASE,
-        *(f"{name}_{part}" for name in names for part in OF_FEET),
+        *_BASE,
+        *(f"{name}_{part}" for name in names for part in _OF_FEET),
         *(f"{n}_stands" for n in names),
     ]
     feet = np.concatenate([trajectory.feet_m, trajectory.forces_n], axis=2).reshape(

@@ -43,12 +43,12 @@ from .scp import (
     reserved,
 )
 
-SHARE, LEAST_SHARE = 0.88, 0.5
+SHARE, _LEAST_SHARE = 0.88, 0.5
 """Shares of joints' speeds and torques, that rows ask for; less in later rounds, but no less than
 that."""
 _MORE_THAN = 1.03
 """Rows ask for so much less than would make up for what was too much."""
-ROUNDS, STEPS = 6, 8
+_ROUNDS, _STEPS = 6, 8
 """Rounds at most, for one timing, and convex steps at most in each."""
 _SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
 """What is as bad as one share of a joint, of groups that are beyond their limits; 0.1 of others."""
@@ -62,15 +62,15 @@ _STRETCHED = (
     (1.0, 0.8, 1.0),
 )
 """Timings that are tried: stances before, flights, stances after, in units of the leap's own."""
-FINER, NEARLY = (0.02, 0.01, 0.005), 1.03
+_FINER, _NEARLY = (0.02, 0.01, 0.005), 1.03
 """Changes of how legs are drawn up where joints in the air have less than this of what they may."""
 _BEND_M = 1e-4
 """Legs are bent by this to see what it changes [m]."""
-NEXT = 2
+_NEXT = 2
 """So many samples in the air beside a stance count as part of it."""
-AROUND = ((0.03, 0.0), (-0.03, 0.0), (0.0, 0.05), (0.0, -0.05))
+_AROUND = ((0.03, 0.0), (-0.03, 0.0), (0.0, 0.05), (0.0, -0.05))
 """Ways near the best of them."""
-EASY, _HARD, WAYS = 0.9, 1.1, 3
+_EASY, _HARD, _WAYS = 0.9, 1.1, 3
 """Other ways are looked at where joints in the air have more than the first of what they may, and on
 the ground less than the second; so many of the easiest are judged whole."""
 _GATHERS = ((0.3, 0.8), (0.4, 0.9), (0.25, 0.95), (0.35, 0.7), (0.45, 1.0))
@@ -83,7 +83,7 @@ shortened by no more than that [m]."""
 _MOST_AIR_M = 0.03
 """What it misses in the air, just off a surface or just before one, counts for no more in a round
 [m]."""
-SAID = 2
+_SAID = 2
 """A plan says so often anew what legs turn its body by."""
 NEAR_M = 0.06
 """Toes move no farther than this in a round."""
@@ -95,7 +95,7 @@ _FLIGHT_PARTS = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class JudgedLeap:
+class _JudgedLeap:
     """A plan with what its contacts and its whole body do.
 
     Arguments:
@@ -123,7 +123,7 @@ class JudgedLeap:
             if group.name in ("joint_speed", "torque") and group.verdict == "violated"
         ]
         less = min(_MORE_THAN * max(over), 1.15) if over else 1.0
-        return max(self.share / less, LEAST_SHARE)
+        return max(self.share / less, _LEAST_SHARE)
 
     @property
     def short_m(self) -> Array:
@@ -175,11 +175,11 @@ class LeapBender:
 
     def judge(
         self, plan: LeapPlan, shortened_m: Array | None = None, share: float = SHARE
-    ) -> JudgedLeap:
+    ) -> _JudgedLeap:
         """Joints of a plan, and its bodies where they can do it.
 
         Arguments:
-            shortened_m, share: as of ``JudgedLeap``.
+            shortened_m, share: as of ``_JudgedLeap``.
         """
         model = plan.problem.robot.source.own_model()
         if self._body is None:
@@ -189,17 +189,17 @@ class LeapBender:
         measured = self._said(self._measured(plan))
         ways = [measured]
         air, ground = self._hard(measured), self._hard(measured, air=False)
-        if air > EASY and ground < _HARD:
-            ways = [self._said(way) for way in self._gathered(measured)[:WAYS]]
+        if air > _EASY and ground < _HARD:
+            ways = [self._said(way) for way in self._gathered(measured)[:_WAYS]]
             measured = ways[0]
         found = self._whole(ways)
         if found is not None and len(ways) == 1 and _violated(found[1]) == {"bodies"}:
-            others = [self._said(way) for way in self._gathered(measured)[:WAYS]]
+            others = [self._said(way) for way in self._gathered(measured)[:_WAYS]]
             found = self._whole([*others, measured])
         measured, groups = found or (measured, tuple(measured.groups(self._limits, bodies=False)))
         plan = measured.leap_body.plan
         none = np.zeros(len(plan.problem.robot.limbs))
-        return JudgedLeap(
+        return _JudgedLeap(
             plan=plan,
             body=measured,
             groups=groups,
@@ -217,7 +217,7 @@ class LeapBender:
         found: tuple[LeapBodyMeasurements, tuple[Group, ...]] | None = None
         for way in ways:
             wrong = _violated(way.groups(self._limits, bodies=False))
-            if wrong - {"joint_speed", "torque"} or self._hard(way) > NEARLY:
+            if wrong - {"joint_speed", "torque"} or self._hard(way) > _NEARLY:
                 continue
             measured = LeapBodyMeasurements(LeapBody(way.leap_body.plan, body=self._body))
             measured = self._finer(measured)
@@ -230,7 +230,7 @@ class LeapBender:
         """The plan that says what legs make of its turning, where nothing but speeds and torques is
         violated beside it.
         """
-        for _ in range(SAID):
+        for _ in range(_SAID):
             wrong = _violated(measured.groups(self._limits, bodies=False))
             if "legs_turn" not in wrong or wrong - {"legs_turn", "joint_speed", "torque"}:
                 break
@@ -241,8 +241,8 @@ class LeapBender:
         """A plan at all samples, with its way of drawing up legs a little changed where joints in
         the air have a little too much.
         """
-        for step in FINER:
-            if not 1.0 < self._hard(measured) < NEARLY or self._hard(measured, air=False) > 1.0:
+        for step in _FINER:
+            if not 1.0 < self._hard(measured) < _NEARLY or self._hard(measured, air=False) > 1.0:
                 break
             plan = measured.leap_body.plan
             edge, fold = GATHER if plan.gather is None else plan.gather
@@ -272,7 +272,7 @@ class LeapBender:
             return self._hard(known[gather])
 
         best = min(_GATHERS, key=hard)
-        near = [(best[0] + a, best[1] + b) for a, b in AROUND]
+        near = [(best[0] + a, best[1] + b) for a, b in _AROUND]
         for each in near:
             if 0.15 <= each[0] <= 0.45 and each[1] <= 1.0:
                 hard(each)
@@ -293,7 +293,7 @@ class LeapBender:
         line = measured.line[rows].max(initial=0.0) / self._limits.torque
         return float(max(fast, line) + 100.0 * off * (off > self._limits.joints_m))
 
-    def bent(self, plan: LeapPlan) -> tuple[JudgedLeap, JudgedLeap]:
+    def bent(self, plan: LeapPlan) -> tuple[_JudgedLeap, _JudgedLeap]:
         """The plan as it was judged, and the best that bending finds: the first that is accepted,
         or the one that lacks least.
         """
@@ -313,7 +313,7 @@ class LeapBender:
                     return first, self._eased(judged)
         return first, best
 
-    def _eased(self, judged: JudgedLeap) -> JudgedLeap:
+    def _eased(self, judged: _JudgedLeap) -> _JudgedLeap:
         """The leap whose toes are unloaded before they lift, and that says part by part what legs
         turn its body by; the one that there is where that is not accepted.
         """
@@ -327,7 +327,7 @@ class LeapBender:
                 return said if said.accepted else eased
         return judged
 
-    def _from(self, begun: JudgedLeap) -> Iterator[JudgedLeap]:
+    def _from(self, begun: _JudgedLeap) -> Iterator[_JudgedLeap]:
         """Plans of one timing: in rounds from the one that was judged, and from where its feet miss
         less.
         """
@@ -336,7 +336,7 @@ class LeapBender:
         if again is not begun:
             yield from self._rounds(again)
 
-    def _within_reach(self, judged: JudgedLeap) -> JudgedLeap:
+    def _within_reach(self, judged: _JudgedLeap) -> _JudgedLeap:
         """The leap begun anew with its reach shortened by what feet missed, while that helps: rounds
         begin near what legs can do.
         """
@@ -389,12 +389,12 @@ class LeapBender:
         retimed = replace(plan, problem=replace(leap, timings_s=(timing,)), timing=0)
         return self._anew(retimed)
 
-    def _rounds(self, judged: JudgedLeap) -> Iterator[JudgedLeap]:
+    def _rounds(self, judged: _JudgedLeap) -> Iterator[_JudgedLeap]:
         """Plans of one timing, each judged, from one that was judged."""
         yield judged
         best = judged
         near = NEAR_M
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             if time.perf_counter() > self._deadline or near < 0.1 * NEAR_M:
                 return
             plan = self._stepped(best, near, judged.next_share)
@@ -411,7 +411,7 @@ class LeapBender:
             else:
                 near *= 0.4
 
-    def _stepped(self, judged: JudgedLeap, near_m: float, share: float) -> LeapPlan | None:
+    def _stepped(self, judged: _JudgedLeap, near_m: float, share: float) -> LeapPlan | None:
         """One round: the plan of the convex steps with the joints' rows; None where its own rows do
         not hold.
         """
@@ -427,7 +427,7 @@ class LeapBender:
         data = LeapGiven(scaled, loaded_numbers=numbers, at=point, reserve_m=2.0 * HEIGHT_RESERVE_M)
         data = replace(data, joints=joint_rows(judged.body, data, share))
         radius = near_m
-        for _ in range(STEPS):
+        for _ in range(_STEPS):
             answer = program.solve(nearby(data, point, radius))
             if answer.point is None:
                 radius *= 0.5
@@ -594,9 +594,9 @@ def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = 
         first, last = halves[b // count][m]
         stands = body.contact[:, i]
         if b < count and first > 1 and not stands[first - 1]:
-            first -= NEXT  # a leg that swings down to where it lands
+            first -= _NEXT  # a leg that swings down to where it lands
         if b >= count and last < inner and not stands[last + 1]:
-            last += NEXT
+            last += _NEXT
         first, last = min(max(first, 1), inner), min(max(last, 1), inner)
         joints = np.flatnonzero(solver.legs == i)
         hardest = first + worst[first - 1 : last, joints].argmax(axis=0)

@@ -44,35 +44,35 @@ from ..verify.crossings import check_crossing
 from .bend import judged_answer
 from .finder import LeapFinder, find_leap
 
-SPACING_M = 0.01
+_SPACING_M = 0.01
 """Places along the way that are looked at are so far apart [m]."""
-NARROW_M = 0.05
+_NARROW_M = 0.05
 """Toes stand so much nearer to the body along the way where it leaps, at most [m]."""
-LEAST_M = 0.04
+_LEAST_M = 0.04
 """A climb between two leaps that is shorter is none [m]."""
-FLAT = 0.3
+_FLAT = 0.3
 """Surfaces whose normals are steeper than this are nothing to land on."""
-INTERVALS = (4, 1, 4)
+_INTERVALS = (4, 1, 4)
 _STANCES_S = (0.5, 0.65)
 """Durations of the stances before and after a flight that are tried [s]."""
 _FLIGHTS_M_S = (1.1, 1.3)
 """Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
 _FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
-CANDIDATES, WINDOW_M = 4, 0.16
+_CANDIDATES, _WINDOW_M = 4, 0.16
 """Candidates per toe where a leap lands, and how wide each is [m]."""
 _LANDS_M = 0.06
 """Width of the pieces on which it lands, about where toes like to be: a climb goes on from there [m]."""
 _GOAL_M = 0.06
 """A leap ends so near to where the body likes to be over its toes: a climb goes on from there
 [m]."""
-LOW = 0.5
+_LOW = 0.5
 """Least height of the body over its toes, in units of that at which it stands."""
-SAME = 1e-6
+_SAME = 1e-6
 """Largest distance of the corners of a piece from the plane of its surface [m]."""
-SQUARE_M = 0.04
+_SQUARE_M = 0.04
 """Width of the pieces on which a climb ends that a leap follows [m]."""
-SHARES = (0.25, 0.8)
+_SHARES = (0.25, 0.8)
 """Shares of the time that is left, for one climb and for one leap, while more is to come."""
 
 
@@ -106,12 +106,12 @@ def stretches(terrain: Terrain, toes_m: Array, ends_m: Array) -> Stretches | Non
     """
     way = ends_m[1] - ends_m[0]
     length = float(np.linalg.norm(way))
-    if length < SPACING_M:
+    if length < _SPACING_M:
         return None
     direction = way / length
-    along = np.linspace(0.0, length, int(np.ceil(length / SPACING_M)) + 1)
+    along = np.linspace(0.0, length, int(np.ceil(length / _SPACING_M)) + 1)
     ahead = toes_m[:, :2] @ direction
-    shift_m = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
+    shift_m = np.sign(ahead) * np.minimum(_NARROW_M, 0.5 * np.abs(ahead))
     toes = toes_m[:, :2] - shift_m[:, None] * direction
     places = ends_m[0] + along[:, None, None] * direction + toes
     stands = _on_ground(terrain, places).all(axis=1)
@@ -128,7 +128,7 @@ def _on_ground(terrain: Terrain, places_m: Array) -> NDArray[np.bool_]:
     """Tell at which places some surface is to stand on, shape (K, N)."""
     on = np.zeros(places_m.shape[:2], dtype=bool)
     for _, patch in terrain.standing:
-        if patch.normal[2] < FLAT:
+        if patch.normal[2] < _FLAT:
             continue
         normals, offsets = half_planes(patch.vertices_m[:, :2])
         on |= np.all(places_m @ normals.T <= offsets + 1e-9, axis=-1)
@@ -258,7 +258,7 @@ class _Crossing:
         question = replace(self.question, straight=True)
         try:
             return plan_course(
-                question, self.planner, limits=self.limits, deadline=self._until(SHARES[0])
+                question, self.planner, limits=self.limits, deadline=self._until(_SHARES[0])
             )
         except (InvalidInput, PlanningFailed):
             return None
@@ -276,11 +276,11 @@ class _Crossing:
             last = k == len(spans) - 1
             if standing is not None:
                 begin = float((standing.com_m[:2] - self.way.start_m) @ self.way.direction)
-            if standing is None or abs(end - begin) > LEAST_M:
+            if standing is None or abs(end - begin) > _LEAST_M:
                 where = f"the climb from {begin:.2f} to {end:.2f} m along the way"
                 climbed: tuple[Plan, Effort] | str = ""
                 for square in (True, False)[last:]:
-                    climbed = self._climb(standing, end, 1.0 if last else SHARES[0], square=square)
+                    climbed = self._climb(standing, end, 1.0 if last else _SHARES[0], square=square)
                     if not isinstance(climbed, str):
                         break
                 if isinstance(climbed, str):
@@ -343,7 +343,7 @@ class _Crossing:
         why, effort = "no timing", Effort()
         obstacles = Obstacles.of(self.terrain.patches)
         timings = self._timings(to_m - from_m)
-        until = self._until(SHARES[1])
+        until = self._until(_SHARES[1])
         for k, timing in enumerate(timings):
             leap = self.leap_from(standing, to_m, timing)
             if isinstance(leap, str):
@@ -392,24 +392,24 @@ class _Crossing:
             candidates = self._near(toe, _LANDS_M)
             if not candidates:
                 pieces = surfaces.candidates(
-                    limb, goal + limb.shoulder_m, toe, CANDIDATES, WINDOW_M
+                    limb, goal + limb.shoulder_m, toe, _CANDIDATES, _WINDOW_M
                 )
                 candidates = tuple(piece for _, piece in pieces)
             if not candidates:
                 return f"no foothold for {limb.name} where it lands"
             footholds.append(Foothold(limb=limb.name, frame=2, candidates=candidates))
         names = robot.limb_names
-        stances = [Phase(limbs=names, intervals=n) for n in (INTERVALS[0], INTERVALS[2])]
+        stances = [Phase(limbs=names, intervals=n) for n in (_INTERVALS[0], _INTERVALS[2])]
         return Leap(
             name=f"leap over {self.terrain_name}",
             robot=robot,
-            phases=(stances[0], Phase(limbs=(), intervals=INTERVALS[1]), stances[1]),
+            phases=(stances[0], Phase(limbs=(), intervals=_INTERVALS[1]), stances[1]),
             timings_s=(timing,),
             footholds=tuple(footholds),
             start=BodyState(com_m=standing.com_m, rotation_rad=standing.rotation_rad),
             goal=BodyState(com_m=goal),
             goal_radius_m=_GOAL_M,
-            limits=LeapLimits(momentum_m2_s=SPINS * height**2, height_m=LOW * height),
+            limits=LeapLimits(momentum_m2_s=SPINS * height**2, height_m=_LOW * height),
         )
 
     def _wanted(self, along_m: float) -> tuple[Array, Array]:
@@ -417,7 +417,7 @@ class _Crossing:
         the heights there, shape (N,) [m].
         """
         ahead = self.toes_m[:, :2] @ self.way.direction
-        shift_m = np.sign(ahead) * np.minimum(NARROW_M, 0.5 * np.abs(ahead))
+        shift_m = np.sign(ahead) * np.minimum(_NARROW_M, 0.5 * np.abs(ahead))
         wanted = self.way.at(along_m) + self.toes_m[:, :2] - shift_m[:, None] * self.way.direction
         return wanted, _heights(self.terrain, wanted)
 
@@ -434,9 +434,9 @@ class _Crossing:
             j, place = last[limb], np.array([*xy, z])
             if footholds[j].frame == 0 and footholds[j].toe_m is not None:
                 continue
-            near = self._near(place, SQUARE_M)
+            near = self._near(place, _SQUARE_M)
             if near:
-                footholds[j] = replace(footholds[j], candidates=near[:CANDIDATES])
+                footholds[j] = replace(footholds[j], candidates=near[:_CANDIDATES])
         return replace(course, footholds=tuple(footholds))
 
     def _near(self, place_m: Array, width_m: float) -> tuple[Patch, ...]:
@@ -448,7 +448,7 @@ class _Crossing:
             for piece in pieces
             if piece is not None
             and np.linalg.norm(piece.vertices_m.mean(axis=0) - place_m) < width_m
-        )[:CANDIDATES]
+        )[:_CANDIDATES]
 
     @property
     def terrain_name(self) -> str:
@@ -462,7 +462,7 @@ def _heights(terrain: Terrain, places_m: Array) -> Array:
     """
     heights = np.full(len(places_m), -np.inf)
     for _, patch in terrain.standing:
-        if patch.normal[2] < FLAT:
+        if patch.normal[2] < _FLAT:
             continue
         normals, offsets = half_planes(patch.vertices_m[:, :2])
         within = np.all(places_m @ normals.T <= offsets + 1e-9, axis=-1)
@@ -476,10 +476,10 @@ def surface_of(terrain: Terrain, piece: Patch) -> Patch:
     """The whole surface that a patch was cut from, or the patch itself where no surface holds it.
     Feet roll as they push, some of them beyond the borders that planners draw about a toe.
     """
-    within = piece.centre_m + (1.0 - SAME) * (piece.vertices_m - piece.centre_m)
+    within = piece.centre_m + (1.0 - _SAME) * (piece.vertices_m - piece.centre_m)
     for _, patch in terrain.standing:
         surface = Surface(patch, 0.0)
-        level = all(abs(surface.height(corner)) < SAME for corner in within)
+        level = all(abs(surface.height(corner)) < _SAME for corner in within)
         if level and patch.friction == piece.friction and all(map(surface.covers, within)):
             return patch
     return piece

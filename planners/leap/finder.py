@@ -39,7 +39,7 @@ from .scp import FRICTION_SHARE, STOP, LeapAttempt, Rule, Scorer, attempt, plan_
 
 _HEADS = 96
 """Combinations of each half that are looked at in pairs."""
-MOST = 8_192
+_MOST = 8_192
 """Combinations of a half; with more, the worst candidates of every toe are left out."""
 
 
@@ -134,7 +134,7 @@ class Picker:
 def _combos(half: Index, scores: Array, options: Index) -> Index:
     """Combinations of the candidates of some footholds, shape (·, footholds)."""
     counts = options[half].copy()
-    while np.prod(counts, dtype=np.float64) > MOST:
+    while np.prod(counts, dtype=np.float64) > _MOST:
         counts[counts.argmax()] -= 1
     lists = [
         np.argsort(-scores[j], kind="stable")[:count] for j, count in zip(half, counts, strict=True)
@@ -150,7 +150,7 @@ def _top(values: Array, count: int) -> Index:
 
 
 Order = Literal["random", "rule", "noise", "farkas", "finder"]
-DECIDED = 1e-3
+_DECIDED = 1e-3
 """A first step that costs less than this says nothing of other choices."""
 
 
@@ -365,7 +365,7 @@ class LeapSearch:
                 cut = plan_cut(timing.numbers, row, self._method.share)
                 if cut.value(found.choice) > 0.0:
                     picker.refute(cut)
-        elif order == "finder" and found.first > DECIDED:
+        elif order == "finder" and found.first > _DECIDED:
             picker.charge(guide(timing.numbers, found))
 
     def _choice(self, timing: _Timing) -> Index | None:
@@ -391,7 +391,7 @@ class LeapSearch:
         return None
 
 
-ORDERS: tuple[Order, ...] = ("random", "rule", "farkas", "finder", "noise")
+_ORDERS: tuple[Order, ...] = ("random", "rule", "farkas", "finder", "noise")
 """In which a leap's tries are made: random ones before there are cuts, noise about the best that
 the others found."""
 LABELS = {Status.FEASIBLE: "solved", Status.INFEASIBLE: "refuted", Status.UNDECIDED: "unsolved"}
@@ -438,7 +438,7 @@ def tries_of(
     """Try different choices of a leap's contacts, and label each one.
 
     Arguments:
-        mix: how many choices of each order, made in the sequence of ``ORDERS``; fewer where there
+        mix: how many choices of each order, made in the sequence of ``_ORDERS``; fewer where there
             are no more.
         seed: of random choices and of noise.
         stop: cost of a first step above which a choice is given up.
@@ -451,7 +451,7 @@ def tries_of(
     programs = programs or programs_of_this_thread()
     labeller = _Labeller(leap, programs)
     search = LeapSearch(leap, LeapFinder(solves=10**9, seed=seed, stop=stop, share=share), programs)
-    for order in ORDERS:
+    for order in _ORDERS:
         attempts = search.attempts(order)
         for _ in range(mix.get(order, 0)):
             begin = time.perf_counter()

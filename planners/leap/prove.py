@@ -334,7 +334,7 @@ def remaining_leap(plan: LeapPlan, time_s: float, state: BodyState) -> Leap:
     )
 
 
-LEAF, _CHOICE, _TIMING = 0.0, 1.0, 4.0
+_LEAF, _CHOICE, _TIMING = 0.0, 1.0, 4.0
 """Kinds of a certificate's nodes that a leap's has."""
 
 
@@ -389,7 +389,7 @@ class Prover:
                 refutation = self._refuting(opened)
         if refutation is not None:
             self._leaves.append(self._rows[refutation])
-            return [(LEAF, 0.0, 0.0, 0.0, 0.0)]
+            return [(_LEAF, 0.0, 0.0, 0.0, 0.0)]
         if self._left <= 0:
             return None
         p, r = self._torn(opened)

@@ -22,12 +22,12 @@ from .terms import PRICES, SLACKS, SPEED_RESERVE, Dynamics, Legs, Turning, still
 
 LITTLE = 1e-5
 """Price of Σ f², which picks one of many equal answers."""
-EVEN = 1e-3
+_EVEN = 1e-3
 """That price for robots whose legs are known, which then push alike on both sides."""
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class _Step:
     """An answer of ``LeapProgram``: the conic solution, its point, and what its slack costs (NaN
     without a point).
     """
@@ -37,7 +37,7 @@ class Step:
     cost: float
 
 
-UPRIGHT, QUIET = 2e-2, 10.0
+_UPRIGHT, _QUIET = 2e-2, 10.0
 """Price of squares of Θ [1/rad²] and of L [s²/m⁴] at every frame, for robots whose legs are known:
 with nothing to hold them a body rolls as far as it may, and legs that swing make more of it."""
 
@@ -74,8 +74,8 @@ class LeapProgram:
         if joints:
             legs.joints(forces, turning.momentum, joints)
         if quiet:
-            rows.square(body.rotation, None, quiet * UPRIGHT)
-            rows.square(turning.momentum, None, quiet * QUIET)
+            rows.square(body.rotation, None, quiet * _UPRIGHT)
+            rows.square(turning.momentum, None, quiet * _QUIET)
         if layout.reach_rows:
             legs.inside()
         forces.in_cones()
@@ -83,19 +83,19 @@ class LeapProgram:
         body.reach(toes)
         body.limits()
         trust(rows, layout, toes)
-        rows.square(forces.columns, None, max(quiet * EVEN, LITTLE))
+        rows.square(forces.columns, None, max(quiet * _EVEN, LITTLE))
 
-    def solve(self, given: LeapGiven) -> Step:
+    def solve(self, given: LeapGiven) -> _Step:
         """One step from the point of ``given``."""
         solution = self.rows.solve(given)
         if not solution.solved:
-            return Step(solution, None, float("nan"))
+            return _Step(solution, None, float("nan"))
         names = ("com", "rotation", "velocity", "momentum", "toes")
         point = LeapPoint(
             **{name: solution.value(name) for name in names},
             forces=given.scaled.in_world(solution.value("forces")),
         )
-        return Step(solution, point, _slack_cost(solution))
+        return _Step(solution, point, _slack_cost(solution))
 
 
 class LeapLift:
@@ -143,7 +143,7 @@ def _slack_cost(solution: ConicSolution) -> float:
     return total
 
 
-STEPS = 10
+_STEPS = 10
 STOP = 0.05
 """A first step whose slack costs more than this is the last one: such contacts are hardly ever
 solved."""
@@ -151,14 +151,14 @@ _STUCK = 0.1
 """A step that promises to win less than this share of the cost is the last one."""
 HOLDS = 1e-6
 """Cost of what is left at which the rows hold."""
-RADIUS_M, _LEAST_RADIUS_M = 0.2, 1e-4
+_RADIUS_M, _LEAST_RADIUS_M = 0.2, 1e-4
 REACH_RESERVE_M, HEIGHT_RESERVE_M, TILT_RESERVE_RAD = 0.008, 0.004, 0.01
 """Kept of reach, height and tilt, for what rows at instants and a linearised rotation leave out."""
-EDGE_M = 0.02
+_EDGE_M = 0.02
 """Kept from the borders of patches by robots whose legs are known: feet land a little off."""
 LEAST_FRICTION = 1e-4
 """Friction below this is raised to it in programs, so that a cone says that forces push."""
-GENTLE = 0.1
+_GENTLE = 0.1
 """Share of the prices of turning while contacts are looked for: with all of them slack is cheaper."""
 FRICTION_SHARE = 0.8
 """Share of the friction that plans use."""
@@ -207,7 +207,7 @@ def attempt(
     *,
     share: float = FRICTION_SHARE,
     stop: float = STOP,
-    steps: int = STEPS,
+    steps: int = _STEPS,
     shortened_m: Array | float = 0.0,
 ) -> LeapAttempt:
     """Try one choice of contacts from the nominal motion.
@@ -220,7 +220,7 @@ def attempt(
     """
     scaled = reserved(numbers, choice, share)
     scaled = replace(scaled, reach=scaled.reach - shortened_m)
-    quiet = GENTLE if numbers.leap.robot.source.own else 0.0
+    quiet = _GENTLE if numbers.leap.robot.source.own else 0.0
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still, 0, quiet)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
     problem = LeapGiven(
@@ -262,7 +262,7 @@ def reserved(numbers: LeapNumbers, choice: Index, share: float) -> Scaled:
     """
     scaled = numbers.scaled.chosen(choice)
     if numbers.leap.robot.source.own:
-        pieces = [_inside(piece, EDGE_M) for piece in scaled.pieces]
+        pieces = [_inside(piece, _EDGE_M) for piece in scaled.pieces]
         scaled = replace(scaled, vertices=np.concatenate(pieces))
     return replace(
         scaled,
@@ -286,12 +286,12 @@ def _inside(border_m: Array, edge_m: float) -> Array:
 
 
 def descend(
-    program: LeapProgram, given: LeapGiven, point: LeapPoint, *, steps: int = STEPS
+    program: LeapProgram, given: LeapGiven, point: LeapPoint, *, steps: int = _STEPS
 ) -> tuple[LeapPoint, float, int]:
     """Step from a point until all rows hold or little can be won: the best point, its cost, and the
     convex problems, one more than were solved here.
     """
-    best, cost, radius, solves = point, cost_of(given, point), RADIUS_M, 1
+    best, cost, radius, solves = point, cost_of(given, point), _RADIUS_M, 1
     while cost > HOLDS and solves < steps and radius > _LEAST_RADIUS_M:
         near = nearby(given, best, radius)
         answer = program.solve(near)
@@ -300,7 +300,7 @@ def descend(
             break  # even the step's own rows say that little can be won
         result = np.inf if answer.point is None else cost_of(near, answer.point)
         if answer.point is not None and result < cost:
-            best, cost, radius = answer.point, result, min(2.0 * radius, RADIUS_M)
+            best, cost, radius = answer.point, result, min(2.0 * radius, _RADIUS_M)
         else:
             radius *= 0.3
     return best, cost, solves

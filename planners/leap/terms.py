@@ -296,7 +296,7 @@ class Legs:
         velocity, spin = self._dynamics.velocity[node], momentum[node]
         slack = np.broadcast_to(_one_slack(rows, "joints", 1), (len(node), count))
         for way, sign in (("ahead", 1.0), ("back", -1.0)):
-            for kind, (fast, strong) in KINDS.items():
+            for kind, (fast, strong) in _KINDS.items():
                 row = rows.at_most(f"{kind}_{way}", len(node), count)
                 if fast:
                     rows.put(row[:, :, None], velocity[:, None], _joint(sign, "faster"))
@@ -309,7 +309,7 @@ class Legs:
                 rows.right(row, _joint_left(sign, fast, strong))
 
 
-KINDS = {"fast": (True, False), "strong": (False, True), "driven": (True, True)}
+_KINDS = {"fast": (True, False), "strong": (False, True), "driven": (True, True)}
 """Rows of joints: with speeds, with torques, or with the sum of both (the speed–torque line)."""
 
 

@@ -189,7 +189,7 @@ def plans_of(crossing: Crossing) -> list[Plan]:
 
 WALK_SETTLE_S = 0.5
 """At rest before and after."""
-KNOT_S = 0.05
+_KNOT_S = 0.05
 """Comfortable postures are looked for so often."""
 
 
@@ -244,7 +244,7 @@ class GaitMotion:
     @property
     def knots_s(self) -> Array:
         """Times at which postures are chosen, shape (T,) [s]."""
-        return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / KNOT_S)) + 1)
+        return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / _KNOT_S)) + 1)
 
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times; the ends are held."""

@@ -92,7 +92,7 @@ class MovingBody:
             rotation: R_WB, shape (K, 3, 3).
             toes_m, normals: where feet touch or would, and of the surface there, shape (K, N, 3).
             near: angles to begin with, shape (K, J) [rad].
-            rounds: as ``ROUNDS``.
+            rounds: as ``_ROUNDS``.
             steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
         """
         body_m, angles = self.model.body.com_m, near
@@ -148,7 +148,7 @@ def _normals(trajectory: Trajectory) -> Array:
     return np.asarray(trajectory.terrain.normal(toes[..., :2].reshape(-1, 2)).reshape(toes.shape))
 
 
-JUMP_RAD = 0.5
+_JUMP_RAD = 0.5
 """A limb that stands, and one of whose joints would turn so far between two key frames, jumps to
 another posture."""
 
@@ -188,7 +188,7 @@ def plan_angles(
             forces_n=plan.forces_at(k),
             seed=answers[-1].angles if answers else start_rad,
             obstacles=solids,
-            most_rad=np.where(stands, JUMP_RAD if answers else 0.0, np.inf),
+            most_rad=np.where(stands, _JUMP_RAD if answers else 0.0, np.inf),
         )
         answers.append(answer)
     return answers
@@ -207,7 +207,7 @@ for anew, and the runner refuses, too."""
 TURN_RAD = 0.1
 """Between two moments that are judged no joint turns by much more: half way, joints that turn
 evenly put a foot less than L θ² / 8 from its path, a fraction of a millimetre."""
-ROUNDS = 2
+_ROUNDS = 2
 """Joints are found so often: where the centre of mass is, and how far feet rolled, depends on
 them."""
 
@@ -329,7 +329,7 @@ class JointPath:
         rotations = rotations_of(moments.rotation_rad)
         normals, feet, wished = self.path.normals[moments.surface], moments.feet_m, angles
         origins, error = moments.com_m, np.zeros(feet.shape[:2])
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             shifts = np.array([kinematics.com_offset(q) for q in angles])
             origins = moments.com_m - np.einsum("tij,tj->ti", rotations, shifts)
             feet = moments.feet_m + _rolled(kinematics, moments, rotations, angles, normals)

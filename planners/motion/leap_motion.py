@@ -20,17 +20,17 @@ from ..terrain.patch import Solid, solids_of
 from .joints import MovingBody, WalkPostures
 from .motion import Samples
 
-STEP_S = 0.005
+_STEP_S = 0.005
 """Spacing of the samples, at most."""
 LEAST = 4
 """Samples of the shortest leap: torques are measured at those within."""
-TURNS = 6
+_TURNS = 6
 """Rounds in which legs and the body that they turn agree; each leaves a third or less of what is
 off."""
 _SINGULAR = 0.03
 """Directions in which a stretched leg moves its foot by less than this share of others are left
 out."""
-QUICK = 15
+_QUICK = 15
 """Steps of inverse kinematics from the round before; a foot that was out of reach stays there."""
 
 
@@ -70,7 +70,7 @@ class LeapBody:
         self._body = body or MovingBody(robot.source.own_model())
         self._radii = self._body.kinematics.radii_m
         ends = plan.times_s
-        count = int(np.ceil((ends[-1] - ends[0]) / (2.0 * STEP_S if quick else STEP_S))) + 1
+        count = int(np.ceil((ends[-1] - ends[0]) / (2.0 * _STEP_S if quick else _STEP_S))) + 1
         self.times_s = np.linspace(ends[0], ends[-1], max(count, LEAST))
         self._k = np.clip(
             np.searchsorted(ends, self.times_s + 1e-9, side="right") - 1, 0, len(ends) - 2
@@ -109,7 +109,7 @@ class LeapBody:
         self._feet()
         stands = np.concatenate([leg.stance_rad for leg in self._body.model.legs])
         near = np.tile(stands, (len(self.times_s), 1))
-        for turn in range(TURNS):
+        for turn in range(_TURNS):
             self.postures: WalkPostures = self._body.postures(
                 self.com_m,
                 self.rotation,
@@ -117,10 +117,10 @@ class LeapBody:
                 self.normals,
                 near=near,
                 rounds=3 if turn == 0 else 1,
-                steps=QUICK if turn or self._quick else 0,
+                steps=_QUICK if turn or self._quick else 0,
             )
             near = self.postures.angles
-            if turn < TURNS - 1:
+            if turn < _TURNS - 1:
                 self.rotation = self._turned(self.postures)
 
     def _feet(self) -> None:
@@ -407,11 +407,11 @@ class LeapMotion:
 
 SETTLE_S, REST_S = 0.5, 2.0
 """At rest before, and after: a robot that stands so long has landed."""
-PUSHES = 2
+_PUSHES = 2
 """Intervals before a flight in which legs push so that a body goes into the air, held or not."""
 _LIGHT = 0.1
 """Toes that press with less than this share of the weight in all are about to lift."""
-KNOT_S = 0.02
+_KNOT_S = 0.02
 """Postures are looked for so often."""
 
 
@@ -460,7 +460,7 @@ class LeapRun:
     @property
     def knots_s(self) -> Array:
         """Times at which postures are chosen, shape (K,) [s]."""
-        return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / KNOT_S)) + 1)
+        return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / _KNOT_S)) + 1)
 
     @cached_property
     def committed_s(self) -> tuple[tuple[float, float], ...]:
@@ -475,7 +475,7 @@ class LeapRun:
             return ()
         pushes = np.linalg.norm(self.plan.forces_n.sum(axis=1), axis=1) > _LIGHT * leap.weight_n
         lifts = np.flatnonzero(pushes[: int(np.argmax(air))])
-        first = max(int(lifts[-1]) + 1 - PUSHES, 0) if len(lifts) else 0
+        first = max(int(lifts[-1]) + 1 - _PUSHES, 0) if len(lifts) else 0
         begin, rests = float(ends[first]) + self.settle_s, float(ends[-1]) + self.settle_s
         return ((begin, rests + SETTLE_S if self.rest_s > SETTLE_S else self.duration_s),)
 

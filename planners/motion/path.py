@@ -28,7 +28,7 @@ _ONE_IN = 1.0 + math.erf(-3.0 / math.sqrt(2.0))
 """How often a single toe is farther off than three deviations."""
 
 
-def deviations(toes: int) -> float:
+def _deviations(toes: int) -> float:
     """Number of standard deviations that a foot comes down, for as many toes; 3 for one, 3.9 for
     thirty.
     """
@@ -50,7 +50,7 @@ def touch_downs_m(plan: Plan) -> Array:
         if patch.certainty is not None:
             spread[p] = patch.normal[2] * float(patch.certainty.height_sd_m(plan.toes_m[p, :2]))
     known = sum(patch.certainty is not None for patch in patches)
-    return np.asarray(np.minimum(deviations(known) * spread, _TOUCH_DOWN_M))
+    return np.asarray(np.minimum(_deviations(known) * spread, _TOUCH_DOWN_M))
 
 
 _KEPT_M = 0.006
@@ -63,11 +63,11 @@ _RAISES_M = np.array(
 )
 """Heights beyond the usual to which a foot may be lifted, and by which higher it may come from, the
 lowest first (36, 2)."""
-SHARES = np.linspace(0.0, 1.0, 21)
+_SHARES = np.linspace(0.0, 1.0, 21)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Swing:
+class _Swing:
     """The path of a foot in the air.
 
     Arguments:
@@ -99,7 +99,7 @@ def clear_swing(
     radius_m: float = FOOT_RADIUS_M,
     kept_m: float = _KEPT_M,
     raises_m: Array = _RAISES_M,
-) -> Swing:
+) -> _Swing:
     """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one
     where none does.
 
@@ -112,7 +112,7 @@ def clear_swing(
     lowered = ends[1] + (lift_m + raises_m[:, 1:]) * normals[1]
 
     def gaps(its: slice) -> Array:
-        paths = lifted[its, None] + SHARES[:, None] * (lowered[its] - lifted[its])[:, None]
+        paths = lifted[its, None] + _SHARES[:, None] * (lowered[its] - lifted[its])[:, None]
         return np.asarray(solids.distances(paths).min(axis=(1, 2), initial=np.inf) - radius_m)
 
     gap = gaps(slice(1))
@@ -120,7 +120,7 @@ def clear_swing(
         gap = np.concatenate([gap, gaps(slice(1, None))])
     clear = gap >= kept_m
     k = int(np.argmax(clear) if clear.any() else np.argmax(gap))
-    return Swing(start=ends[0], lifted=lifted[k], lowered=lowered[k], end=ends[1])
+    return _Swing(start=ends[0], lifted=lifted[k], lowered=lowered[k], end=ends[1])
 
 
 LIFT_M = 0.05

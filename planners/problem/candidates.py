@@ -20,7 +20,7 @@ _COMFORT = 0.85
 """A nominal toe is at most this share of the limb's reach away from the nominal shoulder."""
 
 
-TOUCH_M = 0.01
+_TOUCH_M = 0.01
 """Terrain this close to a toe does not hide its place [m]."""
 
 
@@ -199,7 +199,7 @@ class CandidatePatches:
         """Tell whether terrain lies between a hip and a place for its toe."""
         here, there = (self._all_normals @ point - self._all_offsets for point in (hip_m, place_m))
         way = float(np.linalg.norm(place_m - hip_m))
-        crossed = (here * there < 0.0) & (np.abs(there) * way > TOUCH_M * np.abs(here - there))
+        crossed = (here * there < 0.0) & (np.abs(there) * way > _TOUCH_M * np.abs(here - there))
         for index in np.flatnonzero(crossed):
             point = hip_m + here[index] / (here[index] - there[index]) * (place_m - hip_m)
             if self._all[index].covers(point):

@@ -100,9 +100,9 @@ class Stance:
     limbs: tuple[int, ...]
 
 
-ROUNDED = 1e-9
+_ROUNDED = 1e-9
 """Share of δ by which a half-space is widened: corners of parts are rounded."""
-SMALLEST = 0.02
+_SMALLEST = 0.02
 """A side whose corners are nearer to each other is not parted again: h is within a few parts in ten
 thousand of 1."""
 OPEN = (0.0, 0.0, 0.0, -1.0)
@@ -124,7 +124,7 @@ def parts(side: Array | None) -> list[Array]:
 
 def too_small(side: Array | None) -> bool:
     """Tell whether a side is not parted again."""
-    return side is not None and bool(np.linalg.norm(side[0] - side[1]) < SMALLEST)
+    return side is not None and bool(np.linalg.norm(side[0] - side[1]) < _SMALLEST)
 
 
 def half_space(side: Array, least: float) -> Array:
@@ -134,14 +134,14 @@ def half_space(side: Array, least: float) -> Array:
     a, b, c = side
     normal = np.cross(b - a, c - a)
     normal = _unit(normal if normal @ a > 0.0 else -normal)
-    return np.append(normal, (float((side @ normal).min()) - ROUNDED) * least)
+    return np.append(normal, (float((side @ normal).min()) - _ROUNDED) * least)
 
 
 def _unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-MOST_WEIGHTS = 100.0
+_MOST_WEIGHTS = 100.0
 """No posture bears a force of so many times the weight, nor such a moment at an arm of the length
 scale."""
 
@@ -162,13 +162,13 @@ def checked_wrench(
     """
     wrench = read_only(value, shape, "wrench")
     for part, what, unit, most in (
-        (wrench[..., :3], "force", "N", MOST_WEIGHTS * weight_n),
-        (wrench[..., 3:], "moment", "Nm", MOST_WEIGHTS * weight_n * length_m),
+        (wrench[..., :3], "force", "N", _MOST_WEIGHTS * weight_n),
+        (wrench[..., 3:], "moment", "Nm", _MOST_WEIGHTS * weight_n * length_m),
     ):
         largest = float(np.linalg.norm(part, axis=-1).max())
         if largest > most:
             raise InvalidInput(
-                f"wrench: expected a {what} of at most {most:.4g} {unit}, {MOST_WEIGHTS:g} times "
+                f"wrench: expected a {what} of at most {most:.4g} {unit}, {_MOST_WEIGHTS:g} times "
                 "the weight and beyond "
                 f"any posture, got {largest:.4g} {unit}"
             )

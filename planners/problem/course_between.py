@@ -35,14 +35,14 @@ if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
     from .standing_map import StandingMap
 
-STRIDE = 0.5
+_STRIDE = 0.5
 """Way of the body until all limbs have moved once, in reaches."""
 _SWAY = 1.2
 """Distance of the body from its nominal path, in distances of toes from it, of two and three feet."""
-APART = 0.6
+_APART = 0.6
 """Width of their candidates, in distances of toes from each other, so that legs do not cross."""
-CANDIDATES = 3
-ROUND_M = 10.0
+_CANDIDATES = 3
+_ROUND_M = 10.0
 """Courses are planned about an origin that is this round [m]."""
 
 
@@ -121,7 +121,7 @@ def course_between(
         turns = len(body.limbs)
     if len(body.limbs) < 4:  # in every other frame the body moves alone
         turns *= 2
-    stride = STRIDE * reach / turns
+    stride = _STRIDE * reach / turns
     length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
     least = 2 if length > 0.0 else 1  # who stands still takes no step
     wanted = max(least, int(np.ceil(length / stride)) + 1) if frames is None else frames
@@ -141,11 +141,11 @@ def course_between(
         "goal_m": tuple(way[-1].tolist()),
         "via_m": [tuple(point) for point in way[1:-1].tolist()],
         "candidates": {
-            "count": CANDIDATES + alternative.candidates,
+            "count": _CANDIDATES + alternative.candidates,
             "window_m": max(0.8 * reach, 0.01),
             "margin_m": terrain.footholds.inset_m,
         },
-        "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * STRIDE * reach * last},
+        "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * _STRIDE * reach * last},
     }
     rooms = {"first_radius_m": BodySpec().first_radius_m * body.size}
     if not body.source.own:  # of others the height says it, too
@@ -155,7 +155,7 @@ def course_between(
         aside = float(np.linalg.norm(toes[:, :2], axis=1).max())
         between = np.linalg.norm(toes[:, None, :2] - toes[:, :2], axis=2)
         nearest = float(between[between > 0.0].min(initial=np.inf))
-        window = min(update["candidates"]["window_m"], max(APART * nearest, 0.02 * body.size))
+        window = min(update["candidates"]["window_m"], max(_APART * nearest, 0.02 * body.size))
         update["candidates"]["window_m"] = window
         room = max(spec.body.com_radius_m, _SWAY * aside)
         rooms |= {"com_radius_m": room, "last_radius_m": min(room, near_of(body))}
@@ -277,7 +277,7 @@ class LaidBetween:
             return np.zeros(3)
         heights = self.terrain.given.pieces[0].patch.vertices_m[:, 2]
         place = np.array([*self.start_m, float(heights.mean())])
-        return np.asarray(ROUND_M * np.round(place / ROUND_M))
+        return np.asarray(_ROUND_M * np.round(place / _ROUND_M))
 
     @cached_property
     def local(self) -> LaidBetween:

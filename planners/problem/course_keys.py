@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _AS_IT_STANDS = 0.3
 """Weight of toes near where they are as a robot of a file stands, so that it does not walk them in
 to a line."""
-UPRIGHT = 0.1
+_UPRIGHT = 0.1
 """Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of
 steps."""
 _BODY_ROOM = 0.2
@@ -52,7 +52,7 @@ _ROLLS_RAD = 0.6
 times its radius."""
 _MOST_EVERYWHERE = 32
 """Surfaces that a limb may reach in a scene of a family; elsewhere views may need another size."""
-Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
+_Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
 
 PLAIN, MADE_UP = "(plain)", "(made up)"
@@ -180,9 +180,9 @@ class BodySpec(_Keys):
     the latter 0.1 rad for plans.
     """
 
-    com_radius_m: Least = 0.06
-    first_radius_m: Least = 0.02
-    last_radius_m: Least | None = None
+    com_radius_m: _Least = 0.06
+    first_radius_m: _Least = 0.02
+    last_radius_m: _Least | None = None
     tilt_limit_rad: Annotated[float, Field(ge=0.0, le=0.5)] = TILT_LIMIT_RAD
 
 
@@ -201,7 +201,7 @@ class CandidateSpec(_Keys):
 
     count: Annotated[int, Field(ge=1, le=16)] = 1
     window_m: Annotated[float, Field(ge=0.01, le=10.0)] = 0.26
-    margin_m: Least = 0.02
+    margin_m: _Least = 0.02
     yaws_rad: Annotated[list[Length], Field(min_length=1, max_length=16)] = [0.0]
     everywhere: bool = False
 
@@ -214,12 +214,12 @@ class CandidateSpec(_Keys):
 class WeightSpec(_Keys):
     """Weights of the objective, see ``Weights``."""
 
-    goal: Least = 1.0
-    com_path: Least = 0.0
-    com_step: Least = 0.2
-    toe_step: Least = 0.05
-    tilt: Least = 0.05
-    stance: Least = 0.0
+    goal: _Least = 1.0
+    com_path: _Least = 0.0
+    com_step: _Least = 0.2
+    toe_step: _Least = 0.05
+    tilt: _Least = 0.05
+    stance: _Least = 0.0
 
 
 class WrenchSpec(_Keys):
@@ -264,7 +264,7 @@ class CourseSpec(_Keys):
     steps: Annotated[StepLimits, KEYS] = StepLimits()
     weights: WeightSpec = WeightSpec()
     candidates: CandidateSpec = CandidateSpec()
-    push_n: Least = 0.0
+    push_n: _Least = 0.0
     wrench: list[WrenchSpec] = []
     terrain: AnyTerrain
     _given: Robot | None = PrivateAttr(None)
@@ -311,7 +311,7 @@ class CourseSpec(_Keys):
         if body:
             update["body"] = self.body.model_copy(update=body)
         if "com_path" not in self.weights.model_fields_set:
-            update["weights"] = self.weights.model_copy(update={"com_path": UPRIGHT})
+            update["weights"] = self.weights.model_copy(update={"com_path": _UPRIGHT})
         if "stance" not in self.weights.model_fields_set:
             weights = update.get("weights", self.weights)
             update["weights"] = weights.model_copy(update={"stance": _AS_IT_STANDS})

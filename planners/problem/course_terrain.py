@@ -29,7 +29,7 @@ from .terrain_spec import Point as Point
 from .terrain_spec import Positive as Positive
 from .terrain_spec import TerrainSpec as TerrainSpec
 
-BEYOND_M = 0.6
+_BEYOND_M = 0.6
 """Length by which a generated terrain goes on beyond the ends of the path [m]."""
 
 _INSIDE_M = 1.0
@@ -95,7 +95,7 @@ class Flat(TerrainSpec):
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """One level rectangle under the whole path."""
-        low, high = path_m[:, 0].min() - BEYOND_M, path_m[:, 0].max() + BEYOND_M
+        low, high = path_m[:, 0].min() - _BEYOND_M, path_m[:, 0].max() + _BEYOND_M
         return Terrain(
             (_level(low, high, -self.width_m, self.width_m, 0.0, self.friction),), (True,)
         )
@@ -117,10 +117,10 @@ class Stairs(TerrainSpec):
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """Treads, on which to stand, and risers, in the way."""
-        end = path_m[:, 0].max() + BEYOND_M
+        end = path_m[:, 0].max() + _BEYOND_M
         count = max(0, int(np.ceil(min((end - self.first_m) / self.run_m, MOST_PATCHES))))
         _check_size(2 * count)
-        start = min(path_m[:, 0].min() - BEYOND_M, self.first_m - 0.1)
+        start = min(path_m[:, 0].min() - _BEYOND_M, self.first_m - 0.1)
         patches = [
             _level(
                 start,
@@ -371,7 +371,7 @@ def _level(
 
 
 def _span(values: Array) -> tuple[float, float]:
-    return float(values.min()) - BEYOND_M, float(values.max()) + BEYOND_M
+    return float(values.min()) - _BEYOND_M, float(values.max()) + _BEYOND_M
 
 
 def _grid(values: Array, through: float, spacing: float) -> Array:

@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 LATTICE_M = 0.04
 """Between nodes [m]; more on terrains that have too many."""
-MOST_NODES = 150_000
-ASIDE = 0.35
+_MOST_NODES = 150_000
+_ASIDE = 0.35
 """Distance that a toe's foothold may have from where it likes to be, in reaches."""
-APART = (0.3, 0.5)
+_APART = (0.3, 0.5)
 """Height by which a foothold may be above or below the mean of all, in reaches: the second where
 the first leaves no way."""
-STRAIGHT_M = 0.03
+_STRAIGHT_M = 0.03
 """Points of the way this close to a straight line are left out [m]."""
 _RARE = 3.0
 """A way costs so many times its length where every toe is as far aside as it may be."""
-ROOMS = ((0.0, np.inf), (0.06, 4.0), (0.12, 2.0), (0.18, 1.3))
+_ROOMS = ((0.0, np.inf), (0.06, 4.0), (0.12, 2.0), (0.18, 1.3))
 """How much room there is between footprint and solids [m], and what a way with less costs by its
 length."""
 _AVOIDED_M, _AVOIDED = 0.5, 6.0
@@ -52,21 +52,21 @@ _AVOIDED_M, _AVOIDED = 0.5, 6.0
 [m]."""
 _DOUBTED = 4.0
 """A way costs so many times its length where a map says that the robot is not likely to stand."""
-UPRIGHT = 0.3
+_UPRIGHT = 0.3
 """Surfaces whose normals are steeper than this have one height at a place."""
 _LEANS = 0.85
 """Surfaces whose normals are steeper than this, and not upright, are slopes to people (32°)."""
-_BELLY, TOP = 0.4, 0.5
+_BELLY, _TOP = 0.4, 0.5
 """Solids are in the way from so far below the centre of mass on, in heights of the body over its
 toes, and up to so far above it, where nobody knows the robot's links."""
 _NEXT_TO_M = 0.06
 """The ground that a solid stands on begins so near to it [m]."""
-ALIKE_M = 5e-3
+_ALIKE_M = 5e-3
 """Heights of a border that differ by less are one to people [m]."""
-STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
-TRIES = 32
+_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
+_TRIES = 32
 """So many straight parts are tried from a node of a way on."""
-NEAR, TURN_RAD = 6, np.pi / 4.0
+_NEAR, TURN_RAD = 6, np.pi / 4.0
 """The direction of a way at a node is that between nodes so far before and after it, to an eighth
 of a turn."""
 _GAPS = 12
@@ -104,7 +104,7 @@ class Footprint:
         """
         reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
         down = float(np.abs(toes_m[:, 2]).mean())
-        points, belly, high = [toes_m], -np.inf, TOP * down
+        points, belly, high = [toes_m], -np.inf, _TOP * down
         try:
             from ..robot.bodies import link_shapes
             from ..robot.kinematics import Kinematics
@@ -153,7 +153,7 @@ class Footprint:
             toes_m=toes @ turn,
             hull_m=_hull((np.vstack([toes, trunk]) @ turn)[:, :2]),
             low_m=-_BELLY * high,
-            high_m=TOP * high,
+            high_m=_TOP * high,
             names=tuple(foot.name for foot in robot.feet),
             reach_m=high,
         )
@@ -242,7 +242,7 @@ def guide_path(
     start, goal = ends_m
     surfaces = [patch for _, patch in terrain.standing]
     first: InvalidInput | PlanningFailed | None = None
-    for apart in APART:
+    for apart in _APART:
         for lowest in (False, True):
             lattice = _Lattice.over(terrain.patches, surfaces, footprint, apart, lowest=lowest)
             try:
@@ -271,7 +271,7 @@ def guide_over(
     is a wall, as bars overhead are.
     """
     first: InvalidInput | PlanningFailed | None = None
-    for apart in APART:
+    for apart in _APART:
         lattice = _Lattice.on(heights, footprint, apart, friction)
         try:
             path = lattice.way(ends_m[0], ends_m[1], avoid_m)
@@ -294,7 +294,7 @@ class _Lattice:
         missing: index of a toe that lacks a foothold, −1 for none.
         apart: truth values, True if footholds are too far above or below each other.
         apart_m: height by which they are too far apart, and so that of a step [m].
-        room: number of the first of ``ROOMS`` that there is not, by which surface, −1 for none.
+        room: number of the first of ``_ROOMS`` that there is not, by which surface, −1 for none.
         layered: whether footholds are above each other.
         heights_m: heights of the ground at the nodes, for a terrain of heights.
     """
@@ -333,16 +333,16 @@ class _Lattice:
         reach, toes = footprint.reach_m, footprint.toes_m
         footprint = footprint.stepping(apart * reach)
         corners = np.concatenate([patch.vertices_m for patch in standing])[:, :2]
-        room = float(np.abs(toes[:, :2]).max()) + ASIDE * reach
+        room = float(np.abs(toes[:, :2]).max()) + _ASIDE * reach
         low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
-        spacing = max(LATTICE_M * footprint.size, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
+        spacing = max(LATTICE_M * footprint.size, float(np.sqrt(np.prod(high - low) / _MOST_NODES)))
         shape = np.ceil((high - low) / spacing).astype(int) + 1
         heights, slopes = _rastered(standing, low, spacing, shape)
         layered = bool(np.nanmax(heights[0] - heights[1], initial=0.0) > apart * reach)
         k = int(lowest)
-        heights[k][_pits(heights[k], int(ASIDE * reach / spacing), apart * reach)] = np.nan
+        heights[k][_pits(heights[k], int(_ASIDE * reach / spacing), apart * reach)] = np.nan
         stood = cls._stood(heights[k], slopes[k], low, spacing, footprint, apart)
-        rooms = [footprint.size * room for room, _ in ROOMS]
+        rooms = [footprint.size * room for room, _ in _ROOMS]
         blocked, by = _room(surfaces, footprint, stood["z_m"], stood["slope"], low, spacing, rooms)
         return cls(
             **stood | _worth(stood["worth"], blocked), by=by, layered=layered, surfaces=surfaces
@@ -354,7 +354,7 @@ class _Lattice:
     ) -> _Lattice:
         """The lattice over heights."""
         low, high = np.array(heights.domain_m).T
-        spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
+        spacing = max(LATTICE_M, float(np.sqrt(np.prod(high - low) / _MOST_NODES)))
         lines = [
             low[k] + spacing * np.arange(int((high[k] - low[k]) / spacing) + 1) for k in range(2)
         ]
@@ -365,8 +365,8 @@ class _Lattice:
         stood = cls._stood(held, slope, low, spacing, footprint, apart)
         body = footprint.level(stood["z_m"], stood["slope"])
         blocked = np.full(ground.shape, -1)
-        for number in reversed(range(len(ROOMS))):
-            hull = footprint.grown(ROOMS[number][0])
+        for number in reversed(range(len(_ROOMS))):
+            hull = footprint.grown(_ROOMS[number][0])
             highest = _highest(ground, hull, spacing, stood["slope"])
             blocked[highest > body + footprint.low_m] = number
         none = np.full(ground.shape, -1)
@@ -397,7 +397,7 @@ class _Lattice:
 
         reach, toes = footprint.reach_m, footprint.toes_m
         away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
-        aside = spacing * away / (ASIDE * reach)
+        aside = spacing * away / (_ASIDE * reach)
         close = np.where(aside <= 1.0, heights[tuple(nearest)], np.nan)
         shifts = np.round(toes[:, :2] / spacing).astype(int)
         each, costs = [], []
@@ -452,7 +452,7 @@ class _Lattice:
             height = self._point(ends[0])[2]
             points = np.array([[*start, height], [*goal, height]])
             number = int(self.room.ravel()[ends[0]])
-            return GuidePath(points_m=points, room_m=ROOMS[number - 1 if number > 0 else -1][0])
+            return GuidePath(points_m=points, room_m=_ROOMS[number - 1 if number > 0 else -1][0])
         worth = self.worth
         for place in avoid_m:
             off = np.linalg.norm(self._places() - place[:2], axis=-1)
@@ -467,9 +467,11 @@ class _Lattice:
             raise PlanningFailed(self._refusal(start, goal, ends))
         points, rooms = self._shortened(path, worth, free)
         points[0, :2], points[-1, :2] = start, goal
-        least = min((ROOMS[number - 1][0] for number in rooms if number > 0), default=ROOMS[-1][0])
+        least = min(
+            (_ROOMS[number - 1][0] for number in rooms if number > 0), default=_ROOMS[-1][0]
+        )
         return GuidePath(
-            points_m=_straightened(points, STRAIGHT_M * self.footprint.size), room_m=least
+            points_m=_straightened(points, _STRAIGHT_M * self.footprint.size), room_m=least
         )
 
     @property
@@ -511,7 +513,7 @@ class _Lattice:
             len(nodes) - 1,
         )
         while at < last:
-            for end in np.unique(np.geomspace(last, at + 1, TRIES).astype(int))[::-1]:
+            for end in np.unique(np.geomspace(last, at + 1, _TRIES).astype(int))[::-1]:
                 count = 2 if end == at + 1 else int(np.abs(places[end] - places[at]).max()) + 1
                 line = np.linspace(places[at], places[end], count)
                 rows = tuple(np.round(line).astype(int).T)
@@ -590,7 +592,7 @@ class _Lattice:
         for number, patch in enumerate(self.surfaces):
             flat = patch.vertices_m[:, :2]
             if (
-                patch.normal[2] < UPRIGHT
+                patch.normal[2] < _UPRIGHT
                 or np.any(place < flat.min(axis=0))
                 or np.any(place > flat.max(axis=0))
             ):
@@ -606,7 +608,7 @@ class _Lattice:
         for other in self.surfaces:  # a bar's underside: one may stand below it
             flat = other.vertices_m[:, :2]
             if (
-                other.normal[2] > -UPRIGHT
+                other.normal[2] > -_UPRIGHT
                 or np.any(place < flat.min(axis=0))
                 or np.any(place > flat.max(axis=0))
             ):
@@ -633,7 +635,7 @@ class _Lattice:
             if patch.normal[2] > _LEANS
             and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], at) - at) < _NEXT_TO_M
         ]
-        near = [height for height in below if abs(height - about) < ASIDE * self.footprint.reach_m]
+        near = [height for height in below if abs(height - about) < _ASIDE * self.footprint.reach_m]
         return min(near, key=lambda height: abs(height - about), default=about)
 
     def _named(self, number: int, place: Array) -> str:
@@ -648,14 +650,14 @@ class _Lattice:
             near = self.corner_m + self.spacing_m * np.array([i, j])
             return f"wall at {_at(near)}, {_m(self.heights_m[i, j] - self._ground(place, near))} m high"
         patch = self.surfaces[number]
-        if UPRIGHT < patch.normal[2] < _LEANS:
+        if _UPRIGHT < patch.normal[2] < _LEANS:
             at = _at(_nearest_on(patch.vertices_m[:, :2], place))
             return f"slope of {np.degrees(np.arccos(patch.normal[2])):.0f} degrees at {at}"
         tops = [_top_near(patch, place, self.footprint.radius_m)]
         for other in self.surfaces:  # of the sides of a solid the nearest
-            if abs(other.vertices_m[:, 2].max() - patch.vertices_m[:, 2].max()) < ALIKE_M:
+            if abs(other.vertices_m[:, 2].max() - patch.vertices_m[:, 2].max()) < _ALIKE_M:
                 tops.append(_top_near(other, place, self.footprint.radius_m))
-        tops = [each for each in tops if each[2] > tops[0][2] - ALIKE_M]
+        tops = [each for each in tops if each[2] > tops[0][2] - _ALIKE_M]
         near, low, high = min(
             tops, key=lambda each: (round(float(np.linalg.norm(each[0] - place)), 3), each[1])
         )
@@ -689,7 +691,7 @@ class _Lattice:
         at = through.index(node)
         near = [
             self._point(through[k])[:2]
-            for k in (max(at - NEAR, 0), min(at + NEAR, len(through) - 1))
+            for k in (max(at - _NEAR, 0), min(at + _NEAR, len(through) - 1))
         ]
         width = self.footprint.width_m(
             round(float(np.arctan2(*(near[1] - near[0])[::-1])) / TURN_RAD) * TURN_RAD
@@ -701,7 +703,7 @@ class _Lattice:
             return f"{head}: {what}: {beyond}{self._widest(ends, width)}"
         if self.missing[i, j] >= 0:
             toe = place + self.footprint.toes_m[int(self.missing[i, j]), :2]
-            message = f"no footholds within {_m(ASIDE * self.footprint.reach_m)} m of {_at(toe)}"
+            message = f"no footholds within {_m(_ASIDE * self.footprint.reach_m)} m of {_at(toe)}"
             wall = self._wall_near(toe)
             return f"{head}: {wall or 'hole or border: ' + message}: {beyond}{self._widest(ends, width) if wall else ''}"
         wall = self._wall_near(place)
@@ -718,7 +720,7 @@ class _Lattice:
                 (float(patch.centre_m[2] - (toe - patch.centre_m[:2]) @ slope), number, toe)
                 for number, patch in enumerate(self.surfaces)
                 if patch.normal[2] > _LEANS
-                and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], toe) - toe) < ALIKE_M
+                and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], toe) - toe) < _ALIKE_M
                 for slope in [patch.normal[:2] / patch.normal[2]]
             ]
             below += [max(over, key=lambda each: each[0])] if over else []
@@ -807,7 +809,7 @@ class _Lattice:
 
         index = np.arange(z.size).reshape(z.shape)
         ones, others, costs = [], [], []
-        for step in STEPS:
+        for step in _STEPS:
             here, there = _pair(z.shape, step)
             rise = np.abs(z[there] - z[here])
             flat = self.spacing_m * float(np.hypot(*step))
@@ -824,7 +826,7 @@ class _Lattice:
 
 def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:
     """Cost of a way by its length where there is so much room."""
-    for number, (_, factor) in enumerate(ROOMS):
+    for number, (_, factor) in enumerate(_ROOMS):
         if np.isfinite(factor):
             worth = np.where(blocked == number, factor * worth, worth)
     return {"worth": worth, "room": blocked}
@@ -895,7 +897,7 @@ def _room(
             body, ground = z[window], slope[window]
             bottom, top = _span(surfaces[i], ground, window, low, spacing)
             normal = surfaces[i].normal
-            if abs(normal[2]) > UPRIGHT:
+            if abs(normal[2]) > _UPRIGHT:
                 steep = radii[number] * np.linalg.norm(ground + normal[:2] / normal[2], axis=-1)
                 plane = _plane(surfaces[i], window, low, spacing)
                 bottom, top = np.maximum(plane - steep, bottom), np.minimum(plane + steep, top)
@@ -1016,14 +1018,14 @@ def _top_near(patch: Patch, place: Array, radius_m: float) -> tuple[Array, float
     points = (starts + np.linspace(0.0, 1.0, count)[:, None, None] * (ends - starts)).reshape(-1, 3)
     away = np.linalg.norm(points[:, :2] - place, axis=1)
     points = points[away <= away.min() + radius_m]
-    points = points[points[:, 2] >= points[:, 2].max() - ALIKE_M]
+    points = points[points[:, 2] >= points[:, 2].max() - _ALIKE_M]
     top = points[np.linalg.norm(points[:, :2] - place, axis=1).argmin()]
     run = ends - starts
     share = np.vecdot(top[:2] - starts[:, :2], run[:, :2]) / np.maximum(
         np.vecdot(run[:, :2], run[:, :2]), 1e-12
     )
     levels = starts + np.clip(share, 0.0, 1.0)[:, None] * run
-    there = np.linalg.norm(levels[:, :2] - top[:2], axis=1) < ALIKE_M
+    there = np.linalg.norm(levels[:, :2] - top[:2], axis=1) < _ALIKE_M
     return top[:2], float(levels[there, 2].min()), float(top[2])
 
 

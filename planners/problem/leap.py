@@ -66,7 +66,7 @@ def is_leap_file(path: str | Path) -> bool:
 MOST_INTERVALS = 64
 _SUM_S = 1e-6
 """A timing whose durations add up to the total within this adds up [s]."""
-STILL = 1e-9
+_STILL = 1e-9
 """Speeds and momenta below this are rest."""
 
 
@@ -110,7 +110,7 @@ class BodyState:
     @property
     def rests(self) -> bool:
         """Tell whether nothing moves."""
-        return bool(np.abs([self.velocity_m_s, self.momentum_m2_s]).max() <= STILL)
+        return bool(np.abs([self.velocity_m_s, self.momentum_m2_s]).max() <= _STILL)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -27,11 +27,11 @@ from .candidates import CandidatePatches
 from .contact import Foothold
 from .leap import FORMAT, BodyState, Leap, LeapLimits, Phase
 
-Range = tuple[float, float]
+_Range = tuple[float, float]
 SPINS, _LOWEST = 0.5, 0.55
 """On another robot: largest momentum per mass over its height squared [1/s], and least height of
 the body in units of that at which it stands."""
-DRAWS = 200
+_DRAWS = 200
 """Scenes of a family are drawn so often until one has footholds for every toe."""
 _MIDDLE_M = float(SCENE[:, 0].mean())
 """Leaps go over the middle of a family's scene [m]."""
@@ -62,15 +62,15 @@ class LeapClass(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     robot: str = "nameless"
     height_m: float = 0.24
-    jump_m: Range = (1.0, 1.3)
-    aside_m: Range = (-0.15, 0.15)
-    rise_m: Range = (-0.15, 0.25)
-    toes_m: Range = (0.15, 0.156)
+    jump_m: _Range = (1.0, 1.3)
+    aside_m: _Range = (-0.15, 0.15)
+    rise_m: _Range = (-0.15, 0.25)
+    toes_m: _Range = (0.15, 0.156)
     spread_m: float = 0.13
     drop_m: float = 0.07
-    radius_m: Range = (0.03, 0.06)
+    radius_m: _Range = (0.03, 0.06)
     steep_deg: float = 40.0
-    friction: Range = (0.05, 0.7)
+    friction: _Range = (0.05, 0.7)
     candidates: Annotated[int, Field(ge=1, le=64)] = 8
     given: bool = False
     stands: float = 0.8
@@ -79,7 +79,7 @@ class LeapClass(BaseModel):
     goal_radius_m: float = 0.06
     limits: dict[str, float] = {}
     terrain: str = ""
-    level: Range = (0.2, 0.8)
+    level: _Range = (0.2, 0.8)
     window_m: float = 0.12
 
     def on(self, robot: str) -> LeapClass:
@@ -137,7 +137,7 @@ class LeapClass(BaseModel):
     def _on_terrain(self, rng: np.random.Generator, name: str) -> Leap:
         """Draw a leap over a scene of the family, in which every toe has somewhere to stand."""
         robot = _robot(self.robot)
-        for _ in range(DRAWS):
+        for _ in range(_DRAWS):
             level, seed = float(rng.uniform(*self.level)), int(rng.integers(2**31))
             scene = family_terrain(self.terrain, level, seed)
             half = 0.5 * np.array([rng.uniform(*self.jump_m), rng.uniform(*self.aside_m)])
@@ -151,7 +151,7 @@ class LeapClass(BaseModel):
                 ]
                 return self._leap(name, robot, footholds, first[0], last[0])
         raise InvalidInput(
-            f"{name}: expected scenes of {self.terrain} with footholds for every toe, drew {DRAWS} "
+            f"{name}: expected scenes of {self.terrain} with footholds for every toe, drew {_DRAWS} "
             "without"
         )
 

@@ -20,7 +20,7 @@ from ..terrain.patch import Patch
 
 FACING_UP = 0.3
 """Surfaces whose normals are steeper than this are no ground."""
-CRACK_M = 2e-3
+_CRACK_M = 2e-3
 """Cracks as wide as this let nothing through [m]."""
 _SAMPLE_M = 5e-3
 """Distance of the points of a border that are looked at [m]."""
@@ -67,7 +67,7 @@ def _above(surfaces: dict[int, Patch], others: dict[int, Patch]) -> set[int]:
         if common.area > _SMALL_M2:
             place = np.array(common.centroid.coords[0])
             upper = surfaces[numbers[i]]
-            if _height_of(upper, place) > _height_of(below[j], place) + CRACK_M:
+            if _height_of(upper, place) > _height_of(below[j], place) + _CRACK_M:
                 found.add(numbers[i])
     return found
 
@@ -82,7 +82,7 @@ def _plans(patches: Iterable[Patch]) -> NDArray[Any]:
 def _upright(patch: Patch) -> bool:
     """Tell whether a patch is seen as a line from above."""
     flat = patch.vertices_m[:, :2] - patch.vertices_m[:, :2].mean(axis=0)
-    return bool(np.linalg.svd(flat)[1][1] <= 0.5 * CRACK_M)
+    return bool(np.linalg.svd(flat)[1][1] <= 0.5 * _CRACK_M)
 
 
 def _close(patch: Patch, flat: Array) -> bool:
@@ -91,7 +91,7 @@ def _close(patch: Patch, flat: Array) -> bool:
     apart = np.maximum(
         corners.min(axis=0) - flat.max(axis=0), flat.min(axis=0) - corners.max(axis=0)
     )
-    return bool(np.all(apart <= 2.0 * CRACK_M))
+    return bool(np.all(apart <= 2.0 * _CRACK_M))
 
 
 class _Border:
@@ -120,10 +120,10 @@ class _Border:
         turn = 1.0 if shapely.Polygon(flat).exterior.is_ccw else -1.0
         outward = turn * np.column_stack([edges[:, 1], -edges[:, 0]])[lengths > 0.0]
         outward = np.repeat(outward / lengths[lengths > 0.0, None], counts[lengths > 0.0], axis=0)
-        beside = points + 1.5 * CRACK_M * outward
+        beside = points + 1.5 * _CRACK_M * outward
         on_map = shapely.contains_xy(map_, beside)
         self.points, self.beside, inside = (
-            each[on_map] for each in (points, beside, points - 1.5 * CRACK_M * outward)
+            each[on_map] for each in (points, beside, points - 1.5 * _CRACK_M * outward)
         )
         self.top = _height_of(patch, self.points)
         near = [each for each in ground.values() if _close(each, flat)]
@@ -141,8 +141,8 @@ class _Border:
         while not np.array_equal(up, before):
             before = up
             for low, high in self.walls:
-                up = np.where(low <= up + CRACK_M, np.maximum(up, high), up)
-        return bool(np.all(up >= self.top - CRACK_M))
+                up = np.where(low <= up + _CRACK_M, np.maximum(up, high), up)
+        return bool(np.all(up >= self.top - _CRACK_M))
 
 
 def _lowest(ground: Iterable[Patch], places: Array) -> Array:
@@ -151,7 +151,7 @@ def _lowest(ground: Iterable[Patch], places: Array) -> Array:
 
     result = np.full(len(places), np.inf)
     for patch in ground:
-        near = shapely.distance(_plans([patch])[0], shapely.points(places)) <= 0.5 * CRACK_M
+        near = shapely.distance(_plans([patch])[0], shapely.points(places)) <= 0.5 * _CRACK_M
         result[near] = np.minimum(result[near], _height_of(patch, places[near]))
     return np.where(np.isinf(result), -np.inf, result)
 
@@ -166,7 +166,7 @@ def _spans(wall: Patch, points: Array) -> tuple[Array, Array]:
     along = (end - start) / np.linalg.norm(end - start)
     corners, where = (flat - start) @ along, (points - start) @ along
     at = np.clip(where, corners.min(), corners.max())
-    near = np.linalg.norm(points - start - at[:, None] * along, axis=1) <= CRACK_M
+    near = np.linalg.norm(points - start - at[:, None] * along, axis=1) <= _CRACK_M
     low, high = np.full(len(points), np.inf), np.full(len(points), -np.inf)
     for t0, t1, z0, z1 in zip(corners, np.roll(corners, -1), up, np.roll(up, -1), strict=True):
         if t0 == t1:  # its ends are those of the edges beside it
@@ -177,8 +177,8 @@ def _spans(wall: Patch, points: Array) -> tuple[Array, Array]:
     return low, high
 
 
-NEAR = 0.2
-NEAREST_M = 0.06
+_NEAR = 0.2
+_NEAREST_M = 0.06
 """Distance from start and goal at which a robot is there, in reaches of its feet from its centre of
 mass, and the least one of a robot of size 1 [m]: a plan's last key frame may be so far from the
 goal."""
@@ -187,7 +187,7 @@ goal."""
 def near_of(robot: Robot) -> float:
     """Horizontal distance from a place within which a robot's centre of mass is there [m]."""
     far = max(float(np.linalg.norm(limb.shoulder_m)) + limb.reach_m for limb in robot.limbs)
-    return max(NEAR * far, NEAREST_M * robot.size)
+    return max(_NEAR * far, _NEAREST_M * robot.size)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -31,7 +31,7 @@ BODY = (
 """The numbers of a posture problem beside its contacts."""
 
 
-Positive = Annotated[float, Within(above=0.0)]
+_Positive = Annotated[float, Within(above=0.0)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,10 +40,10 @@ class PostureKeys:
 
     FORMAT: ClassVar = FORMAT
 
-    mass_kg: Positive
-    gravity_m_s2: Positive
-    force_scale_n: Positive
-    length_scale_m: Positive
+    mass_kg: _Positive
+    gravity_m_s2: _Positive
+    force_scale_n: _Positive
+    length_scale_m: _Positive
     com_nominal_m: Array
     com_radius_m: Annotated[float, Within(least=0.0)]
     tilt_limit_rad: Annotated[float, Within(least=0.0, most=0.5 * np.pi)]

@@ -19,7 +19,7 @@ from ..files.documents import parse_json, read_bytes
 from ..files.writing import write_bytes
 
 FORMAT = "stancekit/standing-map/1"
-MOST_BYTES = 512_000_000
+_MOST_BYTES = 512_000_000
 _DAMAGED: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, OSError, EOFError)
 _DAMAGED += (OverflowError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 """What comes of a file that is no map, or that was damaged."""
@@ -29,7 +29,7 @@ VERDICTS = ("unknown", "feasible", "infeasible", "likely feasible", "likely infe
 UNKNOWN, FEASIBLE, INFEASIBLE, LIKELY, UNLIKELY = range(5)
 LIMITS = ("", "foothold", "friction", "force", "reach", "body", "tilt", "several")
 """Limits in the way of a pose, or nearest to it; empty where that is not known."""
-ARRAYS = {
+_ARRAYS = {
     "verdict": (np.uint8, 3),
     "limit": (np.uint8, 3),
     "margin": (np.float32, 3),
@@ -195,7 +195,7 @@ class StandingMap:
         if path.suffix == ".npz":
             head = {**self.to_json(), "headings_rad": self.headings_rad.tolist()}
             box = io.BytesIO()
-            arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
+            arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
             np.savez_compressed(box, head=np.array(json.dumps(head)), **arrays)
             write_bytes(path, box.getvalue())
         elif path.suffix == ".json":
@@ -221,22 +221,22 @@ class StandingMap:
 
         Raises InvalidInput.
         """
-        content = read_bytes(path, MOST_BYTES)
+        content = read_bytes(path, _MOST_BYTES)
         try:
             with np.load(io.BytesIO(content), allow_pickle=False) as held:
-                names = {"head", *ARRAYS}
+                names = {"head", *_ARRAYS}
                 if set(held.files) != names:
                     raise ValueError(f"expected the arrays {', '.join(sorted(names))}")
                 sizes = [info.file_size for info in held.zip.infolist()]
-                if sum(sizes) > MOST_BYTES:
-                    raise ValueError(f"expected {MOST_BYTES} bytes of arrays or fewer")
+                if sum(sizes) > _MOST_BYTES:
+                    raise ValueError(f"expected {_MOST_BYTES} bytes of arrays or fewer")
                 head = parse_json(str(held["head"]), "head")
-                arrays = {name: held[name] for name in ARRAYS}
+                arrays = {name: held[name] for name in _ARRAYS}
             if not isinstance(head, dict) or head.get("format") != FORMAT:
                 got = head.get("format") if isinstance(head, dict) else head
                 raise ValueError(f"format: expected {FORMAT!r}, got {str(got)[:60]!r}")
             shape = arrays["verdict"].shape
-            for name, (kind, ndim) in ARRAYS.items():
+            for name, (kind, ndim) in _ARRAYS.items():
                 it = arrays[name]
                 if it.dtype != kind or it.ndim != ndim or it.shape != shape:
                     raise ValueError(f"{name}: expected {np.dtype(kind)} of one shape")

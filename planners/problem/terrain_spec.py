@@ -230,7 +230,7 @@ class FileTerrain(TerrainSpec):
         return found
 
 
-FRAMES, STRIDE_M, HEIGHT_M = 4, 0.08, 0.20
+_FRAMES, _STRIDE_M, _HEIGHT_M = 4, 0.08, 0.20
 """Numbers of the courses, see ``family_keys``."""
 
 
@@ -274,23 +274,23 @@ def family_keys(name: str) -> dict[str, Any]:
     family, level, seed = read_draw(name, "course")
     scene = family_terrain(family, level, seed)
     rise = scene.rise
-    far = STRIDE_M * (FRAMES - 1)
+    far = _STRIDE_M * (_FRAMES - 1)
     along = 1.0 if rise is None else float((1.0 + rise**2) ** 0.5)
     x, y, z = scene.begin_m
-    start = [x, y, z + HEIGHT_M]
+    start = [x, y, z + _HEIGHT_M]
     goal = (
         [x, y, start[2] + far]
         if rise is None
         else [x + far / along, y, start[2] + far * rise / along]
     )
-    stance = {"outward_m": 0.13, "down_m": 0.0 if rise is None else HEIGHT_M}
+    stance = {"outward_m": 0.13, "down_m": 0.0 if rise is None else _HEIGHT_M}
     return {
         "name": Path(name).name.replace(":", "-"),
-        "frames": FRAMES,
+        "frames": _FRAMES,
         "gait": "tripod",
         "start_m": start,
         "goal_m": goal,
-        "stride_m": STRIDE_M,
+        "stride_m": _STRIDE_M,
         "stance": stance,
         "body": {"com_radius_m": 0.06, "first_radius_m": 0.02},
         "steps": {"com_m": 0.15, "toe_m": 0.40, "rotation_rad": 0.15, "progress_m": 0.02},

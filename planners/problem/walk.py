@@ -54,14 +54,14 @@ class Gait:
         if not self.balances:
             return self
         halves = max(
-            0.5 * SHORTEST, np.rint(0.5 * self.cycle_s * np.sqrt(height_m / HEIGHT_M) / step_s)
+            0.5 * _SHORTEST, np.rint(0.5 * self.cycle_s * np.sqrt(height_m / _HEIGHT_M) / step_s)
         )
         return replace(self, cycle_s=min(self.cycle_s, 2.0 * float(halves) * step_s))
 
 
-HEIGHT_M = 0.42
+_HEIGHT_M = 0.42
 """Height of ``anymal``'s centre of mass, whose cycles these are [m]."""
-SHORTEST = 4.0
+_SHORTEST = 4.0
 """Steps of the grid in the shortest cycle: in two of them a foot swings."""
 
 GAITS = {
@@ -163,9 +163,9 @@ def schedule(
             f"gait: expected one for {len(feet)} feet, got {gait.name}, which is for "
             f"{len(gait.offsets)}"
         )
-    if gait.cycle_s < SHORTEST * step_s - 1e-9:
+    if gait.cycle_s < _SHORTEST * step_s - 1e-9:
         raise InvalidInput(
-            f"cycle_s: expected {SHORTEST * step_s:g} s or more, got {gait.cycle_s:g} s"
+            f"cycle_s: expected {_SHORTEST * step_s:g} s or more, got {gait.cycle_s:g} s"
         )
     lifts = [offset * gait.cycle_s for offset in gait.offsets]
     tail = (
@@ -189,13 +189,13 @@ def schedule(
     return tuple(phases)
 
 
-Timings = Literal["fixed", "optimised"]
+_Timings = Literal["fixed", "optimised"]
 _SUCTION = 2.0
 """Pull of an adhesive foot where a task does not say, in units of m·g; walks out of steep pits take
 1.5."""
 _SAME_RAD = 1e-9
 """Headings closer than this are one, so that whole turns added to one of them change nothing."""
-STEEPEST = 1.0
+_STEEPEST = 1.0
 """Gradient of the terrain beyond which a foot without suction cannot hold: no start and no goal
 there."""
 
@@ -248,7 +248,7 @@ class Walk:
     suction_n: float | None = None
     gait: str = "trot"
     cycle_s: float | None = None
-    timings: Timings = "fixed"
+    timings: _Timings = "fixed"
 
     def __post_init__(self) -> None:
         feet = len(self.robot.feet)
@@ -262,7 +262,7 @@ class Walk:
         )
         if len(self.adhesive) != feet:
             raise InvalidInput(f"adhesive: expected {feet} truth values, got {len(self.adhesive)}")
-        checked_choice(self.timings, "timings", get_args(Timings))
+        checked_choice(self.timings, "timings", get_args(_Timings))
         _gait_named(self.gait)
         if self.cycle_s is not None:
             checked(self.cycle_s, "cycle_s", above=0.0)
@@ -373,7 +373,7 @@ class Walk:
                 f"got ({xy[0]:g}, {xy[1]:g})"
             )
         slope = float(np.linalg.norm(self.terrain.gradient(xy)))
-        if slope > max(STEEPEST, self.friction):
+        if slope > max(_STEEPEST, self.friction):
             raise InvalidInput(
                 f"{which}_xy_m: expected ground to stand on, got a wall of "
                 f"{np.rad2deg(np.arctan(slope)):.0f}° "
@@ -410,7 +410,7 @@ class Walk:
             np.column_stack([away, np.ones(len(feet))]), feet[:, 2], rcond=None
         )
         slope = plane[:2] * min(
-            1.0, max(STEEPEST, self.friction) / max(float(np.linalg.norm(plane[:2])), 1e-12)
+            1.0, max(_STEEPEST, self.friction) / max(float(np.linalg.norm(plane[:2])), 1e-12)
         )
         if not any(self._stands(xy, yaw_rad, share * slope) for share in (0.0, 0.5, 1.0)):
             raise InvalidInput(

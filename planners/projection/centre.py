@@ -354,9 +354,9 @@ class _Slopes:
 
 _DECREMENT = 1e-12
 """Squared Newton decrement before the last step, which squares it again."""
-STEPS, HALVINGS = 60, 30
+_STEPS, _HALVINGS = 60, 30
 """Most Newton steps, and most halvings of one."""
-LESS = 0.1
+_LESS = 0.1
 """Share of the decrease that the slope promises, so much must come."""
 
 
@@ -376,7 +376,7 @@ def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) ->
     body = np.concatenate([points.com, points.rotation], axis=1)
     forces, done_body, done_forces = points.forces, body.copy(), points.forces.copy()
     value = at.value(body, forces)
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         if not len(index):
             break
         by_body, by_forces, decrement = at.newton(body, forces)
@@ -473,12 +473,12 @@ class _Held:
             value: of the objective, before the step.
         """
         share = np.ones(len(body))
-        for _ in range(HALVINGS):
+        for _ in range(_HALVINGS):
             there = self.value(
                 body + share[:, None] * by_body, forces + share[:, None, None] * by_forces
             )
             short = np.flatnonzero(
-                ~(there <= value - LESS * share * decrement + 1e-13 * np.abs(value))
+                ~(there <= value - _LESS * share * decrement + 1e-13 * np.abs(value))
             )
             if not len(short):
                 return share, there

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 
 RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
 """Shares of μ that are tried, the safest first."""
-STANDING = (0.5, 0.6, *RESERVES)
+_STANDING = (0.5, 0.6, *RESERVES)
 """The same while all limbs stand: who has not moved yet does not know what friction there is."""
 _TIES = 1e-4
 """Weight of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
 EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
-WEIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+_WEIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 LEAST = 0.02
 """Every limb that carries presses on its patch with this share of the weight or more, so that it
 stays there."""
@@ -83,7 +83,7 @@ class Loads:
     limit_nm: Array
 
 
-NONE = Loads(weight_nm=np.zeros(0), levers_m=np.zeros((0, 3)), limit_nm=np.zeros(0))
+_NONE = Loads(weight_nm=np.zeros(0), levers_m=np.zeros((0, 3)), limit_nm=np.zeros(0))
 
 
 class ForceDistribution:
@@ -148,7 +148,7 @@ class ForceDistribution:
         patches: Sequence[Patch],
         bears: NDArray[np.bool_],
         *,
-        loads: Loads = NONE,
+        loads: Loads = _NONE,
         reserves: Sequence[float] = RESERVES,
         least: float = LEAST,
         wrench: Array | None = None,
@@ -176,7 +176,7 @@ class ForceDistribution:
             friction=np.array([patch.friction for patch in patches]),
             low=np.where(carries, np.maximum(low, [least, -np.inf, -np.inf]), 0.0),
             high=np.where(carries, high, 0.0),
-            borne=WEIGHT if wrench is None else WEIGHT - wrench,
+            borne=_WEIGHT if wrench is None else _WEIGHT - wrench,
             rest=loads.weight_nm / loads.limit_nm,
             levers=np.einsum("jk,jki->ji", loads.levers_m, frames[self._foot_of])
             * (course.weight_n / loads.limit_nm)[:, None],
@@ -247,7 +247,7 @@ def standing_forces(plan: Plan, kinematics: Kinematics) -> dict[int, Array]:
         arms_m = plan.toes_at(frame) - plan.com_m[frame]
         every, wrench = np.full(count, True), wrench_at(course, frame)
         forces = distribution.forces(
-            course, arms_m, patches, every, reserves=STANDING, wrench=wrench
+            course, arms_m, patches, every, reserves=_STANDING, wrench=wrench
         )
         plan_forces = next(
             plan.forces_n[i] for i, stance in enumerate(course.stances) if stance.frame == frame
@@ -281,11 +281,11 @@ def _skew(v: Array) -> Array:
     return np.array(rows).transpose(2, 0, 1)
 
 
-EXACT_M = 1e-10
+_EXACT_M = 1e-10
 """A foot this close to its toe is there."""
 REACHED_M = 1e-9
 """And none may be farther."""
-BALANCED, INSIDE = 1e-9, 1e-7
+_BALANCED, _INSIDE = 1e-9, 1e-7
 """Largest residual of a balance, and violation of a cone or a bound, non-dimensional: a quadruped
 that lifts one foot after the other stands on a line, where the forces of a foot are zero to a
 solver's tolerance."""
@@ -408,7 +408,7 @@ class Restoration:
         )
         result = np.empty_like(start)
         for i, (leg, joints) in enumerate(zip(solver.model.legs, self._legs_of, strict=True)):
-            result[:, joints], error = descend(leg, feet[:, i], start[:, joints], exact_m=EXACT_M)
+            result[:, joints], error = descend(leg, feet[:, i], start[:, joints], exact_m=_EXACT_M)
             if not error.max() <= REACHED_M:
                 return None
         return result
@@ -429,8 +429,8 @@ class Restoration:
         left = np.abs(missing - np.einsum("sij,sj->si", square, pull)).max(axis=1)
         cone = np.hypot(forces[:, 1], forces[:, 2]) - scaled.friction[foothold] * forces[:, 0]
         over = np.maximum(forces - scaled.force_max, scaled.force_min - forces).max(axis=1)
-        return forces, (left <= BALANCED) & (
-            np.maximum.reduceat(np.maximum(cone, over), first) <= INSIDE
+        return forces, (left <= _BALANCED) & (
+            np.maximum.reduceat(np.maximum(cone, over), first) <= _INSIDE
         )
 
     def _shares(self, loads: list[tuple[Array, Array]], forces: Array) -> Array:
@@ -471,7 +471,7 @@ class Restoration:
         return np.asarray(np.einsum("bij,bi->bj", frames, world[list(limbs)]) / scaled.force_n)
 
 
-STILL = 0.1
+_STILL = 0.1
 """A step shorter than this share of its least length has no direction of its own."""
 
 
@@ -504,7 +504,7 @@ def along(course: Problem, plan: Plan) -> Problem:
     if not len(course.least_steps):
         return course
     steps, lengths = lengths_of(plan, course)
-    still = lengths <= STILL * course.least_steps
+    still = lengths <= _STILL * course.least_steps
     normals = np.where(still[:, None], nominal(course), steps)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
     return replace(course, sides=np.column_stack([normals, course.least_steps]))

@@ -178,7 +178,7 @@ def scp(
     return replace(best, solves=solves, seconds=seconds)
 
 
-SHARES = (1.0, 0.3, 0.1)
+_SHARES = (1.0, 0.3, 0.1)
 """Shares of a linearised step, tried in this order until one is better."""
 
 
@@ -212,7 +212,7 @@ def improved(
         if not np.isfinite(stepped.residual):
             return best
         before = value
-        for share in SHARES:
+        for share in _SHARES:
             result = held.solve(
                 scaled, replace(best, toes=best.toes + share * (stepped.toes - best.toes))
             )

@@ -39,9 +39,9 @@ from ..files.arrays import Array
 from .held import held_moments, toes_of
 from .whole_body_step import EVEN, TORQUE_PRICE, TorqueRows, WholeBodyGiven
 
-NEAR = 1e-2
+_NEAR = 1e-2
 """Weight of the squared distance of body and toes from where the plan has them."""
-DAMPED = 1e-4
+_DAMPED = 1e-4
 """Damping of the inverse that gives the joints a place of the foot, in length scales squared."""
 
 
@@ -59,7 +59,7 @@ class SparedGiven(WholeBodyGiven):
         out, legs = np.zeros_like(self.by_joint), self.solver.legs
         for leg in range(self.scaled.layout.limbs):
             columns = self.by_joint[:, legs == leg]
-            squared = columns.transpose(0, 2, 1) @ columns + DAMPED * np.eye(3)
+            squared = columns.transpose(0, 2, 1) @ columns + _DAMPED * np.eye(3)
             out[:, legs == leg] = columns @ np.linalg.inv(squared)
         return out
 
@@ -113,7 +113,7 @@ class SparedGiven(WholeBodyGiven):
         )
 
 
-class SparedContacts:
+class _SparedContacts:
     """The program; one candidate a foothold, point feet.
 
     Arguments:
@@ -183,8 +183,8 @@ class SparedContacts:
 
     def _stay(self, columns: Index, name: str) -> None:
         """NEAR · ‖x − x̄‖²."""
-        self.rows.square(columns, None, NEAR)
-        self.rows.linear(columns, -2.0 * NEAR * Of(f"held.{name}"))
+        self.rows.square(columns, None, _NEAR)
+        self.rows.linear(columns, -2.0 * _NEAR * Of(f"held.{name}"))
 
     def solve(self, at: SparedGiven) -> ConicSolution:
         """Solve about a plan."""
@@ -199,7 +199,7 @@ def spared_contacts(programs: Programs, at: SparedGiven) -> tuple[Point, Array] 
     """
     scaled, leg_of = at.scaled, tuple(at.solver.legs.tolist())
     free, held = (
-        programs.get(SparedContacts, scaled.layout, leg_of, scaled.box_implied, hold_toes)
+        programs.get(_SparedContacts, scaled.layout, leg_of, scaled.box_implied, hold_toes)
         for hold_toes in (False, True)
     )
     lifted = free.solve(at)

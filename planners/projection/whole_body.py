@@ -113,12 +113,12 @@ def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, flo
     return float((torques / limit_nm)[at]), float(torques[at])
 
 
-def on_the_way(plan: Plan, solver: Kinematics, limit_nm: Array) -> float:
+def _on_the_way(plan: Plan, solver: Kinematics, limit_nm: Array) -> float:
     """Along the plan's path, where the robot is as it is executed: a share of the limit."""
     return float((np.abs(path_torques(plan, solver)) / limit_nm).max(initial=0.0))
 
 
-_AIM, SPARE = 0.97, 0.02
+_AIM, _SPARE = 0.97, 0.02
 """Steps aim at this share of what is wanted, and leave this share of the friction, and of the
 weight above what feet are to press with, times the radius: what a step is wrong by falls with its
 square."""
@@ -130,12 +130,12 @@ SPARED = 2
 before steps of the whole plan."""
 _GAIN = 3e-4
 """A step lowers the price of what is too much by so much, or is none."""
-ENOUGH = 0.5
+_ENOUGH = 0.5
 """Share of the distance that bodies should keep: steps end where all have as much."""
-PATIENCE, _HEADWAY = 6, 0.02
+_PATIENCE, _HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are
 tried."""
-_TIGHTER, ROOM = 3, 0.95
+_TIGHTER, _ROOM = 3, 0.95
 """So often less torque is allowed at key frames, where between them there is more than this share
 of the limit."""
 _ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
@@ -174,7 +174,7 @@ class Measured:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WholeBodyPlan:
+class _WholeBodyPlan:
     """A plan with joint angles, and what it took.
 
     Arguments:
@@ -223,7 +223,7 @@ def whole_body(
     start_rad: Array | None = None,
     *,
     deadline: float = math.inf,
-) -> WholeBodyPlan:
+) -> _WholeBodyPlan:
     """The plan with joint angles, with torques within the limits and bodies apart where such a plan
     is found; never a worse one.
 
@@ -260,7 +260,7 @@ def _bent(
     deadline: float,
     *,
     braced: bool = False,
-) -> WholeBodyPlan:
+) -> _WholeBodyPlan:
     """Bend a plan that has joint angles, for ``whole_body``.
 
     Arguments:
@@ -269,14 +269,14 @@ def _bent(
     first = bent = _at_key_frames(plan, limits, solver, deadline, braced=braced)
     if limits.torque_nm is None or not limits.steps or not first.after.share <= 1.0:
         return bent
-    share = most = on_the_way(bent.plan, solver, limits.of(solver))
+    share = most = _on_the_way(bent.plan, solver, limits.of(solver))
     aim = limits
     for _ in range(_TIGHTER):
-        if most <= ROOM or time.perf_counter() > deadline:
+        if most <= _ROOM or time.perf_counter() > deadline:
             break
-        aim = replace(aim, torque_nm=ROOM * aim.of(solver).max() / share)
+        aim = replace(aim, torque_nm=_ROOM * aim.of(solver).max() / share)
         other = _at_key_frames(plan, aim, solver, deadline, braced=braced)
-        share = on_the_way(other.plan, solver, limits.of(solver))
+        share = _on_the_way(other.plan, solver, limits.of(solver))
         measured = replace(other.after, share=largest(other.plan, solver, limits.of(solver))[0])
         reserved = _friction(other.plan) <= _friction(
             bent.plan
@@ -301,7 +301,7 @@ def _friction(plan: Plan) -> float:
 
 def _at_key_frames(
     plan: Plan, limits: WholeBodyLimits, solver: Kinematics, deadline: float, *, braced: bool
-) -> WholeBodyPlan:
+) -> _WholeBodyPlan:
     """Bend a plan that has joint angles, for ``whole_body``, with torques checked at key frames
     only.
     """
@@ -331,7 +331,7 @@ def _at_key_frames(
         before, report = judged(plan)
     except TimeEnded:
         unknown = Measured(share=np.nan, torque_nm=np.nan, depth_m=np.nan, too_near_m=np.nan)
-        return WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown, late=True)
+        return _WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown, late=True)
     look_s = time.perf_counter() - began
     best, after, steps_taken, late = plan, before, 0, False
     for apart_m in _ATTEMPTS_M:
@@ -355,7 +355,7 @@ def _at_key_frames(
             break
         if measured.better(after) and (said_of_it is None or said_of_it.contacts):
             best, after, steps_taken, report = candidate, measured, steps_taken + steps, said_of_it
-    return WholeBodyPlan(
+    return _WholeBodyPlan(
         plan=best, steps=steps_taken, before=before, after=after, late=late, report=report
     )
 
@@ -475,7 +475,7 @@ class _Stage:
             missing_m = near.missing(self._limits.clearance_m).sum() + near.astray_m
             price += CLEAR_PRICE * float(missing_m) / self._scaled.length_m
             too_near = near.astray_m > STRAY_M or bool(
-                near.missing(ENOUGH * self._limits.clearance_m).any()
+                near.missing(_ENOUGH * self._limits.clearance_m).any()
             )
         return _State(at=found, near=near, price=price, too_near=too_near)
 
@@ -531,7 +531,7 @@ class _Stage:
                 break
             before.append(state.price)
             stalled = (
-                len(before) > PATIENCE and before[-1] > (1.0 - _HEADWAY) * before[-1 - PATIENCE]
+                len(before) > _PATIENCE and before[-1] > (1.0 - _HEADWAY) * before[-1 - _PATIENCE]
             )
             enough = state.at.share <= self._limits.share and not state.too_near
             if enough or stalled or radius < _NARROWEST:
@@ -562,7 +562,7 @@ class _Stage:
         Where the forces of the step cannot be mended alone, body and joints are found once more for
         its toes.
         """
-        spare = SPARE * min(radius, 1.0)
+        spare = _SPARE * min(radius, 1.0)
         firmer = np.where(scaled.force_min > 0.0, scaled.force_min + spare, scaled.force_min)
         inside = replace(scaled, friction=(1.0 - spare) * scaled.friction, force_min=firmer)
         at = WholeBodyGiven(

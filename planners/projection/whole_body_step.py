@@ -43,7 +43,7 @@ posture to its mirror image torques are not those of either."""
 UPRIGHT_RAD = 1.3
 """A hip of a leg that is drawn up stays below this: near π/2 its yaw and its roll turn one way, and
 at any speed."""
-SLACK_RAD = 0.2
+_SLACK_RAD = 0.2
 """What is restored may be so far beyond what a step kept to."""
 
 
@@ -115,16 +115,16 @@ def keeps_to(solver: Kinematics, layout: Layout, before: Array, after: Array) ->
         np.abs(angles[frame, joint] - angles[frame - 1, joint]) for angles in (before, after)
     )
     lower, upper = joint_ranges(solver, before)
-    inside = np.all((after >= lower - SLACK_RAD) & (after <= upper + SLACK_RAD))
-    return bool(inside and np.all(then <= np.maximum(TURN_RAD, first) + SLACK_RAD))
+    inside = np.all((after >= lower - _SLACK_RAD) & (after <= upper + _SLACK_RAD))
+    return bool(inside and np.all(then <= np.maximum(TURN_RAD, first) + _SLACK_RAD))
 
 
 TORQUE_PRICE = 3.0
 """Price of the largest torque's share above what is wanted, in units of the objective."""
-MOMENT_PRICE = 500.0
+_MOMENT_PRICE = 500.0
 """Price of the moments that a step leaves, likewise: at 3e3 plans of the hexapod between walls keep
 too much torque, at 100 steps buy distances with moments, and a Solo12 had no plan on stairs."""
-STILL, EVEN = 2e-3, 1e-5
+_STILL, EVEN = 2e-3, 1e-5
 """Weights of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
 _TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
 """Bounds of a step, at radius 1: com and toes [m], rotation and joints [rad], each axis for
@@ -247,9 +247,9 @@ class WholeBodyGiven(Given):
         )
 
     @cached_property
-    def torque(self) -> Torques:
+    def torque(self) -> _Torques:
         """The rows of torques."""
-        return Torques.of(self)
+        return _Torques.of(self)
 
     def room(self, name: str) -> float:
         """Half the side of the trust region's box, non-dimensional."""
@@ -298,7 +298,7 @@ class WholeBodyGiven(Given):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Torques:
+class _Torques:
     """Torques as shares of their limits, times the sign that they have at the point, to first
     order.
 
@@ -317,7 +317,7 @@ class Torques:
     right: Array
 
     @classmethod
-    def of(cls, at: WholeBodyGiven) -> Torques:
+    def of(cls, at: WholeBodyGiven) -> _Torques:
         """About a point."""
         scaled, solver, rows = (
             at.scaled,
@@ -381,7 +381,7 @@ class WholeBodyStep:
         else:
             moments = linearised_moments(layout, body, free, forces)
             rows.linear(
-                moments.within(rows, each=True), MOMENT_PRICE
+                moments.within(rows, each=True), _MOMENT_PRICE
             )  # what one cannot help is no other's to leave
         forces.in_cones()
         forces.in_box(implied=False)
@@ -409,7 +409,7 @@ class WholeBodyStep:
                 at.clearance_m,
             )
         objective(rows, layout, body, free)
-        rows.square(joints, None, STILL)
+        rows.square(joints, None, _STILL)
         rows.square(forces.columns, None, EVEN)
         rows.linear(share, TORQUE_PRICE)
 

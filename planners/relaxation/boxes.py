@@ -132,7 +132,7 @@ def modes_of_frames(layout: Layout, chosen: Index) -> Index:
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 """S: world to mirrored world."""
-NEARLY = 0.25
+_NEARLY = 0.25
 """Share of a limb's reach by which measured limbs of one robot may miss each other's mirror
 images."""
 _MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
@@ -255,7 +255,7 @@ def _partner(robot: Robot, leg: str) -> str:
         for limb in robot.limbs
     ]
     nearest = int(np.argmin(apart))
-    if apart[nearest] < (NEARLY * member.reach_m if robot.identity else 1e-6):
+    if apart[nearest] < (_NEARLY * member.reach_m if robot.identity else 1e-6):
         return robot.limbs[nearest].name
     raise InvalidInput(
         f"robot {robot.name}: expected a limb opposite to {leg}, to mirror its envelope, got none"

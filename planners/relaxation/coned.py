@@ -25,9 +25,9 @@ from .envelope import Boxed, Envelope
 from .mccormick import Axes, McCormick, margin_gradient
 from .relaxed import RelaxationAnswer
 
-BELOW, ABOVE = 0, 1
+_BELOW, _ABOVE = 0, 1
 """Numbers of the cones with p_j − l_j and with h_j − p_j."""
-SIGNS = np.array([1.0, -1.0])[:, None, None, None]
+_SIGNS = np.array([1.0, -1.0])[:, None, None, None]
 """Signs of m in those cones, shape (2, 1, 1, 1)."""
 
 
@@ -57,7 +57,7 @@ class Coned(McCormick):
         cone = rows.cones("box_cones", int(np.prod(shape[:3])), 3).reshape(shape)
         moments = self._moments.reshape(-1, 3, 3)[self._coned]
         forces = self._box_forces[self._coned][:, None, :]
-        rows.put(cone, moments, lambda given: -SIGNS * self._sides(given.scaled))
+        rows.put(cone, moments, lambda given: -_SIGNS * self._sides(given.scaled))
         rows.put(cone, forces, self._moved)
         if soft:
             rows.put(cone[..., 0], rows.columns["margin"], -1.0)
@@ -71,10 +71,10 @@ class Coned(McCormick):
             return answer
         force = answer.at[self._coned, None, 3:] * self._sides(scaled)
         multipliers = solution.dual("box_cones").reshape(2, -1, 3, 3)
-        by_end = SIGNS[..., 0] * np.sum(multipliers * force, axis=3)
+        by_end = _SIGNS[..., 0] * np.sum(multipliers * force, axis=3)
         low, high = margin_gradient(solution, answer.at, box)
-        low[self._coned, :3] += by_end[BELOW]
-        high[self._coned, :3] += by_end[ABOVE]
+        low[self._coned, :3] += by_end[_BELOW]
+        high[self._coned, :3] += by_end[_ABOVE]
         return replace(answer, gradient=(low, high))
 
     def _sides(self, scaled: Scaled) -> Array:
@@ -90,4 +90,4 @@ class Coned(McCormick):
         """
         assert isinstance(given, Boxed)
         ends = np.stack(given.boxes[0].position)[:, self._coned, :, None]
-        return np.asarray(SIGNS * ends * self._sides(given.scaled))
+        return np.asarray(_SIGNS * ends * self._sides(given.scaled))

@@ -25,7 +25,7 @@ from ..problem.posture import MAX_TILT_RAD, THREE_LEGS
 from ..robot import Robot, hexapod
 
 
-class LearnedFor(Protocol):
+class _LearnedFor(Protocol):
     """Class of problems that something was learned for: legs of one robot, in one pair of units."""
 
     @property
@@ -45,7 +45,7 @@ class LearnedFor(Protocol):
         """Unit of lengths [m]."""
 
 
-def check_robot(it: LearnedFor, robot: str, learned: str) -> None:
+def check_robot(it: _LearnedFor, robot: str, learned: str) -> None:
     """Raise InvalidInput unless it was learned for the robot of this identity.
 
     Arguments:
@@ -56,7 +56,7 @@ def check_robot(it: LearnedFor, robot: str, learned: str) -> None:
         raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
 
 
-def check_learned(it: LearnedFor, problem: Problem, learned: str) -> None:
+def check_learned(it: _LearnedFor, problem: Problem, learned: str) -> None:
     """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned
     for.
     """
@@ -408,10 +408,10 @@ def _of(name: str, e: int | None) -> str:
     return name if e is None else f"{name}_{e}"
 
 
-CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))
+_CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))
 """Bounds on f_n, f_y and the vertical shear f_z on a wall, in units of the robot's weight (Lin et
 al. §IV-A)."""
-WALKING = ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))
+_WALKING = ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))
 """The same on the ground."""
 _LENGTH_SCALE_M = 0.6
 
@@ -426,7 +426,7 @@ def rule_of_thumb(
         shoulders_m: shape (N, 3) [m].
         reach_m, climbs: shape (N,).
     """
-    force = np.where(np.asarray(climbs)[:, None, None], CLIMBING, WALKING)
+    force = np.where(np.asarray(climbs)[:, None, None], _CLIMBING, _WALKING)
     reach = np.asarray(reach_m)[:, None]
     return Envelope(
         low=np.concatenate([(shoulders_m - reach) / length_scale_m, force[..., 0]], axis=1),

@@ -44,10 +44,10 @@ _ABSOLUTE_GAP = 1e-4
 """Absolute gap of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off
 the goal."""
 Claim = Literal["feasible", "infeasible", "unknown"]
-Cones = Literal["exact", "outer", "inner"]
-Cut = Literal["both", "position"]
+_Cones = Literal["exact", "outer", "inner"]
+_Cut = Literal["both", "position"]
 _Domain = Literal["course", "unit"]
-EnvelopeUse = Literal["rows", "shrink"]
+_EnvelopeUse = Literal["rows", "shrink"]
 _TANGENTS = 16  # planes around a disc: the polygon exceeds it by 2 % at its corners, the polyhedron of a ball by 4 %
 KNOTS = np.array([0.0, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.33, 0.5, 0.8, 1.3])
 """Where tangents touch a square, either side, in length scales: up to .35 off, y² is at most .0025
@@ -71,14 +71,14 @@ class MicpGrid:
 
     intervals: int = 4
     encoding: Encoding = "log"
-    cut: Cut = "both"
+    cut: _Cut = "both"
     domain: _Domain = "course"
-    envelope_use: EnvelopeUse = "rows"
-    cones: Cones | None = None
+    envelope_use: _EnvelopeUse = "rows"
+    cones: _Cones | None = None
 
     def __post_init__(self) -> None:
         options = (self.encoding, self.cut, self.domain, self.envelope_use)
-        known = {"encoding": Encoding, "cut": Cut, "domain": _Domain, "envelope_use": EnvelopeUse}
+        known = {"encoding": Encoding, "cut": _Cut, "domain": _Domain, "envelope_use": _EnvelopeUse}
         for (name, values), value in zip(known.items(), options, strict=True):
             checked_choice(value, f"{name}", get_args(values))
         object.__setattr__(self, "intervals", int(self.intervals))  # numpy's have no bit_length
@@ -94,7 +94,7 @@ class MicpGrid:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MicpAnswer:
+class _MicpAnswer:
     """Claim of the solver, its point where it has one with the candidates chosen in it, and its own
     time [s].
 
@@ -111,7 +111,7 @@ class MicpAnswer:
     message: str = ""
 
 
-class Symbols:
+class _Symbols:
     """A posture's ``Scaled`` with parameters for its numbers, which cvxpy compiles once, and cells
     with theirs.
     """
@@ -146,7 +146,7 @@ class Symbols:
 
 
 class MicpProgram:
-    """The mixed-integer program of one problem, or of one layout of postures and one ``Symbols`` in
+    """The mixed-integer program of one problem, or of one layout of postures and one ``_Symbols`` in
     its place.
 
     The objective's squares become tangents where cones become planes.
@@ -159,7 +159,7 @@ class MicpProgram:
 
     def __init__(
         self,
-        scaled: Scaled | Symbols,
+        scaled: Scaled | _Symbols,
         breaks: Breaks,
         grid: MicpGrid = MicpGrid(),
         *,
@@ -192,7 +192,7 @@ class MicpProgram:
             "constraints": float(size.num_scalar_eq_constr + size.num_scalar_leq_constr),
         }
 
-    def solve(self, scaled: Scaled, time_limit_s: float) -> MicpAnswer:
+    def solve(self, scaled: Scaled, time_limit_s: float) -> _MicpAnswer:
         """Find a point of the grid; of a course the best within the gap.
 
         Arguments:
@@ -221,17 +221,19 @@ class MicpProgram:
             cp.SolverError
         ) as error:  # a time-out without a point, or a licence too small for the program
             message = GUROBI_LIMITS if self._solver == "gurobi" else str(error)
-            return MicpAnswer(claim="unknown", seconds=time.perf_counter() - begin, message=message)
+            return _MicpAnswer(
+                claim="unknown", seconds=time.perf_counter() - begin, message=message
+            )
         status, seconds = self.problem.status, float(self.problem.solver_stats.solve_time)
         if status not in (
             cp.OPTIMAL,
             cp.OPTIMAL_INACCURATE,
         ):  # a bounded objective: never unbounded
             empty = status in (cp.INFEASIBLE, cp.settings.INFEASIBLE_OR_UNBOUNDED)
-            return MicpAnswer(claim="infeasible" if empty else "unknown", seconds=seconds)
+            return _MicpAnswer(claim="infeasible" if empty else "unknown", seconds=seconds)
         return self._answer(scaled, seconds)
 
-    def _answer(self, scaled: Scaled, seconds: float) -> MicpAnswer:
+    def _answer(self, scaled: Scaled, seconds: float) -> _MicpAnswer:
         plan, products = self.model.plan, self.model.products
         assert products is not None
         stance, _, foothold = scaled.layout.contacts
@@ -253,18 +255,18 @@ class MicpProgram:
             forces=np.matmul(frames.transpose(0, 2, 1), world[..., None])[..., 0],
         )
         choice = scaled.numbers[largest]
-        return MicpAnswer(
+        return _MicpAnswer(
             claim="feasible", seconds=seconds, point=point, choice=choice, moments=moments
         )
 
 
-def of_layout(layout: Layout, grid: MicpGrid, solver: str) -> tuple[Symbols, MicpProgram]:
+def of_layout(layout: Layout, grid: MicpGrid, solver: str) -> tuple[_Symbols, MicpProgram]:
     """The program of all postures of a layout, and what to load their numbers into."""
-    symbols = Symbols(layout, grid)
+    symbols = _Symbols(layout, grid)
     return symbols, MicpProgram(symbols, symbols.breaks, grid, solver=solver)
 
 
-def cones_of(grid: MicpGrid, solver: str) -> Cones:
+def cones_of(grid: MicpGrid, solver: str) -> _Cones:
     """Treatment of second-order cones.
 
     Raises InvalidInput for what there is not.
@@ -289,7 +291,7 @@ def cell_error(domain: Envelope, counts: tuple[int, int]) -> float:
     return float(np.max(sides[:, :3, None] * sides[:, None, 3:])) / (4.0 * counts[0] * counts[1])
 
 
-def planes(constraint: cp.Constraint, cones: Cones) -> Sequence[cp.Constraint]:
+def planes(constraint: cp.Constraint, cones: _Cones) -> Sequence[cp.Constraint]:
     """The constraint, or planes around or inside it if it is second-order cones ‖x‖ ≤ t of 2 or 3
     components.
 

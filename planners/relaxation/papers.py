@@ -35,7 +35,7 @@ from .mccormick import Axes
 
 Terms = dict[str, cp.Constraint]
 """Constraints by name, with the names, shapes and signs of the groups of rows in ``terms``."""
-Vectors: TypeAlias = cp.Expression | Array
+_Vectors: TypeAlias = cp.Expression | Array
 """A vector a row, shape (n, 3)."""
 
 Encoding = Literal["log", "unary"]
@@ -533,11 +533,11 @@ class Products:
 
 
 def mccormick(
-    parts: Sequence[Vectors],
+    parts: Sequence[_Vectors],
     box: Envelope,
     *,
-    share: Vectors | None = None,
-    margin: Vectors | float = 0,
+    share: _Vectors | None = None,
+    margin: _Vectors | float = 0,
 ) -> Terms:
     """(p, f, m) ∈ z M_c(B) up to t: the envelope of m_jk = p_j f_k over a box, and the box itself
     (§III).
@@ -585,9 +585,9 @@ class Breaks(NamedTuple):
     Numbers, or parameters in their place.
     """
 
-    p: Vectors
-    f: Vectors
-    products: Vectors
+    p: _Vectors
+    f: _Vectors
+    products: _Vectors
 
     @classmethod
     def of(cls, domain: Envelope, counts: tuple[int, int]) -> Breaks:
@@ -707,7 +707,7 @@ def neighbouring(weights: cp.Variable, encoding: Encoding) -> list[cp.Constraint
     return [weights @ beside.all(axis=0) <= digit, weights @ (~beside).all(axis=0) <= 1 - digit]
 
 
-def added(values: Vectors, groups: Index, count: int) -> cp.Expression:
+def added(values: _Vectors, groups: Index, count: int) -> cp.Expression:
     """Rows added up by group: row g is the sum of the rows whose group is g."""
     member = sp.csr_matrix(
         (np.ones(len(groups)), (groups, np.arange(len(groups)))), shape=(count, len(groups))
@@ -715,7 +715,7 @@ def added(values: Vectors, groups: Index, count: int) -> cp.Expression:
     return member @ values
 
 
-def cross(first: Vectors, second: Vectors) -> cp.Expression:
+def cross(first: _Vectors, second: _Vectors) -> cp.Expression:
     """a × b, row by row; one of them is data."""
     pairs = ((1, 2), (2, 0), (0, 1))
     parts = [

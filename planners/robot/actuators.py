@@ -35,10 +35,10 @@ FOOT_RADIUS_M = 0.012
 """Radius of a foot that is drawn up."""
 
 
-Positive = Annotated[float, Within(above=0.0)]
-TURN = Within(least=-10.0, most=10.0)
+_Positive = Annotated[float, Within(above=0.0)]
+_TURN = Within(least=-10.0, most=10.0)
 """Range of a joint's limits [rad]."""
-Angle = Annotated[float, TURN]
+_Angle = Annotated[float, _TURN]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,23 +53,23 @@ class Servo:
         stiffness_nm_rad, damping_nms_rad: gains Kp and Kd.
     """
 
-    lower_rad: tuple[Angle, Angle, Angle, Angle] = (-1.9, -1.8, -2.6, -0.05)
-    upper_rad: tuple[Angle, Angle, Angle, Angle] = (1.9, 1.8, 2.6, 2.75)
-    torque_nm: Positive = 40.0
-    velocity_rad_s: Positive = 4.0
-    stiffness_nm_rad: Positive = 400.0
-    damping_nms_rad: Positive = 6.0
+    lower_rad: tuple[_Angle, _Angle, _Angle, _Angle] = (-1.9, -1.8, -2.6, -0.05)
+    upper_rad: tuple[_Angle, _Angle, _Angle, _Angle] = (1.9, 1.8, 2.6, 2.75)
+    torque_nm: _Positive = 40.0
+    velocity_rad_s: _Positive = 4.0
+    stiffness_nm_rad: _Positive = 400.0
+    damping_nms_rad: _Positive = 6.0
     rotor_kg_m2: Annotated[float, Within(least=0.0)] = 0.01
 
     def __post_init__(self) -> None:
         check_limits(self)
         for i in range(len(JOINTS)):
-            TURN.check(self.upper_rad[i], f"upper_rad[{i}]")
-            checked(self.lower_rad[i], f"lower_rad[{i}]", least=TURN.least, most=self.upper_rad[i])
+            _TURN.check(self.upper_rad[i], f"upper_rad[{i}]")
+            checked(self.lower_rad[i], f"lower_rad[{i}]", least=_TURN.least, most=self.upper_rad[i])
 
 
 FORMAT: Literal["stancekit/actuators/1"] = "stancekit/actuators/1"
-Curve = Literal["linear", "flat"]
+_Curve = Literal["linear", "flat"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ class ActuatorModel:
     stall_nm: float
     no_load_rad_s: float
     continuous_nm: float | None = None
-    curve: Curve = "linear"
+    curve: _Curve = "linear"
     gear: float = 1.0
     rotor_kg_m2: float | None = None
     thermal_s: float | None = None
@@ -106,7 +106,7 @@ class ActuatorModel:
 
     def __post_init__(self) -> None:
         collect_errors(
-            lambda: check_numbers(self, above=POSITIVE, least=("rotor_kg_m2",)),
+            lambda: check_numbers(self, above=_POSITIVE, least=("rotor_kg_m2",)),
             lambda: (
                 self.continuous_nm is None
                 or checked(self.continuous_nm, "continuous_nm", least=0.0, most=self.stall_nm)
@@ -141,7 +141,7 @@ class ActuatorModel:
         return None if self.rotor_kg_m2 is None else self.gear**2 * self.rotor_kg_m2
 
 
-POSITIVE = (
+_POSITIVE = (
     "stall_nm",
     "continuous_nm",
     "no_load_rad_s",

@@ -36,19 +36,19 @@ TOUCH_M, LINKS_M = 1e-3, 1e-4
 """A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links
 this deep inside each other: joint angles, corners and coal's depths are ten times as exact. More
 presses them apart wherever it is run."""
-FINE, _ARCS = 0.5, 1.01
+_FINE, _ARCS = 0.5, 1.01
 """Two links that go so much of the tolerance between two postures are not looked at in between;
 points go so much farther on the arcs of joints than straight."""
-SIDES = np.array(list(product((-1.0, 1.0), repeat=3)))
+_SIDES = np.array(list(product((-1.0, 1.0), repeat=3)))
 """Corners of a box in units of half its sides."""
 _PARTS_M = 0.02
 """Where hulls are nearer than this, or inside each other, it is their parts that are measured
 [m]."""
-POSTURES = 256
+_POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
-LONG_M = 0.05
+_LONG_M = 0.05
 """A part of a leg that is longer than this has a shape, or is said to have none [m]."""
-_ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
+_ALIGNED, _ON_M = 1.0 - 1e-6, 1e-4
 """Cosine between normals of one surface, and how far from it what stands on it may be [m]."""
 
 BLOCK = 128
@@ -98,7 +98,7 @@ class Bodies:
         )
         self._corners = (
             self._middles[:, None]
-            + np.where(self._balls, 0.0, 1.0)[:, None, None] * SIDES * self._halves[:, None]
+            + np.where(self._balls, 0.0, 1.0)[:, None, None] * _SIDES * self._halves[:, None]
         )
         self._solids = [self._hull(each.solid.corners) for each in terrain.convex]
         spans = [
@@ -396,7 +396,7 @@ class Bodies:
             open_ = (
                 (apart.min(axis=1) >= -on_way_m)
                 & (apart.sum(axis=1) < gone - 2.0 * on_way_m)
-                & (gone > FINE * on_way_m)
+                & (gone > _FINE * on_way_m)
             )
             t, k, share, apart, ends = (
                 t[open_],
@@ -506,7 +506,9 @@ class Bodies:
             if limb >= 0:
                 along = bodies.normals[:, limb] @ solid.normals.T > _ALIGNED
                 heights = bodies.toes_m[:, limb] @ solid.normals.T - solid.offsets_m
-                on = np.any(along & (np.abs(heights) < ON_M), axis=1) & (heights.max(axis=1) < ON_M)
+                on = np.any(along & (np.abs(heights) < _ON_M), axis=1) & (
+                    heights.max(axis=1) < _ON_M
+                )
                 standing[:, k] = bodies.stands[:, limb] & on
         return standing
 
@@ -515,7 +517,7 @@ class Bodies:
         lower, upper = self._of.lower_rad, self._of.upper_rad
         standing = np.concatenate([leg.stance_rad for leg in self.model.legs])
         turns, origins = self._placed(
-            np.vstack([standing, lower + (upper - lower) * _spread(POSTURES, len(lower))])
+            np.vstack([standing, lower + (upper - lower) * _spread(_POSTURES, len(lower))])
         )
         pairs, bounds = self._links_apart((turns, origins), 0.0)
         always = pairs[np.all(bounds.least < 0.0, axis=0)].tolist()
@@ -727,14 +729,16 @@ def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str
         elif shape.link not in missing.setdefault("link|: no mesh", []):
             missing["link|: no mesh"].append(shape.link)
     feet = {
-        leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > LONG_M
+        leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > _LONG_M
     }
     mounts = [model.mounts[shape.link] for shape, _ in solids if shape.link not in feet]
     shaped = {(mount.leg, mount.joint) for mount in mounts}
     for i, leg in enumerate(model.legs):
         ends = [*leg.chain.origins[1:], leg.chain.tip_m]
         bare = [
-            k for k, end in enumerate(ends) if np.linalg.norm(end) > LONG_M and (i, k) not in shaped
+            k
+            for k, end in enumerate(ends)
+            if np.linalg.norm(end) > _LONG_M and (i, k) not in shaped
         ]
         missing.setdefault("joint|: no shape of what they carry", []).extend(
             leg.joint_names[k] for k in bare

@@ -136,7 +136,7 @@ def off_solids(
     return (heights - supports).max(axis=1), over | (height <= 0.0)
 
 
-ROUND = 0.15
+_ROUND = 0.15
 """Share of a ball's radius: as far as a mesh that is taken for one may be from it."""
 _NECK = 0.05
 """Share of a ball's corners that may be farther from it, where a shank ends in it."""
@@ -145,21 +145,21 @@ HALF = 0.5
 _TOUCHING_RAD = 0.7
 """A foot may touch with what is so far off the direction from its joint to its middle; one about
 its joint with all."""
-DIRECTIONS = 400
+_DIRECTIONS = 400
 """Directions all over a sphere in which a ball's surface is looked at."""
-ENOUGH = 3000
+_ENOUGH = 3000
 """Corners of a ball from which it is known to be one."""
-DIGITS = 9
+_DIGITS = 9
 """Decimals of a ball's centre and radius as a URDF has them [m]."""
 _FARTHER_M = 1e-3
 """A shape that goes no farther than this beyond the ball at a leg's end does not touch before
 it."""
-SAME_M = 1e-6
+_SAME_M = 1e-6
 """A shape is the one that touches if its centre and its radius are within this of the leg's."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlacedShape:
+class _PlacedShape:
     """A shape of a leg's last body, number ``index`` of the robot's, and its rotation and origin in
     the last joint's frame, shapes (3, 3), (3,) [m].
 
@@ -197,7 +197,7 @@ Fits = dict[bytes, tuple[Array, float] | None]
 
 def placed_shapes(
     shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]], fits: Fits
-) -> list[PlacedShape]:
+) -> list[_PlacedShape]:
     """The shapes of the links of one body.
 
     Arguments:
@@ -205,7 +205,7 @@ def placed_shapes(
     """
     bodies = {id(shape) for shape in solid_shapes(shapes)}
     return [
-        PlacedShape(
+        _PlacedShape(
             index=i,
             shape=shape,
             rotation=turn @ shape.rotation,
@@ -218,7 +218,7 @@ def placed_shapes(
     ]
 
 
-def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
+def touch_of(pieces: Sequence[_PlacedShape]) -> Touch | None:
     """Shape with which a leg touches whose last body has these shapes; None for a body without
     shapes.
     """
@@ -262,7 +262,7 @@ def touch_of(pieces: Sequence[PlacedShape]) -> Touch | None:
     return None
 
 
-def _farthest(piece: PlacedShape) -> Array:
+def _farthest(piece: _PlacedShape) -> Array:
     """The end of a shape that is farthest from the link's origin, about, in the last joint's frame,
     shape (3,) [m].
     """
@@ -286,9 +286,9 @@ def _balls(
         fits[key] = fitted_ball(shape.corners_m)
     if (ball := fits[key]) is None:
         return ()
-    in_link = np.round(shape.origin_m + shape.rotation @ ball[0], DIGITS)  # as a URDF has it
+    in_link = np.round(shape.origin_m + shape.rotation @ ball[0], _DIGITS)  # as a URDF has it
     middle = shape.rotation.T @ (in_link - shape.origin_m)
-    centre, radius_m = origin_m + rotation @ middle, round(ball[1], DIGITS)
+    centre, radius_m = origin_m + rotation @ middle, round(ball[1], _DIGITS)
     far_m = float(np.linalg.norm(centre))
     outward = rotation.T @ centre / far_m if far_m > 2.0 * radius_m else None
     return ((centre, radius_m),) if _round(shape.corners_m, middle, radius_m, outward) else ()
@@ -299,8 +299,8 @@ def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | N
     in which that may touch: those within ``_TOUCHING_RAD`` of a unit vector, shape (3,), all of them
     where it is None.
     """
-    z = 1.0 - (2.0 * np.arange(DIRECTIONS) + 1.0) / DIRECTIONS
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(DIRECTIONS)  # Fibonacci's lattice
+    z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_DIRECTIONS)  # Fibonacci's lattice
     flat = np.sqrt(1.0 - z**2)
     ways = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
     if outward is not None:
@@ -309,20 +309,20 @@ def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | N
     return bool(ends.min() >= radius_m - _FARTHER_M)
 
 
-def touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
+def _touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
     """Tell whether a leg's foot is this shape: a ball, or a capsule with its end, at the leg's own
     end.
     """
     mount = mounts[shape.link]
     if (
         shape.kind not in ("sphere", "capsule")
-        or abs(float(shape.size_m[0]) - leg.radius_m) > SAME_M
+        or abs(float(shape.size_m[0]) - leg.radius_m) > _SAME_M
     ):
         return False
     balls = _balls(
         shape, mount.rotation @ shape.rotation, mount.origin_m + mount.rotation @ shape.origin_m, {}
     )
-    return any(float(np.linalg.norm(centre - leg.chain.tip_m)) < SAME_M for centre, _ in balls)
+    return any(float(np.linalg.norm(centre - leg.chain.tip_m)) < _SAME_M for centre, _ in balls)
 
 
 def feet_of(shapes: Sequence[Shape], legs: Sequence[Leg], mounts: Mapping[str, Mount]) -> list[int]:
@@ -334,7 +334,7 @@ def feet_of(shapes: Sequence[Shape], legs: Sequence[Leg], mounts: Mapping[str, M
         leg = None if mount.leg is None else ends.get((mount.leg, mount.joint))
         feet.append(
             mount.leg
-            if mount.leg is not None and leg is not None and touching(leg, mounts, shape)
+            if mount.leg is not None and leg is not None and _touching(leg, mounts, shape)
             else -1
         )
     return feet
@@ -363,7 +363,7 @@ def with_balls(
     changed = list[str]()
     for leg, index in zip(legs, indices, strict=True):
         if leg.radius_m <= 0.0 or any(
-            touching(leg, mounts, shape) for shape in shapes if shape.link == leg.foot
+            _touching(leg, mounts, shape) for shape in shapes if shape.link == leg.foot
         ):
             continue
         link, mount = links[leg.foot], mounts[leg.foot]
@@ -379,12 +379,12 @@ def with_balls(
         middle = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m)
         collision = SubElement(link, "collision")
         SubElement(
-            collision, "origin", {"xyz": " ".join(repr(round(float(x), DIGITS)) for x in middle)}
+            collision, "origin", {"xyz": " ".join(repr(round(float(x), _DIGITS)) for x in middle)}
         )
         SubElement(
             SubElement(collision, "geometry"),
             "sphere",
-            {"radius": repr(round(leg.radius_m, DIGITS))},
+            {"radius": repr(round(leg.radius_m, _DIGITS))},
         )
         changed.append(leg.foot)
     return ElementTree.tostring(root, encoding="unicode") if changed else "", tuple(changed)
@@ -464,11 +464,11 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
         return None
     middle, away = _about(points_m)
     radius_m = float(away.max())
-    least = radius_m - min(ROUND * radius_m, _FARTHER_M)
+    least = radius_m - min(_ROUND * radius_m, _FARTHER_M)
     if not float(np.quantile(away, _NECK)) >= least:
         return None
     some = points_m[
-        :: 1 + len(points_m) // ENOUGH
+        :: 1 + len(points_m) // _ENOUGH
     ]  # whether its planes are a ball's is as clear of fewer corners
     try:
         hull = ConvexHull(some)

@@ -21,12 +21,12 @@ from .meshes import points_on
 
 _FEW_PARTS, MOST_PARTS = 4, 16
 """As many say which two axes are cut along, and as many there are."""
-PLACES, FINE = 5, 16
+_PLACES, _FINE = 5, 16
 """So many cuts of a cell are tried along each axis; by points on the surface, so many on the
 longest side."""
-THIN_M, AROUND = 1e-5, np.concatenate([np.eye(3), -np.eye(3)])
+_THIN_M, _AROUND = 1e-5, np.concatenate([np.eye(3), -np.eye(3)])
 """Half of what a flat piece is thick [m]."""
-WORTH, EACH = 0.25, 0.01
+_WORTH, _EACH = 0.25, 0.01
 """Share of the hull's volume that the parts have to save together, and that each cut has to."""
 
 
@@ -55,7 +55,7 @@ class _Cell:
         """
         for axis in axes if self.volume > 0.0 else ():
             along = self.points[:, axis]
-            for place in np.linspace(along.min(), along.max(), PLACES + 2)[1:-1].tolist():
+            for place in np.linspace(along.min(), along.max(), _PLACES + 2)[1:-1].tolist():
                 low, high = ((*self.sides, (axis, place, sign)) for sign in (1.0, -1.0))
                 yield (
                     _Cell.of(self.points[along <= place], low),
@@ -75,9 +75,9 @@ def convex_parts(vertices_m: Array, faces: NDArray[np.int_]) -> tuple[Array, ...
     volume = _hull(triangles.reshape(-1, 3))[1]
     if volume <= 0.0:
         return ()
-    apart_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / FINE
+    apart_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / _FINE
     whole = _Cell.of(points_on(triangles, apart_m))
-    if whole.volume - min(_volume(pair) for pair in whole.cuts((0, 1, 2))) < EACH * whole.volume:
+    if whole.volume - min(_volume(pair) for pair in whole.cuts((0, 1, 2))) < _EACH * whole.volume:
         return ()
     best = min(((0, 1), (0, 2), (1, 2)), key=lambda axes: _volume(_parts(whole, axes, _FEW_PARTS)))
     cells = _parts(whole, best, MOST_PARTS)
@@ -89,11 +89,11 @@ def convex_parts(vertices_m: Array, faces: NDArray[np.int_]) -> tuple[Array, ...
         points = inside.reshape(-1, 3)
         corners, hull_faces = _hull(points)
         if len(points) and not len(corners):  # a flat piece
-            corners, hull_faces = _hull((points[:, None] + THIN_M * AROUND).reshape(-1, 3))
+            corners, hull_faces = _hull((points[:, None] + _THIN_M * _AROUND).reshape(-1, 3))
         if len(corners):
             parts.append(corners)
             left += hull_faces
-    return tuple(parts) if len(parts) > 1 and left <= (1.0 - WORTH) * volume else ()
+    return tuple(parts) if len(parts) > 1 and left <= (1.0 - _WORTH) * volume else ()
 
 
 def _hull(points: Array) -> tuple[Array, float]:
@@ -117,7 +117,7 @@ def _parts(whole: _Cell, axes: tuple[int, ...], most: int) -> list[_Cell]:
             if cell.sides not in best:
                 best[cell.sides] = min(cell.cuts(axes), key=_volume, default=(cell,))
         cut = max(cells, key=lambda cell: cell.volume - _volume(best[cell.sides]))
-        if cut.volume - _volume(best[cut.sides]) < EACH * whole.volume:
+        if cut.volume - _volume(best[cut.sides]) < _EACH * whole.volume:
             break
         cells = [cell for cell in cells if cell is not cut] + list(best[cut.sides])
     return cells

@@ -80,7 +80,7 @@ LINKS = (0.54, 0.53)
 radius and keeps the leg from being straight at the edge of its workspace."""
 _LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "foot": 0.001}
 """Mass of a limb's links in units of the robot's mass: six limbs are 10.8 % of it."""
-LINK_RADIUS_M = 0.009
+_LINK_RADIUS_M = 0.009
 BODY_HEIGHT_M = 0.06
 
 
@@ -149,9 +149,9 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
         for link in ("coxa", "hip")
     ]
     for link, length in zip(("thigh", "shank"), lengths, strict=True):
-        along = mass[link] * LINK_RADIUS_M**2 / 2.0
-        across = mass[link] * (length**2 / 12.0 + LINK_RADIUS_M**2 / 4.0)
-        shape = f'<cylinder radius="{LINK_RADIUS_M}" length="{length:.9g}"/>'
+        along = mass[link] * _LINK_RADIUS_M**2 / 2.0
+        across = mass[link] * (length**2 / 12.0 + _LINK_RADIUS_M**2 / 4.0)
+        shape = f'<cylinder radius="{_LINK_RADIUS_M}" length="{length:.9g}"/>'
         inertia = (along + rotor, across + rotor, across + rotor)
         parts.append(_link(f"{name}_{link}", mass[link], inertia, 0.5 * length, shape))
     grain = 0.4 * mass["foot"] * FOOT_RADIUS_M**2

@@ -15,7 +15,7 @@ from .leg_ik import limb_posture
 from .limb import Limb
 from .robot_model import RobotModel, model_of
 
-OUTWARD, _DOWN = 0.15 / 0.35, 0.2 / 0.35
+_OUTWARD, _DOWN = 0.15 / 0.35, 0.2 / 0.35
 """Where the feet of legs that are drawn up stand, as shares of their reach."""
 
 
@@ -41,7 +41,7 @@ def _drawn_up(
     down, posture = np.array([0.0, 0.0, -1.0]), dict[str, float]()
     for limb, reach_m in reaches:
         angles = limb_posture(
-            np.array(LINKS) * reach_m, reach_m * np.array([OUTWARD, 0.0, -_DOWN]), down, Servo()
+            np.array(LINKS) * reach_m, reach_m * np.array([_OUTWARD, 0.0, -_DOWN]), down, Servo()
         )
         posture |= {
             f"{limb}_{joint}": float(angle) for joint, angle in zip(JOINTS, angles, strict=True)

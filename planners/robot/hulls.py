@@ -163,14 +163,14 @@ class Polytope:
         return np.asarray((start + share * (best - start)).reshape(2, 3))
 
 
-VERSION = "parts/1"
+_VERSION = "parts/1"
 """Part of every digest of kept parts: a change of method changes it, and older ones are no longer
 found."""
-DIGITS = 6
+_DIGITS = 6
 """Decimals of a corner [m]."""
 ROOM_M = 3e-5
 """Parts are as near to their hull: corners are rounded, and what is flat is a little thick [m]."""
-MOST_CORNERS = 1_000_000
+_MOST_CORNERS = 1_000_000
 """Corners of all hulls in one file."""
 
 
@@ -180,7 +180,7 @@ def hull_corners(points_m: Array) -> Array | None:
     """
     from scipy.spatial import ConvexHull, QhullError
 
-    points = np.unique(np.round(np.asarray(points_m, dtype=np.float64), DIGITS) + 0.0, axis=0)
+    points = np.unique(np.round(np.asarray(points_m, dtype=np.float64), _DIGITS) + 0.0, axis=0)
     if len(points) < 4 or not np.isfinite(points).all():
         return None
     try:
@@ -243,7 +243,7 @@ def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | st
     """The corners of a mesh's hull and of its parts, or why it has none."""
     try:
         mesh = read_mesh(path, scale)
-        key = f"{VERSION}\0{scale.tolist()}\0".encode() + read_bytes(path, MOST_BYTES)
+        key = f"{_VERSION}\0{scale.tolist()}\0".encode() + read_bytes(path, MOST_BYTES)
     except InvalidInput as error:
         return str(error).removeprefix(f"{path}: ")
     corners = hull_corners(mesh.vertices_m)
@@ -297,8 +297,8 @@ def hulls_of_text(text: str) -> dict[int, list[Array]]:
             raise InvalidInput(f"model: hulls: expected numbers of shapes, got {name:.40}")
         points = read_only(corners, (None, 3), f"model: hulls: {name}")
         result.setdefault(int(shape), {})[int(part) if part else -1] = points
-    if sum(len(corners) for hulls in result.values() for corners in hulls.values()) > MOST_CORNERS:
-        raise InvalidInput(f"model: hulls: expected {MOST_CORNERS} corners or fewer, got more")
+    if sum(len(corners) for hulls in result.values() for corners in hulls.values()) > _MOST_CORNERS:
+        raise InvalidInput(f"model: hulls: expected {_MOST_CORNERS} corners or fewer, got more")
     for number, parts in result.items():
         if -1 not in parts:
             raise InvalidInput(

@@ -88,18 +88,18 @@ EXACT_M = 1e-7
 """A foot this close to its target is there."""
 REACHED_M = 1e-5
 """A foot farther from its target than this is out of reach."""
-STEPS = 30
-SAMPLES = 8000
-TRIES = 4
+_STEPS = 30
+_SAMPLES = 8000
+_TRIES = 4
 """Seeds that are tried for a foot which the seeds before did not bring to its target."""
-DAMPING = 1e-3
+_DAMPING = 1e-3
 """λ as a share of the error [m]."""
 _LONGEST_STEP = 0.5
 """Longest move of a joint in one step [rad, or m]."""
 
 
 def descend(
-    leg: Leg, feet: ArrayLike, start: ArrayLike, *, steps: int = STEPS, exact_m: float = EXACT_M
+    leg: Leg, feet: ArrayLike, start: ArrayLike, *, steps: int = _STEPS, exact_m: float = EXACT_M
 ) -> tuple[Array, Array]:
     """Bring feet to where they should be, from given postures, joint limits kept.
 
@@ -149,7 +149,7 @@ def _damped(jacobian: Array, gap: Array, far: Array) -> Array:
     """Jᵀ(J Jᵀ + λ I)⁻¹ e, shape (K, n)."""
     square = jacobian @ jacobian.transpose(0, 2, 1)
     diagonal = np.arange(3)
-    square[:, diagonal, diagonal] += (DAMPING * far)[:, None]
+    square[:, diagonal, diagonal] += (_DAMPING * far)[:, None]
     return np.asarray(
         (jacobian.transpose(0, 2, 1) @ np.linalg.solve(square, gap[:, :, None]))[:, :, 0]
     )
@@ -158,7 +158,7 @@ def _damped(jacobian: Array, gap: Array, far: Array) -> Array:
 class Seeds:
     """Postures of one leg to start from: those whose feet are nearest to a target."""
 
-    def __init__(self, leg: Leg, angles: Array, *, tries: int = TRIES) -> None:
+    def __init__(self, leg: Leg, angles: Array, *, tries: int = _TRIES) -> None:
         """Seeds for one leg.
 
         Arguments:
@@ -204,7 +204,7 @@ class Seeds:
 def seeds_of(legs: Sequence[Leg]) -> list[Seeds]:
     """Seeds all over the workspace of every leg, always the same."""
     rng = np.random.default_rng(0)
-    return [Seeds(leg, leg.random_angles(SAMPLES, rng)) for leg in legs]
+    return [Seeds(leg, leg.random_angles(_SAMPLES, rng)) for leg in legs]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from .meshes import numbers_of, pose_of, write_pose
 
 GUESSED_RAD_S = 3.0
 """Speed of a joint with a torque limit and no velocity limit, between key frames [rad/s]."""
-SPEED = "speed"
+_SPEED = "speed"
 """Attribute of a joint whose velocity limit is none of its file's."""
 _GUESSED = "guessed"
 """Attribute of a joint whose limits are none of its file's: the reason."""
@@ -49,7 +49,7 @@ def mend_limits(root: Element, file: str) -> tuple[bool, dict[str, str]]:
             effort, velocity = (_number(limit, key, where) for key in ("effort", "velocity"))
             if effort > 0.0 and velocity <= 0.0:
                 limit.set("velocity", repr(GUESSED_RAD_S))
-                joint.set(SPEED, _GUESSED)
+                joint.set(_SPEED, _GUESSED)
                 written = True
         if joint.get("type") not in ("revolute", "prismatic"):
             continue
@@ -117,7 +117,7 @@ def limit_doubts(root: Element) -> Iterator[tuple[str, str]]:
 
 def speed_doubts(root: Element) -> list[str]:
     """Names of the joints whose velocity limit was guessed."""
-    return [joint.get("name", "") for joint in root.findall("joint") if joint.get(SPEED)]
+    return [joint.get("name", "") for joint in root.findall("joint") if joint.get(_SPEED)]
 
 
 def _in_degrees(low: float, high: float) -> bool:

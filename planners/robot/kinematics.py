@@ -54,7 +54,7 @@ class JointAnswer:
 
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
-DAMPING, STEPS, _LONGEST_STEP_RAD = 1e-4, 60, 0.3
+DAMPING, _STEPS, _LONGEST_STEP_RAD = 1e-4, 60, 0.3
 _DAMPING = DAMPING * np.eye(3)
 _DRAWN_AT = 0.2
 """In pictures the roll joint of a leg that is drawn up is so far along its thigh."""
@@ -289,7 +289,7 @@ class Kinematics:
         start = np.minimum(np.maximum(start, lower), upper)
         pull, angles, gap = 0.5, start, feet - self._placed(start)
         first = gap
-        for _ in range(STEPS):
+        for _ in range(_STEPS):
             if (farthest := abs(gap).max()) < EXACT_M:
                 break
             jacobian, pulled = self._jacobian(), pull * (wished - angles)

@@ -24,10 +24,10 @@ _SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]
 """Where the knee may be around the line from shoulder to foot."""
 _MARGIN_RAD = 0.15
 SHANK = np.array([0.0, 0.25, 0.5, 0.75, 0.88])
-CLEARANCE_M = np.array([0.03, 0.03, 0.03, 0.026, 0.018])
+_CLEARANCE_M = np.array([0.03, 0.03, 0.03, 0.026, 0.018])
 """Points of the shank, as shares of it from the knee, and how far they should keep off the terrain:
 the last are near the foot's own surface."""
-WEIGHTS = {
+_WEIGHTS = {
     "approach": 1.0,  # shank not along the approach
     "up": 0.4,  # knee not above the shoulder
     "yaw": 0.15,
@@ -39,7 +39,7 @@ WEIGHTS = {
     "steep": 60.0,  # thigh nearly along the axis of yaw
 }
 """Weights of a posture's discomfort."""
-STEEP = 0.9
+_STEEP = 0.9
 NEAR = 1.3
 """Share of a limb's reach: what is farther from its shoulder than this share takes no part."""
 
@@ -89,7 +89,7 @@ def posture_cost(
     if clearance is not None:
         points = links(lengths, family)
         far = clearance(points.reshape(*points.shape[:-3], -1, 3)).reshape(points.shape[:-1])
-        cost = cost + WEIGHTS["clear"] * np.sum(np.maximum(CLEARANCE_M - far, 0.0) ** 2, axis=-1)
+        cost = cost + _WEIGHTS["clear"] * np.sum(np.maximum(_CLEARANCE_M - far, 0.0) ** 2, axis=-1)
     return np.clip(family, servo.lower_rad, servo.upper_rad), cost
 
 
@@ -195,16 +195,16 @@ def _discomfort(family: Array, approach: Array, servo: Servo, near: Array | None
     over = np.maximum(family - np.array(servo.upper_rad) + _MARGIN_RAD, 0.0)
     under = np.maximum(np.array(servo.lower_rad) + _MARGIN_RAD - family, 0.0)
     cost = (
-        -WEIGHTS["approach"] * (lower @ approach[..., None])[..., 0]
-        - WEIGHTS["up"] * upper[..., 2]
-        + WEIGHTS["yaw"] * family[..., 0] ** 2
-        + WEIGHTS["roll"] * family[..., 2] ** 2
-        + WEIGHTS["limits"] * np.sum(over**2 + under**2, axis=-1)
-        + WEIGHTS["beyond"] * np.any(np.maximum(over, under) > _MARGIN_RAD, axis=-1)
-        + WEIGHTS["steep"] * np.maximum(np.abs(upper[..., 2]) - STEEP, 0.0) ** 2
+        -_WEIGHTS["approach"] * (lower @ approach[..., None])[..., 0]
+        - _WEIGHTS["up"] * upper[..., 2]
+        + _WEIGHTS["yaw"] * family[..., 0] ** 2
+        + _WEIGHTS["roll"] * family[..., 2] ** 2
+        + _WEIGHTS["limits"] * np.sum(over**2 + under**2, axis=-1)
+        + _WEIGHTS["beyond"] * np.any(np.maximum(over, under) > _MARGIN_RAD, axis=-1)
+        + _WEIGHTS["steep"] * np.maximum(np.abs(upper[..., 2]) - _STEEP, 0.0) ** 2
     )
     if near is not None:
-        cost = cost + WEIGHTS["near"] * np.sum((family - near[..., None, :]) ** 2, axis=-1)
+        cost = cost + _WEIGHTS["near"] * np.sum((family - near[..., None, :]) ** 2, axis=-1)
     return np.asarray(cost)
 
 

@@ -26,9 +26,9 @@ from .meshes import Shape
 from .plausibility import points_up
 from .urdf_reader import base_joint, matching, pinocchio
 
-LOW = 0.6
+_LOW = 0.6
 """Share of the lowest chain's depth below the base: what goes lower is a leg."""
-SAMPLES = 3000
+_SAMPLES = 3000
 """Postures by which a chain's depth is measured."""
 FOOT = re.compile("foot|toe|sole|ankle", re.IGNORECASE)
 _SENSOR = re.compile("imu|sensor|fsr|camera", re.IGNORECASE)
@@ -36,18 +36,18 @@ ARM = re.compile("arm|grip|hand|finger|wrist|manip|head|neck|tail", re.IGNORECAS
 _LEG = re.compile(
     "leg|hip|thigh|knee|calf|shank|foot|toe|ankle|h[af]e|haa|kfe|coxa|femur|tibia", re.IGNORECASE
 )
-ALIKE = 0.05
+_ALIKE = 0.05
 """Share of their length by which two chains that are made alike may differ."""
 _JOINT_WORD = re.compile("_j(oin)?t?$", re.IGNORECASE)
-NEAR = 0.3
+_NEAR = 0.3
 """A link that is called a foot has to be this share of the farthest link's distance away from its
 joint."""
-APART = 0.2
+_APART = 0.2
 """Two ends of one chain that are farther apart than this share of its length are two feet."""
 _WHOLE_LEG = 3
 """Joints of a leg of its own, at least: what hangs below a waist."""
 _SHORTEST_M = 0.02
-MOST_JOINTS = 24
+_MOST_JOINTS = 24
 """Most joints of a leg."""
 
 
@@ -188,7 +188,7 @@ class _Tree:
             for leaf in leaves
             if self._base in self._model.supports[leaf]
         ]
-        ends = [end for end in ends if 2 <= len(end.joints) <= MOST_JOINTS and self._simple(end)]
+        ends = [end for end in ends if 2 <= len(end.joints) <= _MOST_JOINTS and self._simple(end)]
         ends = [end for end in ends if self._length(end) > _SHORTEST_M]
         if not ends:
             raise InvalidInput(
@@ -196,7 +196,7 @@ class _Tree:
             )
         depth = {end: self._depth(end) for end in ends}
         arms = self._arms(ends)  # which may hang down lower than legs go
-        least = LOW * min(depth[end] for end in ends if end not in arms)
+        least = _LOW * min(depth[end] for end in ends if end not in arms)
         legs = [end for end in ends if end not in arms and depth[end] < least]
         chains = dict[int, list[_End]]()
         for end in legs:
@@ -258,7 +258,7 @@ class _Tree:
 
     def _in_middle(self, end: _End) -> bool:
         """Tell whether a chain begins in the plane between left and right."""
-        return abs(float(self._in_base[end.joints[0]].translation[1])) < ALIKE * self._length(end)
+        return abs(float(self._in_base[end.joints[0]].translation[1])) < _ALIKE * self._length(end)
 
     def _lying(self, ends: Sequence[_End], legs: Sequence[_End]) -> list[str]:
         """Reasons to think that z does not point up: chains made as the legs are that do not go
@@ -289,7 +289,7 @@ class _Tree:
     def _alike(self, one: _End, other: _End) -> bool:
         """Tell whether two chains have as many joints and are as long."""
         a, b = self._length(one), self._length(other)
-        return len(one.joints) == len(other.joints) and abs(a - b) <= ALIKE * max(a, b)
+        return len(one.joints) == len(other.joints) and abs(a - b) <= _ALIKE * max(a, b)
 
     def end_at(self, foot: str) -> _End:
         """The chain that ends in a link.
@@ -329,9 +329,9 @@ class _Tree:
             raise InvalidInput(
                 f"joint {shown(self._model.names[wrong])}: expected one angle, it has more"
             )
-        if len(end.joints) > MOST_JOINTS:
+        if len(end.joints) > _MOST_JOINTS:
             raise InvalidInput(
-                f"leg {shown(name)}: expected {MOST_JOINTS} joints or fewer, got {len(end.joints)}"
+                f"leg {shown(name)}: expected {_MOST_JOINTS} joints or fewer, got {len(end.joints)}"
             )
         touch = self._touch(end, contact)
         chain = self._chain(end, touch.centre_m)
@@ -368,7 +368,7 @@ class _Tree:
         links = [frame for frame in links if not _SENSOR.search(frame.name)] or links
         most = max(far[frame.name] for frame in links)
         called = [
-            frame for frame in links if FOOT.search(frame.name) and far[frame.name] >= NEAR * most
+            frame for frame in links if FOOT.search(frame.name) and far[frame.name] >= _NEAR * most
         ]
         foot = max(called or links, key=lambda frame: far[frame.name])
         return _End(
@@ -383,7 +383,7 @@ class _Tree:
         [m].
         """
         leg, _ = self.leg("", end)
-        feet = leg.chain.feet(leg.random_angles(SAMPLES, np.random.default_rng(0)))
+        feet = leg.chain.feet(leg.random_angles(_SAMPLES, np.random.default_rng(0)))
         return float(feet[:, 2].min()) - max(
             0.0, min(float(self._in_base[j].translation[2]) for j in self._firsts())
         )
@@ -409,7 +409,7 @@ class _Tree:
             count = len(set(end.joints) - set(best.joints))
             if count > 1 and float(
                 np.linalg.norm(self._at_zero(end) - place)
-            ) > APART * self._length(best):
+            ) > _APART * self._length(best):
                 return end
         return None
 

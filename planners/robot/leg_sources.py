@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from .limb import Limb
     from .robot_model import RobotModel
 
-NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs: {})"
+_NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs: {})"
 """Why nothing is known of a robot's joints, torques and bodies."""
 
 
 def no_legs(name: str) -> InvalidInput:
     """The error for a robot of this name whose legs nobody knows."""
-    return InvalidInput(f"robot {name}: {NO_LEGS}")
+    return InvalidInput(f"robot {name}: {_NO_LEGS}")
 
 
 class LegSource:

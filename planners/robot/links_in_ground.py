@@ -13,11 +13,11 @@ from ..terrain.obstacles import Ground
 from .inverse_kinematics import WholeBody
 from .meshes import surface_points
 
-APART_M = 0.02
+_APART_M = 0.02
 """Points of a link's surface that are looked for in the ground are about so far apart."""
 
 
-PATCH_M = 1e-3
+_PATCH_M = 1e-3
 """A ball touches where it comes so near to the plane that it stands on."""
 
 
@@ -36,7 +36,7 @@ class LinksInGround:
         self, ground: Ground, points: Sequence[Array], feet: Sequence[int], radii_m: Array
     ) -> None:
         self.ground, self._feet = ground, np.array(feet)
-        self._patches_m = np.sqrt(2.0 * radii_m * PATCH_M) + PATCH_M
+        self._patches_m = np.sqrt(2.0 * radii_m * _PATCH_M) + _PATCH_M
         self._points, self._surfaces = points, dict[int, Array]()
 
     def _surface(self, shape: int) -> Array:
@@ -44,7 +44,7 @@ class LinksInGround:
         [m].
         """
         if shape not in self._surfaces:
-            self._surfaces[shape] = surface_points(self._points[shape], APART_M)
+            self._surfaces[shape] = surface_points(self._points[shape], _APART_M)
         return self._surfaces[shape]
 
     def depths(

@@ -26,7 +26,7 @@ from ..terrain.mesh_file import MOST_BYTES, read_corners
 
 Kind = Literal["sphere", "box", "cylinder", "capsule", "mesh"]
 _PACKAGE_PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
-SIZES: dict[str, tuple[str, ...]] = {
+_SIZES: dict[str, tuple[str, ...]] = {
     "sphere": ("radius",),
     "box": ("size",),
     "cylinder": ("radius", "length"),
@@ -100,7 +100,7 @@ def shapes_of(
         InvalidInput: for sizes that no shape has.
     """
     names = dict.fromkeys(mesh.get("filename", "") for mesh in root.findall("link/*/geometry/mesh"))
-    files = {name: None if folder is None else mesh_file(name, folder, packages) for name in names}
+    files = {name: None if folder is None else _mesh_file(name, folder, packages) for name in names}
     shapes = tuple(_shape(*each, files) for each in shape_elements(root))
     return shapes, () if folder is None else tuple(name for name in files if files[name] is None)
 
@@ -112,11 +112,11 @@ def shape_elements(root: Element) -> list[tuple[str, Element, bool]]:
         for link in root.findall("link")
         for what in ("collision", "visual")
         for element in link.findall(what)
-        if (body := element.find("geometry/*")) is not None and body.tag in (*SIZES, "mesh")
+        if (body := element.find("geometry/*")) is not None and body.tag in (*_SIZES, "mesh")
     ]
 
 
-def mesh_file(name: str, folder: Path, packages: Sequence[Path] = ()) -> Path | None:
+def _mesh_file(name: str, folder: Path, packages: Sequence[Path] = ()) -> Path | None:
     """The file of a mesh, or None where there is none.
 
     ``package://NAME/rest`` is looked for in ``packages``, in the URDF's folder and those above it,
@@ -180,7 +180,7 @@ def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Pat
     else:
         size = [
             x
-            for key in SIZES[body.tag]
+            for key in _SIZES[body.tag]
             for x in numbers_of(body.get(key, ""), 3 if key == "size" else 1, where)
         ]
         if min(size) < 0.0:
@@ -245,7 +245,7 @@ def numbers_of(text: str, count: int, where: str) -> list[float]:
     return numbers
 
 
-CORNERS = 24
+_CORNERS = 24
 """Corners of the polygon that stands for a circle."""
 _RINGS = 10
 """Rings of a sphere, from pole to pole."""
@@ -269,8 +269,8 @@ def shape_points(shape: Shape) -> Array | None:
         return shape.corners_m
     radius = float(shape.size_m[0])
     half = 0.5 * float(shape.size_m[1]) if len(shape.size_m) > 1 else 0.0
-    turn = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
-    rim = radius * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(CORNERS)])
+    turn = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False)
+    rim = radius * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_CORNERS)])
     if shape.kind == "cylinder":
         return np.vstack([rim + np.array([0.0, 0.0, end]) for end in (-half, half)])
     rings = [
@@ -323,9 +323,9 @@ def _apart(points: Array, apart_m: float) -> NDArray[np.int_]:
     return np.asarray(np.unique(number, return_index=True)[1])
 
 
-VERSION = "mesh/2"
+_VERSION = "mesh/2"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
-FINEST, _COARSER = 96, 0.85
+_FINEST, _COARSER = 96, 0.85
 """Cells along a mesh's longest side at first, and by how much fewer there are at every further
 try."""
 _DISAGREE = 0.02
@@ -385,7 +385,7 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
         except InvalidInput:
             return None
     try:
-        key = f"{VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + read_bytes(
+        key = f"{_VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + read_bytes(
             path, MOST_BYTES
         )
     except InvalidInput:
@@ -474,7 +474,7 @@ def thinned(mesh: Triangles, most: int) -> Triangles:
     their middle (Rossignac and Borrel, 1993), the grid as fine as may be. Needs no mesh that is
     closed or clean.
     """
-    cells = float(FINEST)
+    cells = float(_FINEST)
     low, size = mesh.vertices_m.min(axis=0), float(np.ptp(mesh.vertices_m, axis=0).max())
     coarser = mesh
     while len(coarser.faces) > most and cells >= 2.0 and size > 0.0:

@@ -30,7 +30,7 @@ _KEY_FRAMES = ("stand", "standing", "home", "default", "init")
 """Names of key frames in which a robot stands, whatever the height of its base, in this order."""
 _FLOOR_M = 0.05
 """A robot stands in another key frame if its lowest point is so near to the plane z = 0 [m]."""
-UPRIGHT = 0.95
+_UPRIGHT = 0.95
 """Cosine of the most that its base leans there."""
 
 
@@ -396,7 +396,7 @@ class _Reader:
             mujoco.mj_resetDataKeyframe(model, data, keys[name])
             mujoco.mj_kinematics(model, data)
             low = min((self._lowest(data, g) for b in bodies for g in self._geoms(b)), default=0.0)
-            if data.xmat[base][8] < UPRIGHT:
+            if data.xmat[base][8] < _UPRIGHT:
                 dropped.append(f"{name} (leans)")
             elif abs(low) > _FLOOR_M and name not in _KEY_FRAMES:
                 dropped.append(f"{name} ({low:+.2g} m over z = 0)")

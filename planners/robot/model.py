@@ -36,16 +36,16 @@ if TYPE_CHECKING:
 _HEXAPOD = "hexapod"
 _USUAL_SERVO = Servo()
 """The drives of legs that are drawn up where nothing else is said."""
-REACH_M = 0.35
+_REACH_M = 0.35
 """Reach of the limbs of the default hexapod [m]."""
-SAME = 1e-9
+_SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by
 so much [m]."""
 _NO_TRUNK: Array = cast(Any, (0.0, 0.0, 0.0))
 """Half sides of the trunk of a robot that does not walk; a class attribute, which an array cannot be."""
 _SAME_AS_MODEL = 1e-6
 """A walking robot's numbers may differ by so much of them from those of its model: rounding."""
-NEAR = 0.05
+_NEAR = 0.05
 """Share of a robot's height by which its feet may be elsewhere, on the mean."""
 DEEPEST = 0.5
 """Deepest crouch of a robot, as a share of its height."""
@@ -221,7 +221,7 @@ class Robot:
                 f"robot {self.name}: drawn: expected no drawn legs beside those of its model, got "
                 "both"
             )
-        if not self.feet and abs(self.mass_kg - model.body.mass_kg) > SAME * self.mass_kg:
+        if not self.feet and abs(self.mass_kg - model.body.mass_kg) > _SAME * self.mass_kg:
             raise InvalidInput(
                 f"robot {self.name}: expected the mass of its model, {model.body.mass_kg:.9g} kg, "
                 "got "
@@ -299,7 +299,7 @@ class Robot:
         """
         if self.source.own:
             return self.source.own_model().size
-        return max((limb.reach_m for limb in self.limbs), default=REACH_M) / REACH_M
+        return max((limb.reach_m for limb in self.limbs), default=_REACH_M) / _REACH_M
 
     @property
     def weight_n(self) -> float:
@@ -379,7 +379,7 @@ def hexapod() -> Robot:
 
 @lru_cache(maxsize=1)
 def _hexapod_limbs() -> tuple[Limb, ...]:
-    radius_m, reach_m = 0.18, REACH_M
+    radius_m, reach_m = 0.18, _REACH_M
     azimuth_deg = {"LF": 30.0, "LM": 90.0, "LR": 150.0, "RF": -30.0, "RM": -90.0, "RR": -150.0}
     return tuple(
         Limb(
@@ -395,8 +395,8 @@ def _same_limb(one: Limb, other: Limb) -> bool:
     """Tell whether both have one name, shoulder and ball of reach, and nothing else."""
     plain = one.reach_rows is None and one.sole_m is None
     near = (
-        abs(one.reach_m - other.reach_m) <= SAME
-        and float(np.abs(one.shoulder_m - other.shoulder_m).max()) <= SAME
+        abs(one.reach_m - other.reach_m) <= _SAME
+        and float(np.abs(one.shoulder_m - other.shoulder_m).max()) <= _SAME
     )
     return plain and near and one.name == other.name
 
@@ -460,7 +460,7 @@ def _check_numbers(robot: Robot, inertia: Array, where: str) -> None:
     no mass within it has: tolerances of the verifier are in units of both.
     """
     stands_m = -float(np.mean([foot.nominal_m[2] for foot in robot.feet]))
-    if not abs(robot.stand_height_m - stands_m) <= NEAR * abs(stands_m):
+    if not abs(robot.stand_height_m - stands_m) <= _NEAR * abs(stands_m):
         raise InvalidInput(
             f"{where}: stand_height_m: expected {stands_m:.6g} m, which its feet are below its "
             "centre of mass, got "

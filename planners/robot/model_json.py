@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 MOST_LETTERS = 2_000_000
 """Most letters of a URDF inside another file."""
-_MOST_LEGS, MOST_JOINTS, MOST_PAIRS = 64, 64, 20_000
-Word = Annotated[str, Field(min_length=1, max_length=1000)]
+_MOST_LEGS, _MOST_JOINTS, _MOST_PAIRS = 64, 64, 20_000
+_Word = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 class _Keys(BaseModel):
@@ -36,9 +36,9 @@ class LegJson(_Keys):
     a person says it, what it touches with.
     """
 
-    name: Word
-    foot: Word
-    stance_rad: Annotated[dict[Word, Number], Field(min_length=1, max_length=MOST_JOINTS)]
+    name: _Word
+    foot: _Word
+    stance_rad: Annotated[dict[_Word, Number], Field(min_length=1, max_length=_MOST_JOINTS)]
     contact: Annotated[FootContact, KEYS] | None = None
 
 
@@ -50,7 +50,8 @@ class ModelJson(_Keys):
     urdf: Annotated[str, Field(max_length=MOST_LETTERS)]
     legs: Annotated[list[LegJson], Field(min_length=1, max_length=_MOST_LEGS)]
     disabled_pairs: Annotated[
-        list[Annotated[list[Word], Field(min_length=1, max_length=2)]], Field(max_length=MOST_PAIRS)
+        list[Annotated[list[_Word], Field(min_length=1, max_length=2)]],
+        Field(max_length=_MOST_PAIRS),
     ]
     hulls: str
     digest: str

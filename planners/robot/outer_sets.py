@@ -38,26 +38,26 @@ if TYPE_CHECKING:
     from .model import Robot
 
 
-STEPS = 48
+_STEPS = 48
 """Steps of a joint's whole range."""
-DIRECTIONS = 128
-MOST_POINTS = 2500
+_DIRECTIONS = 128
+_MOST_POINTS = 2500
 """Most points of a hull that is turned; more are thinned."""
 _MOST_SUMMED = 200
 """Most points of a hull that is added to another one."""
 _COARSEST = 0.005
 """Share of a hull's size: how far the finest thinning moves a point at most."""
-ROUNDING_M = 1e-9
+_ROUNDING_M = 1e-9
 """Added for the arithmetic."""
 
 
-def foot_cloud(leg: Leg, steps: int = STEPS) -> Cloud:
+def foot_cloud(leg: Leg, steps: int = _STEPS) -> _Cloud:
     """All places of a leg's foot in the base's frame.
 
     Arguments:
         steps: of every joint's range; the finer, the smaller the slack.
     """
-    chain, cloud = leg.chain, Cloud(points=leg.chain.tip_m[None], slack_m=ROUNDING_M)
+    chain, cloud = leg.chain, _Cloud(points=leg.chain.tip_m[None], slack_m=_ROUNDING_M)
     limits = np.column_stack([leg.lower_rad, leg.upper_rad])
     for i in reversed(range(chain.joints)):
         place, axis = (chain.rotations[i], chain.origins[i]), chain.axes[i]
@@ -66,7 +66,7 @@ def foot_cloud(leg: Leg, steps: int = STEPS) -> Cloud:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cloud:
+class _Cloud:
     """All that is within a slack of the convex hull of points.
 
     Arguments:
@@ -87,25 +87,25 @@ class Cloud:
         centre, radius = enclosing_ball(self.points)
         return centre, radius + self.slack_m
 
-    def fewer(self, most: int) -> Cloud:
+    def fewer(self, most: int) -> _Cloud:
         """A cloud that holds this one, of so many points or a few more."""
         points, slack, share = self.points, 0.0, _COARSEST
         size = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-6)
         while len(points) > most and share < 1.0:
             points, slack = _thinned(self.points, 0.5 * share * size)
             share *= 1.25
-        return Cloud(points=points, slack_m=self.slack_m + slack)
+        return _Cloud(points=points, slack_m=self.slack_m + slack)
 
-    def farthest_from(self, other: Cloud) -> float:
+    def farthest_from(self, other: _Cloud) -> float:
         """Largest distance of a point of this one from one of another [m]."""
         from scipy.spatial.distance import cdist  # slow to import
 
-        one, two = self.fewer(MOST_POINTS), other.fewer(MOST_POINTS)
+        one, two = self.fewer(_MOST_POINTS), other.fewer(_MOST_POINTS)
         return float(cdist(one.points, two.points).max()) + one.slack_m + two.slack_m
 
 
 def turned(
-    cloud: Cloud,
+    cloud: _Cloud,
     weight: float,
     rotation: Array,
     origin: Array,
@@ -115,8 +115,8 @@ def turned(
     upper: float,
     *,
     steps: int,
-    most: int = MOST_POINTS,
-) -> Cloud:
+    most: int = _MOST_POINTS,
+) -> _Cloud:
     """Carry what lies outward of a joint over the joint's whole range, into the frame before it.
 
     Arguments:
@@ -138,15 +138,15 @@ def turned(
         angles = np.linspace(lower, upper, steps + 1)[:, None, None]
         moved = along + np.cos(angles) * across + np.sin(angles) * np.cross(axis, across)
     placed = weight * origin + moved.reshape(-1, 3) @ rotation.T
-    return Cloud(points=_extreme(placed), slack_m=slack)
+    return _Cloud(points=_extreme(placed), slack_m=slack)
 
 
-def summed(one: Cloud, two: Cloud) -> Cloud:
+def _summed(one: _Cloud, two: _Cloud) -> _Cloud:
     """Every sum of a vector of one and a vector of the other."""
-    if len(one.points) * len(two.points) > MOST_POINTS:
+    if len(one.points) * len(two.points) > _MOST_POINTS:
         one, two = (each.fewer(_MOST_SUMMED) for each in (one, two))
     points = (one.points[:, None] + two.points[None]).reshape(-1, 3)
-    return Cloud(points=_extreme(points), slack_m=one.slack_m + two.slack_m)
+    return _Cloud(points=_extreme(points), slack_m=one.slack_m + two.slack_m)
 
 
 def _extreme(points: Array) -> Array:
@@ -172,7 +172,7 @@ def _thinned(points: Array, most: float) -> tuple[Array, float]:
     return extreme, moved
 
 
-def directions_of(count: int = DIRECTIONS) -> Array:
+def directions_of(count: int = _DIRECTIONS) -> Array:
     """Unit vectors spread evenly (a spiral of golden angles), and the six along the axes, shape
     (count + 6, 3).
     """
@@ -194,8 +194,8 @@ def enclosing_ball(points: Array, rounds: int = 200) -> tuple[Array, float]:
     return centre, float(np.linalg.norm(points - centre, axis=1).max())
 
 
-VERSION = "outer-sets/1"
-MOST = 250
+_VERSION = "outer-sets/1"
+_MOST = 250
 """Most points of a hull that is turned; more are thinned."""
 _DEEPER = 2.0
 """How deep a centre of mass is assumed to get into the ground, in distances that it may be outside of
@@ -293,7 +293,7 @@ def contact_radii_m(robot: RobotModel) -> Array:
 
 @lru_cache(maxsize=16)
 def _measured(urdf: str, legs: tuple[Leg, ...], tree: _Tree) -> OuterSets:
-    numbers = [VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in legs)]
+    numbers = [_VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in legs)]
     key = hashlib.sha256(json.dumps([*numbers, [leg.joint_names for leg in legs]]).encode())
     path = cache_folder() / "workspaces" / f"outer-{key.hexdigest()}.npz"
     with suppress(InvalidInput, KeyError, ValueError):
@@ -413,7 +413,7 @@ class _Tree:
         """The joint and all that it carries."""
         return {joint}.union(*(self._below(child) for child in self.children[joint]))
 
-    def _carried(self, joint: int, tips: Mapping[int, Array]) -> Cloud:
+    def _carried(self, joint: int, tips: Mapping[int, Array]) -> _Cloud:
         """The set of all that a joint carries, in the frame before the joint.
 
         Arguments:
@@ -423,7 +423,7 @@ class _Tree:
         weight = len(below.intersection(tips)) - sum(self.masses[j] for j in below) / self.mass_kg
         own = tips.get(joint, np.zeros(3)) - self.masses[joint] / self.mass_kg * self.levers[joint]
         parts = [self._carried(child, tips) for child in self.children[joint]]
-        outward = reduce(summed, parts, Cloud(points=own[None], slack_m=ROUNDING_M))
+        outward = reduce(_summed, parts, _Cloud(points=own[None], slack_m=_ROUNDING_M))
         (rotation, origin), (axis, slides, low, high) = self.places[joint], self.joints[joint]
         return turned(
             outward,
@@ -434,8 +434,8 @@ class _Tree:
             slides,
             low,
             high,
-            steps=STEPS,
-            most=MOST,
+            steps=_STEPS,
+            most=_MOST,
         )
 
 

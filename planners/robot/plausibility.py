@@ -19,9 +19,9 @@ from ..files.documents import shown
 from .leg import Leg, Mount
 from .meshes import Shape, pose_of, shape_points
 
-Doubt = tuple[str, str]
+_Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""
-ROUNDED, _ROUNDED_KGM2 = 0.05, 4e-6
+_ROUNDED, _ROUNDED_KGM2 = 0.05, 4e-6
 """By how much rounding may break the triangle's inequality: as a share of the largest moment, and
 in all [kg m²].
 
@@ -30,23 +30,23 @@ A placeholder, 1e-6 in all six entries of a frame that weighs nothing, has a lar
 _SLIGHT = 1e-3
 """A moment of this share of M L², M the robot's mass and L its leg, changes nothing: a sensor's
 frame with a placeholder, or with moments that no body has."""
-FAR = 10.0
+_FAR = 10.0
 """A moment of this many times m R² is one in other units."""
 _NO_SHAPE = "no shape"
 _VAST = 20.0
 """A shape of so many lengths of a leg is in other units."""
-LEAST_SHARE = 0.01
+_LEAST_SHARE = 0.01
 """Share of the robot's mass that its trunk has at least."""
-SMALLEST_M, LARGEST_M = 0.02, 5.0
+_SMALLEST_M, _LARGEST_M = 0.02, 5.0
 """Lengths of legs between which robots are."""
 BETWEEN = "between"
 """Attribute of a link that is there to have two joints at one place, and need not weigh anything."""
-CLOSED = 0.07
+_CLOSED = 0.07
 """Two legs whose feet are so near to each other, as a share of their length, hold one foot."""
-UPWARD = 0.25
+_UPWARD = 0.25
 """A leg whose foot is on average this share of its length above its hip points up."""
-SAMPLES = 500
-REST = 0.05
+_SAMPLES = 500
+_REST = 0.05
 """A joint that no leg has rests at 0; its limits may be so far from that [rad or m]."""
 
 
@@ -81,7 +81,7 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
 
 def body_doubts(
     root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
-) -> Iterator[Doubt]:
+) -> Iterator[_Doubt]:
     """Doubts about the masses of a robot's links.
 
     Raises InvalidInput as ``link_inertia`` does.
@@ -97,7 +97,7 @@ def body_doubts(
             yield f"link {name}", why
     total = sum(masses.values())
     between = {link.get("name") for link in root.findall("link") if link.get(BETWEEN)}
-    if masses.get((None, -1), 0.0) < LEAST_SHARE * total:
+    if masses.get((None, -1), 0.0) < _LEAST_SHARE * total:
         yield f"link {_first(mounts, None, -1)}", "the trunk weighs nothing, or next to nothing"
     for i, leg in enumerate(legs):
         for k in range(len(leg.joints)):
@@ -106,7 +106,7 @@ def body_doubts(
                 yield f"link {name}", "weighs nothing"
 
 
-def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[Doubt]:
+def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[_Doubt]:
     """Links that are feet and have no mass of their own."""
     masses = {link.get("name", ""): link_inertia(link)[0] for link in root.findall("link")}
     for leg in legs:
@@ -116,7 +116,7 @@ def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[Doubt]:
 
 def shape_doubts(
     root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
-) -> Iterator[Doubt]:
+) -> Iterator[_Doubt]:
     """Doubts that keep nothing from being simulated: a trunk without a shape, shapes in other
     units, and a moment of inertia of 0 beside others.
     """
@@ -131,7 +131,7 @@ def shape_doubts(
             yield f"link {shape.link}", f"a shape of {size:.3g} m: other units?"
     for link in root.findall("link"):
         mass, _, (small, middle, large) = link_inertia(link)
-        flat = large > middle + ROUNDED * large  # a rod has two moments that are the same
+        flat = large > middle + _ROUNDED * large  # a rod has two moments that are the same
         if mass > 0.0 and small <= 0.0 and large > _ROUNDED_KGM2 and flat:
             yield (
                 f"link {link.get('name')}",
@@ -144,7 +144,7 @@ def impossible(mass_kg: float, moments: Array) -> str:
     where one may.
     """
     small, middle, large = (float(moment) for moment in moments)
-    room = max(ROUNDED * abs(large), _ROUNDED_KGM2)
+    room = max(_ROUNDED * abs(large), _ROUNDED_KGM2)
     if mass_kg < 0.0:
         return f"a mass of {mass_kg:g} kg"
     if small < -room:
@@ -158,7 +158,7 @@ def _inertia_doubt(mass: float, moments: Array, size_m: float, slight: float) ->
     why = impossible(mass, moments)
     if why and not (mass >= 0.0 and moments[0] >= -_ROUNDED_KGM2 and moments[2] <= slight):
         return why
-    most = FAR * mass * size_m**2
+    most = _FAR * mass * size_m**2
     if mass > 0.0 and moments[2] > max(most + _ROUNDED_KGM2, slight):
         return f"a moment of inertia of {moments[2]:.3g} kg m², of {mass:.3g} kg within {size_m:.2g} m: other units?"
     return ""
@@ -195,19 +195,19 @@ def wrong_links(root: Element) -> str:
     return "; ".join(f"link {shown(name)}: {why}" for name, why in whys if why)
 
 
-def leg_doubts(legs: Sequence[Leg]) -> Iterator[Doubt]:
+def leg_doubts(legs: Sequence[Leg]) -> Iterator[_Doubt]:
     """Legs that are longer or shorter than robots', which are in other units, and those that end at
     one place.
     """
     for leg in legs:
-        if not SMALLEST_M <= leg.chain.length_m <= LARGEST_M:
+        if not _SMALLEST_M <= leg.chain.length_m <= _LARGEST_M:
             yield f"link {leg.foot}", f"a leg of {leg.chain.length_m:.3g} m: other units?"
     for one, two in combinations(legs, 2):
         apart, before = (
             float(np.linalg.norm(getattr(one, place) - getattr(two, place)))
             for place in ("nominal_m", "hip_m")
         )
-        if apart < min(before, CLOSED * one.chain.length_m):
+        if apart < min(before, _CLOSED * one.chain.length_m):
             yield (
                 f"link {one.foot}",
                 f"ends where {two.foot} does: a closed chain, which no URDF has?",
@@ -232,7 +232,7 @@ def rest_angles(root: Element, legs: Sequence[Leg]) -> dict[str, float]:
             rest = min(max(0.0, low), high)
         else:
             continue
-        if abs(rest) > REST and (mimic is None or mimic.get("joint") not in of_legs):
+        if abs(rest) > _REST and (mimic is None or mimic.get("joint") not in of_legs):
             angles[name] = rest
     return angles
 
@@ -274,5 +274,5 @@ def _number(element: Element, key: str, where: str) -> float:
 
 def points_up(leg: Leg) -> bool:
     """Tell whether a leg's foot is mostly above its hip."""
-    feet = leg.chain.feet(leg.random_angles(SAMPLES, np.random.default_rng(0)))
-    return float(feet[:, 2].mean() - leg.hip_m[2]) > UPWARD * leg.chain.length_m
+    feet = leg.chain.feet(leg.random_angles(_SAMPLES, np.random.default_rng(0)))
+    return float(feet[:, 2].mean() - leg.hip_m[2]) > _UPWARD * leg.chain.length_m

@@ -28,7 +28,7 @@ MOST_ROWS = 256
 ROOM_M = 1e-9
 """A place so far inside of all half-spaces shows that they leave room, without a linear program
 [m]."""
-CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
+_CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
 """Corners of the box |Θ_i| ≤ 1, one of each opposite pair."""
 
 
@@ -124,5 +124,5 @@ def turned_most(vectors: Array, tilt_rad: float) -> Array:
     Shape (...).
     """
     return np.asarray(
-        tilt_rad * np.linalg.norm(np.cross(CORNERS, vectors[..., None, :]), axis=-1).max(axis=-1)
+        tilt_rad * np.linalg.norm(np.cross(_CORNERS, vectors[..., None, :]), axis=-1).max(axis=-1)
     )

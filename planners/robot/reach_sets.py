@@ -36,7 +36,7 @@ NAME = re.compile(r"^(?P<what>.+)_constraints_in_(?P<foot>[A-Za-z0-9]+).*\.obj$"
 COM = "COM"
 _PREFERRED = "reduced"
 """Of several files for the same set, the one whose name has this."""
-SLACK_M = 1e-6
+_SLACK_M = 1e-6
 """The ball about a limb's half-spaces is this much larger than the one about their corners."""
 
 
@@ -169,7 +169,7 @@ def _ball(path: Path, normals: Array, bounds: Array) -> Array:
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
     centre, radius = enclosing_ball(corners)
-    return np.append(centre, radius + SLACK_M)
+    return np.append(centre, radius + _SLACK_M)
 
 
 def _files(folder: Path, limbs: Sequence[str]) -> dict[tuple[str, str], Path]:

@@ -55,9 +55,9 @@ from .urdf_reader import (
 
 _DROP = 0.75
 """Share of how far below its hip a foot can be, at which it stands."""
-SAMPLES = 4000
+_SAMPLES = 4000
 _NEAREST = 200
-ALONG = 0.1
+_ALONG = 0.1
 """A joint's axis is along the first of x, y and z that it has more of."""
 _EASINGS, _EASING = 100, 0.1
 """Steps towards the middle of the limits, and the longest of one, in halves of them."""
@@ -78,8 +78,8 @@ def standing(leg: Leg) -> Array:
     axes = np.einsum("nij,nj->ni", turns, leg.chain.axes)
     if hip[1] < 0.0:  # as of its mirror image on the left: the same joints are drawn the same way
         axes = axes * np.array([-1.0, 1.0, -1.0])
-    angles = leg.random_angles(SAMPLES, np.random.default_rng(0))
-    backward = np.array([axis[np.argmax(np.abs(axis) > ALONG)] < 0.0 for axis in axes])
+    angles = leg.random_angles(_SAMPLES, np.random.default_rng(0))
+    backward = np.array([axis[np.argmax(np.abs(axis) > _ALONG)] < 0.0 for axis in axes])
     angles = np.where(backward, leg.lower_rad + leg.upper_rad - angles, angles)
     feet = leg.chain.feet(angles)
     straight = leg.chain.feet(rest[None])[0]
@@ -118,26 +118,26 @@ def _eased(leg: Leg, angles: Array) -> Array:
     return found[0] if error[0] <= REACHED_M else angles
 
 
-STANCES = ("standing", "stand", "half_sitting", "home", "default")
+_STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is
 there."""
 _ROTOR_S2 = 2e-4
 """A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in
 units of what holds the robot's weight at a leg's length [Nm]."""
-STIFFNESS, DAMPING_S = 1.0, 0.04
+_STIFFNESS, DAMPING_S = 1.0, 0.04
 """Gains of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the
 robot's weight at a leg's length [Nm], and Kd / Kp [s]."""
 _STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
-SLIDES, _IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
-STRAIGHT, BENT = 0.94, 0.9
+_SLIDES, _IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
+_STRAIGHT, _BENT = 0.94, 0.9
 """Shares of the greatest distance from its hip that a foot or an ankle gets to: beyond the first
 a leg is straight, and it bends if it gets to the second."""
 _KNEE_RAD = 0.6
 """Angle by which the knee of a straight leg is bent."""
 _LEG_M = 0.48
 """Length of the links of a leg of a robot whose size is 1 [m]."""
-STANDS = 0.25
+_STANDS = 0.25
 """Share of its length by which a leg's foot is below its hip, where a robot stands."""
 IDENTITY_DIGITS = 12
 """Number of digits of a digest in a name."""
@@ -307,7 +307,7 @@ class RobotModel:
         """
         if self.servo is not None:
             return self.servo.stiffness_nm_rad, self.servo.damping_nms_rad, self.servo.rotor_kg_m2
-        stiffness = STIFFNESS * self.carried_nm
+        stiffness = _STIFFNESS * self.carried_nm
         return stiffness, DAMPING_S * stiffness, _ROTOR_S2 * self.carried_nm
 
     @cached_property
@@ -532,7 +532,7 @@ def _stand(
         if srdf is None
         else {state.get("name", ""): state for state in srdf.findall("group_state")}
     )
-    state = next((states[name] for name in STANCES if name in states), None)
+    state = next((states[name] for name in _STANCES if name in states), None)
     if state is not None:
         for joint in state.findall("joint"):
             name, value = joint.get("name", ""), joint.get("value", "")
@@ -572,7 +572,7 @@ def _below(leg: Leg, angles: Mapping[str, float]) -> bool:
     if not all(name in angles for name in leg.joint_names):
         return True
     foot = leg.chain.feet(np.array([[angles[name] for name in leg.joint_names]]))[0]
-    return float(leg.hip_m[2] - foot[2]) > STANDS * leg.chain.length_m
+    return float(leg.hip_m[2] - foot[2]) > _STANDS * leg.chain.length_m
 
 
 def _lengths(leg: Leg, angles: Array) -> Array:
@@ -583,7 +583,7 @@ def _lengths(leg: Leg, angles: Array) -> Array:
         angles: shape (K, n), over much of what the joints do.
     """
     ankle = np.linalg.norm(leg.chain.frames(angles)[1][:, -1] - leg.hip_m, axis=1)
-    if ankle.min() < BENT * ankle.max():
+    if ankle.min() < _BENT * ankle.max():
         return np.asarray(ankle)
     return np.asarray(np.linalg.norm(leg.chain.feet(angles) - leg.hip_m, axis=1))
 
@@ -597,9 +597,9 @@ def _unbent(leg: Leg, angles: dict[str, float]) -> bool:
     stood = np.array([angles[name] for name in leg.joint_names])
     side = np.where(leg.upper_rad - stood > stood - leg.lower_rad, _KNEE_RAD, -_KNEE_RAD)
     tries = np.clip(stood + np.diag(side), leg.lower_rad, leg.upper_rad)
-    every = leg.random_angles(SAMPLES, np.random.default_rng(0))
+    every = leg.random_angles(_SAMPLES, np.random.default_rng(0))
     far = _lengths(leg, np.concatenate([stood[None], tries, every]))
-    if far[0] < STRAIGHT * far.max():
+    if far[0] < _STRAIGHT * far.max():
         return False
     bent = tries[int(np.argmin(far[1 : 1 + len(tries)]))][None]
     straight, foot = (leg.chain.feet(each) - leg.hip_m for each in (stood[None], bent))
@@ -694,7 +694,7 @@ def _joined(doubts: Sequence[tuple[str, str]]) -> list[str]:
 
 def _sliding(legs: Sequence[Leg]) -> list[tuple[str, str]]:
     """Joints that slide, by name, and what that means."""
-    return [(joint.name, SLIDES) for leg in legs for joint in leg.joints if joint.slides]
+    return [(joint.name, _SLIDES) for leg in legs for joint in leg.joints if joint.slides]
 
 
 def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:

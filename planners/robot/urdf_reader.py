@@ -20,10 +20,10 @@ from ..files.arrays import LARGEST
 from ..files.documents import parse_xml, shown
 
 _DEEPEST_XML = 30
-MOST_JOINTS, MOST_MOVING = 500, 150
+_MOST_JOINTS, _MOST_MOVING = 500, 150
 """Most joints of a URDF, and of those that are not fixed: what pinocchio asks for grows with their
 cube."""
-UPRIGHT = "upright"
+_UPRIGHT = "upright"
 """The root that is put above one that lies on its side."""
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
@@ -52,9 +52,9 @@ def parsed(text: str, where: str) -> Element:
         raise InvalidInput(f"{where}: expected a URDF: {error}") from None
     kinds = [joint.get("type") for joint in root.findall("joint")]
     moving = sum(kind != "fixed" for kind in kinds)
-    if len(kinds) > MOST_JOINTS or moving > MOST_MOVING:
+    if len(kinds) > _MOST_JOINTS or moving > _MOST_MOVING:
         raise InvalidInput(
-            f"{where}: expected {MOST_JOINTS} joints or fewer, {MOST_MOVING} of which move, "
+            f"{where}: expected {_MOST_JOINTS} joints or fewer, {_MOST_MOVING} of which move, "
             f"got {len(kinds)} and {moving}"
         )
     return root
@@ -110,13 +110,13 @@ def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
     children = {child.get("link") for child in root.findall("joint/child")}
     names = [link.get("name", "") for link in root.findall("link")]
     old = next((name for name in names if name not in children), None)
-    if old is None or UPRIGHT in names:
+    if old is None or _UPRIGHT in names:
         raise InvalidInput(
-            f"{where}: expected one root to turn, and no link that is called {UPRIGHT}"
+            f"{where}: expected one root to turn, and no link that is called {_UPRIGHT}"
         )
-    ElementTree.SubElement(root, "link", name=UPRIGHT)
-    joint = ElementTree.SubElement(root, "joint", name=f"{UPRIGHT}_joint", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=UPRIGHT)
+    ElementTree.SubElement(root, "link", name=_UPRIGHT)
+    joint = ElementTree.SubElement(root, "joint", name=f"{_UPRIGHT}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=_UPRIGHT)
     ElementTree.SubElement(joint, "child", link=old)
     ElementTree.SubElement(joint, "origin", xyz="0 0 0", rpy=" ".join(map(repr, root_rpy_rad)))
     return ElementTree.tostring(root, encoding="unicode")

@@ -35,7 +35,7 @@ from .single_body import anymal, hexapod_walker, legged_anymal, read_walker
 from .urdf_reader import pinocchio
 from .workspace import Workspace, workspaces_of
 
-SAME_M = 1e-12
+_SAME_M = 1e-12
 """Sets whose numbers differ by no more than this are the same [m]."""
 
 
@@ -76,7 +76,7 @@ def _same_reach(one: Robot, other: Robot) -> bool:
         for mine, theirs in zip(one.limbs, other.limbs, strict=True)
     ]
     return all(
-        mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=SAME_M)
+        mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=_SAME_M)
         for mine, theirs in numbers
     )
 
@@ -91,7 +91,7 @@ def _numbers(limb: Limb) -> Array:
     return np.concatenate([limb.shoulder_m, [limb.reach_m], *rows])
 
 
-SHAPES = "collision", "visual"
+_SHAPES = "collision", "visual"
 
 
 def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
@@ -146,7 +146,7 @@ def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
         if mount.leg is not None and model.legs[mount.leg] in idle
     }
     for link in root.findall("link"):
-        for kind in SHAPES if link.get("name") in unseen else ():
+        for kind in _SHAPES if link.get("name") in unseen else ():
             for shape in link.findall(kind):
                 link.remove(shape)
     again = model_of(
@@ -192,14 +192,14 @@ def _hold(joint: Element, angle: float) -> None:
 
 
 BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_walker}
-LEGS = (4, 6)
+_LEGS = (4, 6)
 """Numbers of legs that there are gaits for (``problem.gaits.GAITS``)."""
-ROOM = 0.05
+_ROOM = 0.05
 """Share of the leg's length: a foot stands so far inside what it reaches, or farther."""
 _CROUCHES = 101
 """Number of heights that are tried."""
-UP = np.array([0.0, 0.0, 1.0])
-UP.setflags(write=False)
+_UP = np.array([0.0, 0.0, 1.0])
+_UP.setflags(write=False)
 
 
 def named_walker(name: str | Path) -> Robot:
@@ -273,7 +273,7 @@ def walker_of(
         InvalidInput: for a leg without a workspace, or whose foot has no room about it at any
             height, for a robot without a trunk, and for one that no gait is for.
     """
-    if len(model.legs) not in LEGS:
+    if len(model.legs) not in _LEGS:
         raise InvalidInput(
             f"robot {model.name}: expected four or six legs for a walk, got {len(model.legs)}: "
             "walks of bipeds and of "
@@ -287,9 +287,9 @@ def walker_of(
         assert rows is not None
         sides = _own_side(toes, i, ceiling_m, inner_m)
         inner.append(Polytope(normals=rows.normals, offsets_m=rows.bounds_m).cut(*sides))
-    room = ROOM * np.array([leg.chain.length_m for leg in model.legs])
+    room = _ROOM * np.array([leg.chain.length_m for leg in model.legs])
     crouch_m = _crouch(model, inner, toes, room)
-    toes = toes + crouch_m * UP
+    toes = toes + crouch_m * _UP
     boxes = [
         each.box_about(toe, 0.99 * least)
         for each, toe, least in zip(inner, toes, room, strict=True)
@@ -326,7 +326,7 @@ def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: A
     lack = np.array(
         [
             [
-                least - float(np.min(each.offsets_m - each.normals @ (toe + depth * UP)))
+                least - float(np.min(each.offsets_m - each.normals @ (toe + depth * _UP)))
                 for each, toe, least in zip(inner, toes, room_m, strict=True)
             ]
             for depth in depths
@@ -349,7 +349,7 @@ def _own_side(toes: Array, foot: int, ceiling_m: float, inner_m: float) -> tuple
     """Half-spaces below the ceiling, and nearer to the foot's own place than to another's, seen
     from above.
     """
-    normals, offsets = [UP], [ceiling_m]
+    normals, offsets = [_UP], [ceiling_m]
     for other in np.delete(toes, foot, axis=0):
         away = (other - toes[foot]) * [1.0, 1.0, 0.0]
         if (far := float(np.linalg.norm(away))) > 1e-9:

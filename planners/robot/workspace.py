@@ -31,23 +31,23 @@ if TYPE_CHECKING:
     from .robot_model import RobotModel
 
 
-SAMPLES = 60_000
+_SAMPLES = 60_000
 """Postures a joint, by which voxels are reached."""
 _VOXELS = 36
 """Along the leg's length."""
-_MOST_FACES, ROUNDS = 200, 4
+_MOST_FACES, _ROUNDS = 200, 4
 """Most faces of a polytope while it grows; ellipsoids that are tried."""
 _MOST_INSIDE = 12_000
 """Voxels by which an ellipsoid is fitted."""
-SEEDS, TRIES = 8_000, 2
+_SEEDS, _TRIES = 8_000, 2
 """Postures to start inverse kinematics from, and how many of them for each point."""
-CHECKED, _CUTS = 4_000, 16
+_CHECKED, _CUTS = 4_000, 16
 """Points by which a polytope is checked, and by which shares are measured; how often it is cut."""
-_RETREATS, ENOUGH = (0.5, 1.0, 1.5), 0.4
+_RETREATS, _ENOUGH = (0.5, 1.0, 1.5), 0.4
 """Voxels by which half-spaces stay away from those that are not reached, one after the other until
 the polytope covers so much: a thin set, of joints with narrow ranges, is cut to nothing where they
 are near."""
-MISSED = 0.0008
+_MISSED = 0.0008
 """Share of a polytope that may be out of reach, as far as its points tell."""
 _DEAR = 25.0
 """Points within reach that may be lost with one that is not."""
@@ -55,8 +55,8 @@ _MOST_TANGENTS = 20
 _USEFUL = 0.15
 """Share of the leg's length: feet that are so far below the hip are of use, and count in
 ``cover``."""
-CUBE = np.ones((3, 3, 3), dtype=np.bool_)
-CUBE.setflags(write=False)
+_CUBE = np.ones((3, 3, 3), dtype=np.bool_)
+_CUBE.setflags(write=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,16 +91,16 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
             f"{len(leg.joints)}"
         )
     rng = np.random.default_rng(seed)
-    voxels, seeds = _Voxels(leg, rng), Seeds(leg, leg.random_angles(SEEDS, rng), tries=TRIES)
+    voxels, seeds = _Voxels(leg, rng), Seeds(leg, leg.random_angles(_SEEDS, rng), tries=_TRIES)
     cover, inner = -1.0, Polytope(normals=np.zeros((0, 3)), offsets_m=np.zeros(0))
     for retreat in _RETREATS:
         tried = _cut(voxels.polytope(leg.nominal_m, retreat), seeds, rng)
-        useful = voxels.useful(CHECKED, rng)
+        useful = voxels.useful(_CHECKED, rng)
         held = tried.contains(useful[_reached(seeds, useful)])
         share = float(held.mean()) if len(held) else 0.0
         if share > cover:
             cover, inner = share, tried
-        if cover >= ENOUGH:
+        if cover >= _ENOUGH:
             break
     return Workspace(
         inner=inner,
@@ -108,7 +108,7 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
         box_m=inner.largest_box(),
         reach_m=voxels.reach_m,
         cover=cover,
-        unreachable=float(1.0 - _reached(seeds, inner.sample(CHECKED, rng)).mean()),
+        unreachable=float(1.0 - _reached(seeds, inner.sample(_CHECKED, rng)).mean()),
     )
 
 
@@ -119,14 +119,14 @@ class _Voxels:
         from scipy.ndimage import binary_closing  # slow to import
 
         self.size = leg.chain.length_m / _VOXELS
-        feet = leg.chain.feet(leg.random_angles(SAMPLES * len(leg.joints), rng))
+        feet = leg.chain.feet(leg.random_angles(_SAMPLES * len(leg.joints), rng))
         self.reach_m = float(np.linalg.norm(feet - leg.hip_m, axis=1).max())
         self.corner = feet.min(axis=0) - 2.0 * self.size
         cells = ((feet - self.corner) / self.size).astype(np.intp)
         shape = tuple(cells.max(axis=0) + 3)
         reached = np.zeros(shape, dtype=np.bool_)
         reached.ravel()[np.ravel_multi_index(tuple(cells.T), shape)] = True
-        self.reached = binary_closing(reached, CUBE)
+        self.reached = binary_closing(reached, _CUBE)
         swings = leg.chain.frames(leg.stance_rad[None])[1][0, min(1, len(leg.joints) - 1)]
         self.useful_m = float(swings[2] - _USEFUL * leg.chain.length_m)
 
@@ -143,7 +143,7 @@ class _Voxels:
         best = -1, np.zeros((0, 3)), np.zeros(0)
         for start in (home, deepest):
             metric, centre = np.eye(3), start
-            for _ in range(ROUNDS):
+            for _ in range(_ROUNDS):
                 normals, offsets = self._tangents(walls, metric, centre, home, retreat)
                 within = inside[np.all(inside @ normals.T <= offsets, axis=1)]
                 worth = int(np.count_nonzero(within[:, 2] < self.useful_m))
@@ -211,9 +211,9 @@ def _cut(inner: Polytope, seeds: Seeds, rng: np.random.Generator) -> Polytope:
     in every round.
     """
     for _ in range(_CUTS):
-        points = inner.sample(CHECKED, rng)
+        points = inner.sample(_CHECKED, rng)
         missed = ~_reached(seeds, points)
-        if np.count_nonzero(missed) <= MISSED * CHECKED:
+        if np.count_nonzero(missed) <= _MISSED * _CHECKED:
             break
         tangents = (points[missed] - points.mean(axis=0)) @ np.linalg.inv(np.cov(points.T))
         tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
@@ -250,7 +250,7 @@ def _reached(seeds: Seeds, points: Array) -> np.ndarray:
     return np.asarray(seeds.solve(points)[1] <= REACHED_M)
 
 
-VERSION = "workspace/3"
+_VERSION = "workspace/3"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
 
 
@@ -275,7 +275,7 @@ def _kept(leg: Leg) -> Workspace:
     chain = leg.chain
     numbers = (chain.rotations, chain.origins, chain.axes, chain.slides, chain.tip_m)
     key_parts = [
-        VERSION,
+        _VERSION,
         *(each.tolist() for each in (*numbers, leg.lower_rad, leg.upper_rad, leg.stance_rad)),
     ]
     path = (

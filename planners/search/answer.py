@@ -313,7 +313,7 @@ def objective_of(plan: Plan) -> float:
 
 
 Taken = TypeVar("Taken", Plan, Certificate)
-NUMBERS = {
+_NUMBERS = {
     Certificate: ("tree", "multipliers"),
     Plan: (
         "com_m",
@@ -458,7 +458,7 @@ def _taken(kind: type[Taken], found: Any, where: str, **given: Any) -> Taken | N
             "planner": where.partition(" ")[2],
             "said": _plain(dict(found.provenance)),
         }
-    return kind(**{name: getattr(found, name) for name in NUMBERS[kind]}, **given)
+    return kind(**{name: getattr(found, name) for name in _NUMBERS[kind]}, **given)
 
 
 def _text(value: Any, where: str) -> str:

@@ -71,7 +71,7 @@ def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
     return np.asarray((pushed < least).any(axis=1))
 
 
-class StandingTest:
+class _StandingTest:
     """Test for c, Θ and f with toes that are held: fix-toes (``held``), its moments zero, nothing
     to minimise.
 
@@ -103,18 +103,18 @@ def stands(programs: Programs, scaled: Scaled, toes: Array) -> bool:
     """Tell whether a posture problem has a posture with these toes, shape (N, 3),
     non-dimensional.
     """
-    return programs.get(StandingTest, scaled.layout, scaled.box_implied).admits(scaled, toes)
+    return programs.get(_StandingTest, scaled.layout, scaled.box_implied).admits(scaled, toes)
 
 
-Index = NDArray[np.intp]
-Found = dict[int, tuple[Plan, float]]
+_Index = NDArray[np.intp]
+_Found = dict[int, tuple[Plan, float]]
 """Postures by the index of their problem, each with its largest violation."""
 SHORT, LONG = 96, 320
 """Steps of the iteration before a solver is asked, and after: most feasible problems need fewer
 than the first."""
 
 
-def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6) -> Found:
+def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6) -> _Found:
     """Canonical postures of the problems that the iteration finds one for.
 
     Problems that are not in it may be feasible all the same.
@@ -122,19 +122,21 @@ def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6
     Arguments:
         tolerance: as in ``Acceptance``.
     """
-    return gone_on(Iteration(ScaledBatch.of(batch)), batch, steps, tolerance=tolerance)
+    return _gone_on(Iteration(ScaledBatch.of(batch)), batch, steps, tolerance=tolerance)
 
 
-def gone_on(
+def _gone_on(
     iteration: Iteration, batch: PostureBatch, until: int, *, tolerance: float = 1e-6
-) -> Found:
+) -> _Found:
     """``canonical`` of what is left of an iteration over the batch, which goes on until it has
     taken so many steps.
     """
     return _accepted(batch, iteration.scaled, iteration.claims(until), tolerance)
 
 
-def _with_toes(batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: float = 1e-6) -> Found:
+def _with_toes(
+    batch: PostureBatch, found: Mapping[int, Plan], *, tolerance: float = 1e-6
+) -> _Found:
     """The middle of what these postures' toes leave, by the index of the problem; none where that
     has no inside.
     """
@@ -185,11 +187,11 @@ def solved(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) 
 def _accepted(
     batch: PostureBatch,
     scaled: ScaledBatch,
-    claims: tuple[Index, PointBatch],
+    claims: tuple[_Index, PointBatch],
     tolerance: float,
     *,
     moments: bool = True,
-) -> Found:
+) -> _Found:
     """The middles of what the toes of claimed points leave, where the verifier accepts them."""
     index, points = claims
     some, problems = scaled.select(index), [batch.problems[k] for k in index.tolist()]
@@ -257,7 +259,7 @@ class _Batch:
         """Answer what the iteration finds until it has taken so many steps."""
         begin, left = time.perf_counter(), self._left()
         self._iteration.keep(left)
-        points = gone_on(self._iteration, self._batch, steps, tolerance=self._accept.tolerance)
+        points = _gone_on(self._iteration, self._batch, steps, tolerance=self._accept.tolerance)
         self._took(begin, left)
         for k, (posture, off) in points.items():
             self._feasible(k, posture, off)
@@ -328,7 +330,7 @@ class _Batch:
             status=Status.INFEASIBLE, certificate=certificate, bound=bound, **message
         )
 
-    def _left(self) -> Index:
+    def _left(self) -> _Index:
         left = [k for k in range(len(self._batch)) if k not in self.answers]
         return np.array(left, dtype=np.intp)
 
@@ -338,6 +340,6 @@ class _Batch:
         effort = Effort(solves=int(k in self._lifts), seconds=float(self._seconds[k]))
         return {"method": self._planner.name, "effort": effort, "details": details}
 
-    def _took(self, begin: float, chosen: Index) -> None:
+    def _took(self, begin: float, chosen: _Index) -> None:
         """Share out the time since ``begin`` among those that it was spent on."""
         self._seconds[chosen] += (time.perf_counter() - begin) / max(len(chosen), 1)

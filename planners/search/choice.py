@@ -35,7 +35,7 @@ from .pieces import Standing
 Features = dict[str, NDArray[np.float32]]
 _BOUND = 8.0
 """Bound on what is seen, in length scales: farther things are seen at the bound."""
-BOUNDS = {
+_BOUNDS = {
     "offered": (0.0, 1.0),
     "left": (0.0, 1.0),
     "normals": (-1.0, 1.0),
@@ -68,7 +68,7 @@ class CourseFeatures:
     def bounds(self) -> dict[str, tuple[float, float, int]]:
         """The least and the greatest value of every feature, and how many values it has."""
         return {
-            name: (*BOUNDS.get(name, (-_BOUND, _BOUND)), values.size)
+            name: (*_BOUNDS.get(name, (-_BOUND, _BOUND)), values.size)
             for name, values in self._blank().items()
         }
 
@@ -139,14 +139,14 @@ class CourseFeatures:
         return np.asarray(patch.vertices_m[np.minimum(np.arange(self.corners), count - 1)])
 
 
-WHOLE = 1e-4
+_WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
 LEAST = 3e-6
 """A gap is relative to the objective, or to this where the objective is smaller."""
-_DIVES, SWEEPS, _CUT_PRICE, _GUMBEL = 12, 4, 200.0, 0.3
+_DIVES, _SWEEPS, _CUT_PRICE, _GUMBEL = 12, 4, 200.0, 0.3
 """Numbers of the dive: tries, sweeps of a descent over the choices, price of a violated cut, noise
 on the preference."""
-Project = Callable[[Scaled, Point, bool], Point]
+_Project = Callable[[Scaled, Point, bool], Point]
 """A point of the lift on one choice of patches, on to the bilinear surface; in one try, or else
 patiently."""
 
@@ -178,7 +178,7 @@ class ChoiceSearch:
         self,
         programs: Programs,
         scaled: Scaled,
-        project: Project,
+        project: _Project,
         limits: SearchLimits,
         clock: Clock,
     ) -> None:
@@ -273,7 +273,7 @@ class ChoiceSearch:
         """Coordinate descent over choices on the violation of all cuts and the preference."""
         tables, rows = self._cuts.tables, np.arange(len(choice))
         finite = np.where(np.isfinite(tables), tables, 0.0)
-        for _ in range(SWEEPS if len(tables) or self._nogoods.entries else 0):
+        for _ in range(_SWEEPS if len(tables) or self._nogoods.entries else 0):
             before = choice.copy()
             value = finite[:, rows, choice].sum(axis=1) + self._cuts.constants
             for p in rng.permutation(len(choice)):
@@ -313,7 +313,7 @@ class ChoiceSearch:
         self.bound = bound if self.nodes == 1 else self.bound
         shares = lifted.scaled.by_candidate(lifted.shares, -1.0)
         choice = np.asarray(shares.argmax(axis=1), dtype=np.int_)
-        self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - WHOLE else None)
+        self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - _WHOLE else None)
         nogood = self._nogoods.refuting(opened)
         if nogood is not None:
             self._prove(nogood, opened)

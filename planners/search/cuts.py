@@ -212,7 +212,7 @@ def cut(piece: Array, first: float, second: float) -> tuple[Array, Array]:
 
 
 LEAF = (0.0, 0.0, 0.0, 0.0, 0.0)
-WHOLE = 1e-4
+_WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
 PATCH_UNIT_M = 0.2
 """A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut
@@ -220,24 +220,24 @@ the patch instead."""
 _NEAR_ENDS = 0.1
 """A force interval is split where the lift has the force, but no nearer to an end than this share
 of it."""
-FLAT = 0.1
+_FLAT = 0.1
 """Pieces of a patch may leave out so large a share of the gap; of a patch that is bent more, only
 forces are split."""
-WORTH, _WORTH_LEAST = 3.0, 2e-3
+_WORTH, _WORTH_LEAST = 3.0, 2e-3
 """Below the root, SCP steps on only where the first toes leave less than this many bounds, and
 this, of moment."""
 PROVABLE = None
 """As a gap: a node counts as refuted where the verifier can be expected to accept what its
 multipliers prove."""
-WIDENED = 5e-6
+_WIDENED = 5e-6
 """Loss of a proof, a unit of its multipliers, since the verifier widens every constraint before it
 counts."""
-STEPS = 4
+_STEPS = 4
 """Most linearised steps of SCP at a node."""
 _BENEATH = 0.9
 """A point that leaves less than this share of the gap says that no proof will be accepted; of the
-lift's bound at the root, in units of what a point may leave, ``ABOVE`` says that no point will."""
-ABOVE = 20.0
+lift's bound at the root, in units of what a point may leave, ``_ABOVE`` says that no point will."""
+_ABOVE = 20.0
 
 
 @dataclass(kw_only=True, eq=False)
@@ -337,7 +337,7 @@ class CutSearch:
             return lift.bound
         stances = len(lift.scaled.layout.stances)
         sizes = np.abs(lift.multipliers)
-        return lift.bound - WIDENED * float(
+        return lift.bound - _WIDENED * float(
             sizes.sum() / max(sizes[3 * stances : 6 * stances].sum(), 1e-12)
         )
 
@@ -355,11 +355,11 @@ class CutSearch:
         """
         choice, start = node.lift.rounded()
         worth, steps = (
-            float("inf") if node is self.root else WORTH * node.lift.bound + _WORTH_LEAST,
-            STEPS,
+            float("inf") if node is self.root else _WORTH * node.lift.bound + _WORTH_LEAST,
+            _STEPS,
         )
         if self._wanted is Status.INFEASIBLE:  # a point only saves the rest of the search
-            steps = STEPS // 2 if node is self.root else 0
+            steps = _STEPS // 2 if node is self.root else 0
         point = scp(self._programs, self._whole.chosen(choice), start, steps=steps, worth=worth)
         self.solves += point.solves
         self.seconds += point.seconds
@@ -373,7 +373,7 @@ class CutSearch:
         point below all proofs.
         """
         beneath = self._gap is not None and self._least <= _BENEATH * self._gap
-        above = node is self.root and node.lift.bound > ABOVE * self._on_surface
+        above = node is self.root and node.lift.bound > _ABOVE * self._on_surface
         vain = (self._wanted is Status.INFEASIBLE and beneath) or (
             self._wanted is Status.FEASIBLE and above
         )
@@ -388,7 +388,7 @@ class CutSearch:
 
     @cached_property
     def _bent(self) -> Array:
-        return bent_patches(self._whole, FLAT * (self._gap or WIDENED))
+        return bent_patches(self._whole, _FLAT * (self._gap or _WIDENED))
 
 
 def bent_patches(scaled: Scaled, most: float) -> Array:
@@ -465,7 +465,7 @@ def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:
     shares = scaled.by_candidate(lift.shares, 0.0)
     open_ = np.where(scaled.opened().sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), -1.0)
     p = int(open_.argmax())
-    return (p, int(shares[p].argmax())) if open_[p] > WHOLE else None
+    return (p, int(shares[p].argmax())) if open_[p] > _WHOLE else None
 
 
 def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:

@@ -46,17 +46,17 @@ from ..relaxation.relaxed import RelaxationAnswer
 from .answer import Acceptance, Claim, Clock, TimeLimited, kind_of, plan_of
 from .cuts import alone
 
-TRIES = 3
+_TRIES = 3
 """Plans that go on as the last one goes, before a side is parted."""
 SHARE = 0.5
 """Share of the time that is left which one question may take: a planner that seeks the best plan takes
 all that it gets."""
-MOST_ASKED = 100
+_MOST_ASKED = 100
 """Questions to a planner that has no limit of time."""
-SHORT = 1e-6
+_SHORT = 1e-6
 """A step that is shorter than δ by less than this is long enough [m or rad]."""
-Sides = tuple[Array | None, ...]
-Proof = tuple[list[list[float]], list[Array]]
+_Sides = tuple[Array | None, ...]
+_Proof = tuple[list[list[float]], list[Array]]
 """Nodes of a tree, and the multipliers of its leaves."""
 
 
@@ -104,7 +104,7 @@ class _Search:
             self._course, claim, method=self._planner.name, clock=self._clock, bound=self._bound
         )
 
-    def _proof(self, sides: Sides, depth: int) -> Proof | None:
+    def _proof(self, sides: _Sides, depth: int) -> _Proof | None:
         """A proof that no plan goes by these sides; None with a plan, or without either."""
         outcome = self._ask(replace(self._course, sides=self._rows(sides)))
         if outcome is None:
@@ -118,7 +118,7 @@ class _Search:
         if plan is None:
             self._message = self._message or outcome.message
             return None
-        for _ in range(TRIES):
+        for _ in range(_TRIES):
             if self._kept(plan):
                 return None
             further = self._ask(along(self._course, plan))
@@ -131,13 +131,13 @@ class _Search:
             return None
         return self._parted(sides, outcome.solution, depth)
 
-    def _parted(self, sides: Sides, plan: Plan | None, depth: int) -> Proof | None:
+    def _parted(self, sides: _Sides, plan: Plan | None, depth: int) -> _Proof | None:
         """The proof over the parts of one step's side, in their order: of the steps that are too
         short the one whose side is the smallest, then the one that has the least room.
         """
         assert plan is not None
         steps, lengths = lengths_of(plan, self._course)
-        short = np.flatnonzero(lengths < self._course.least_steps - SHORT)
+        short = np.flatnonzero(lengths < self._course.least_steps - _SHORT)
         open_ = [e for e in short.tolist() if not too_small(sides[e])]
         if not open_:
             self._message = self._message or "the directions of least steps are parted no further"
@@ -146,7 +146,7 @@ class _Search:
         self._parts += 1
         pieces = parts(sides[e])
         order = np.argsort([-float((piece @ steps[e]).min()) for piece in pieces], kind="stable")
-        proofs: dict[int, Proof] = {}
+        proofs: dict[int, _Proof] = {}
         for index in order.tolist():
             child = (*sides[:e], pieces[index], *sides[e + 1 :])
             proof = self._proof(child, depth + 1)
@@ -166,10 +166,8 @@ class _Search:
     def _ask(self, course: Problem) -> Answer[Plan] | None:
         """The planner's answer in the time that is left; None where none is."""
         left_s = self._clock.left()[0]
-        if self._asked >= MOST_ASKED and left_s == math.inf:
-            self._message = (
-                f"the search over directions of least steps met its limit of {MOST_ASKED} questions"
-            )
+        if self._asked >= _MOST_ASKED and left_s == math.inf:
+            self._message = f"the search over directions of least steps met its limit of {_MOST_ASKED} questions"
             return None
         if left_s <= 0.0:
             self._message = "the search over directions of least steps met its time limit"
@@ -186,12 +184,12 @@ class _Search:
     def _kept(self, plan: Plan) -> bool:
         """Keep the plan where no step of it is too short."""
         lengths = lengths_of(plan, self._course)[1]
-        if not (lengths >= self._course.least_steps - SHORT).all():
+        if not (lengths >= self._course.least_steps - _SHORT).all():
             return False
         self._plan = replace(plan, problem=self._course)
         return True
 
-    def _rows(self, sides: Sides) -> Array:
+    def _rows(self, sides: _Sides) -> Array:
         least = self._course.least_steps
         rows = [
             np.array(OPEN) if side is None else half_space(side, float(least[e]))
@@ -226,11 +224,11 @@ def _places(course: Problem, foothold: int) -> list[Array]:
     return [region.vertices_m if toe is None else toe[None] for region in course.regions[foothold]]
 
 
-WHOLE = 1e-4
+_WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
 NODES = 200
 """Of one search, where nobody says."""
-GAP = 1e-4
+_GAP = 1e-4
 """A rounded choice that costs at most this share more than the bound, or 1e-8 of the length scale
 squared, is best."""
 
@@ -402,11 +400,11 @@ class EnvelopeSearch:
         modes = allowed if answer.modes is None else answer.modes
         loose = np.where(opened.sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), 0.0)
         torn = np.where(allowed.sum(axis=1) > 1.0, 1.0 - modes.max(axis=1), 0.0)
-        if max(loose.max(), torn.max()) <= WHOLE:
+        if max(loose.max(), torn.max()) <= _WHOLE:
             self._project(answer, modes)
             self._open_end |= self.found is None
             return
-        bound = answer.objective + max(GAP * abs(answer.objective), 1e-8)
+        bound = answer.objective + max(_GAP * abs(answer.objective), 1e-8)
         self._settle(
             _one_of(shares), _one_of(modes * allowed), bound if len(self.boxes) > 1 else np.inf
         )

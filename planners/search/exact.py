@@ -40,12 +40,12 @@ from .two_stage import TwoStagePlanner, decide
 
 _REFUTED_MARGIN = 1e-6
 """A box is refuted where P1's margin exceeds this: a hundred times the solver's tolerance."""
-ROUNDING = 1e-9
-SWEEPS = 3
+_ROUNDING = 1e-9
+_SWEEPS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OpenBox:
+class _OpenBox:
     """A box that is neither refuted nor projected, and P1's answer over it.
 
     Arguments:
@@ -81,7 +81,7 @@ class BoxSearch:
     ) -> None:
         self._problem, self._scaled, self._programs = problem, scaled, programs
         self._projection, self._acceptance = projection, acceptance
-        self._queue: list[tuple[float, int, OpenBox]] = []
+        self._queue: list[tuple[float, int, _OpenBox]] = []
         self._pushed = 0
         self.solves = 0
         self.refuted = 0
@@ -101,7 +101,7 @@ class BoxSearch:
         return len(self._queue)
 
     @property
-    def current(self) -> OpenBox:
+    def current(self) -> _OpenBox:
         """The open box of least margin.
 
         Raises IndexError where none is open.
@@ -137,7 +137,7 @@ class BoxSearch:
         self._pushed += 1
         heapq.heappush(self._queue, (node.margin, self._pushed, node))
 
-    def _relax(self, box: Envelope, depth: int) -> tuple[OpenBox, Point | None] | None:
+    def _relax(self, box: Envelope, depth: int) -> tuple[_OpenBox, Point | None] | None:
         """P1 over the box; None where it is refuted.
 
         A solver that gives up leaves the box open, with no point.
@@ -146,13 +146,13 @@ class BoxSearch:
         self.solves += 1
         if not answer.known:
             middle = 0.5 * (box.low + box.high)
-            return OpenBox(
+            return _OpenBox(
                 box=box, margin=0.0, point=middle, gaps=np.zeros((len(middle), 3, 3)), depth=depth
             ), None
         if answer.margin > _REFUTED_MARGIN or answer.at is None or answer.excess is None:
             return None
         gaps = np.abs(answer.excess)
-        return OpenBox(
+        return _OpenBox(
             box=box, margin=answer.margin, point=answer.at, gaps=gaps, depth=depth
         ), answer.point
 
@@ -175,14 +175,14 @@ def propagate(scaled: Scaled, box: Envelope) -> Envelope | None:
     p = toe − c with one c for all contacts; the friction cone; and Σ f = w e_z − F, by components.
     """
     low, high = box.low.copy(), box.high.copy()
-    for _ in range(SWEEPS):
+    for _ in range(_SWEEPS):
         if not (
             _share_com(scaled, low, high)
             and _in_cones(scaled, low, high)
             and _balance(scaled, low, high)
         ):
             return None
-        if np.any(low > high + ROUNDING):
+        if np.any(low > high + _ROUNDING):
             return None
         high = np.maximum(low, high)
     return Envelope(low=low, high=high)
@@ -195,10 +195,10 @@ def _share_com(scaled: Scaled, low: Array, high: Array) -> bool:
     """
     toe_low, toe_high = toe_ranges(scaled)
     com_low = (
-        np.maximum((toe_low - high[:, :3]).max(axis=0), scaled.com - scaled.com_radius) - ROUNDING
+        np.maximum((toe_low - high[:, :3]).max(axis=0), scaled.com - scaled.com_radius) - _ROUNDING
     )
     com_high = (
-        np.minimum((toe_high - low[:, :3]).min(axis=0), scaled.com + scaled.com_radius) + ROUNDING
+        np.minimum((toe_high - low[:, :3]).min(axis=0), scaled.com + scaled.com_radius) + _ROUNDING
     )
     low[:, :3] = np.maximum(low[:, :3], toe_low - com_high)
     high[:, :3] = np.minimum(high[:, :3], toe_high - com_low)
@@ -210,13 +210,13 @@ def _in_cones(scaled: Scaled, low: Array, high: Array) -> bool:
 
     False where a frictionless contact would have to shear.
     """
-    shear = scaled.friction * high[:, 3] + ROUNDING
+    shear = scaled.friction * high[:, 3] + _ROUNDING
     low[:, 4:] = np.maximum(low[:, 4:], -shear[:, None])
     high[:, 4:] = np.minimum(high[:, 4:], shear[:, None])
     least = np.maximum(np.maximum(low[:, 4:], -high[:, 4:]), 0.0).max(axis=1)
-    rough = scaled.friction > ROUNDING
-    low[rough, 3] = np.maximum(low[rough, 3], (least[rough] - ROUNDING) / scaled.friction[rough])
-    return bool(np.all(least[~rough] <= 2.0 * ROUNDING))
+    rough = scaled.friction > _ROUNDING
+    low[rough, 3] = np.maximum(low[rough, 3], (least[rough] - _ROUNDING) / scaled.friction[rough])
+    return bool(np.all(least[~rough] <= 2.0 * _ROUNDING))
 
 
 def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
@@ -229,12 +229,12 @@ def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
     least, most = np.minimum(*ends), np.maximum(*ends)
     weight = scaled.borne[0]
     total_least, total_most = least.sum(axis=(0, 2)), most.sum(axis=(0, 2))
-    if np.any(total_least > weight + ROUNDING) or np.any(total_most < weight - ROUNDING):
+    if np.any(total_least > weight + _ROUNDING) or np.any(total_most < weight - _ROUNDING):
         return False
-    room_most = (weight + ROUNDING - total_least)[
+    room_most = (weight + _ROUNDING - total_least)[
         :, None
     ] + least  # what the others leave to this term
-    room_least = (weight - ROUNDING - total_most)[:, None] + most
+    room_least = (weight - _ROUNDING - total_most)[:, None] + most
     counts = np.abs(frames) > 1e-6
     safe = np.where(counts, frames, 1.0)
     first, second = room_least / safe, room_most / safe
@@ -247,7 +247,7 @@ def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
     return True
 
 
-GAP = 1e-3
+_GAP = 1e-3
 NODES: Mapping[Kind, int] = MappingProxyType({"postures": 2000, "courses": 20000})
 """Relative gap to the best plan, and nodes of one search, where nobody says."""
 
@@ -270,7 +270,7 @@ class ExactPlanner(TimeLimited):
         self,
         *,
         acceptance: Acceptance = Acceptance(),
-        gap: float = GAP,
+        gap: float = _GAP,
         max_nodes: int | None = None,
         max_solves: int | None = None,
         time_limit_s: float | None = None,
@@ -291,7 +291,7 @@ class ExactPlanner(TimeLimited):
     def check(self, kind: Kind) -> None:
         """Raise InvalidInput for a setting that this kind of question has no use for."""
         if kind == "postures":
-            check_unused(self, gap=GAP)
+            check_unused(self, gap=_GAP)
 
     def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Plan]:
         """Answer one problem (of postures Lin et al.'s P, exactly).

@@ -35,21 +35,21 @@ from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 from ..verify.flood import KINDS, MOST_SPACING_M, STEEPEST_RAD, check_flood
 
-FINEST_M, MOST_CELLS = 0.005, 300_000
+_FINEST_M, _MOST_CELLS = 0.005, 300_000
 """Spacing of the raster [m], and how many cells it has at most."""
-MOST_NODES, MOST_PIECES = 7, 600
+_MOST_NODES, _MOST_PIECES = 7, 600
 """Surfaces are put together until there are so few; more footholds than this are not looked at."""
-DIRECTIONS = 32
-_TOGETHER_M, SAME_M, _SAME_COS = 0.06, 0.01, 0.9994
+_DIRECTIONS = 32
+_TOGETHER_M, _SAME_M, _SAME_COS = 0.06, 0.01, 0.9994
 """Pieces of one plane, to 1 cm and 2 degrees, are one surface where they are no farther apart than
 this [m]."""
-SLACK_M = 1e-6
+_SLACK_M = 1e-6
 """Room for rounding [m]."""
 _COVERED_M = 1e-3
 """Cracks between surfaces twice as wide are closed [m]."""
 _LEVELS = 12
 """Heights about which moments are taken."""
-Cells = NDArray[np.bool_]
+_Cells = NDArray[np.bool_]
 
 
 def flood(passage: Passage) -> Certificate | None:
@@ -59,8 +59,8 @@ def flood(passage: Passage) -> Certificate | None:
     """
     corners = np.concatenate([each.vertices_m for each in (*passage.terrain, *passage.footholds)])
     low, high = corners.min(axis=0)[:2], corners.max(axis=0)[:2]
-    spacing = max(FINEST_M, float(np.sqrt(np.prod(high - low) / MOST_CELLS)))
-    if spacing > MOST_SPACING_M or not 0 < len(passage.footholds) <= MOST_PIECES:
+    spacing = max(_FINEST_M, float(np.sqrt(np.prod(high - low) / _MOST_CELLS)))
+    if spacing > MOST_SPACING_M or not 0 < len(passage.footholds) <= _MOST_PIECES:
         return None
     try:
         found = _Flood(passage, Extent.of(passage.robot), low, high, spacing).certificate()
@@ -86,8 +86,8 @@ class _Flood:
         self.shape = tuple(np.maximum(np.ceil((high - low) / spacing), 1).astype(int).tolist())
         self.half = spacing / np.sqrt(2.0)
         self.x, self.y = (low[k] + spacing * (np.arange(self.shape[k]) + 0.5) for k in range(2))
-        self.grow = extent.sole_m + SLACK_M
-        turn = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
+        self.grow = extent.sole_m + _SLACK_M
+        turn = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
         self.directions = np.column_stack([np.cos(turn), np.sin(turn)])
 
     def certificate(self) -> Certificate | None:
@@ -114,7 +114,7 @@ class _Flood:
         return self._written(nodes, seen)
 
     def _written(
-        self, nodes: Sequence[Sequence[int]], seen: dict[tuple[int, ...], Cells]
+        self, nodes: Sequence[Sequence[int]], seen: dict[tuple[int, ...], _Cells]
     ) -> Certificate:
         """The certificate of these states (``KINDS``)."""
         rows = [
@@ -130,10 +130,10 @@ class _Flood:
         tree = np.array(rows, dtype=np.float64)
         return Certificate(tree=tree, multipliers=self.directions, problem=self.passage)
 
-    def _near(self, place: Array) -> Cells:
+    def _near(self, place: Array) -> _Cells:
         """Cells that hold a place of the centre of mass within reach of one that is asked for."""
         away = np.hypot(self.x[:, None] - place[0], self.y - place[1])
-        return np.asarray(away <= self.passage.near_m + self.half + SLACK_M)
+        return np.asarray(away <= self.passage.near_m + self.half + _SLACK_M)
 
     def _window(self, polygon: Array, room_m: float) -> tuple[slice, slice]:
         """Cells about a polygon, shape (U, 2), with so much room."""
@@ -202,11 +202,11 @@ class _Flood:
             result = np.maximum(result, highest + np.sqrt(inside_m**2 - ring**2))
         return result
 
-    def _reached(self, pieces: Sequence[Patch], low_m: Array) -> Cells:
+    def _reached(self, pieces: Sequence[Patch], low_m: Array) -> _Cells:
         """Cells over which some centre of mass has a foot on one of these pieces."""
         import shapely  # slow to import
 
-        reach, result = self.extent.reach_m + SLACK_M, np.zeros(self.shape, dtype=bool)
+        reach, result = self.extent.reach_m + _SLACK_M, np.zeros(self.shape, dtype=bool)
         for piece in pieces:
             flat = piece.vertices_m[:, :2]
             window = self._window(flat, reach + self.grow + self.half)
@@ -221,9 +221,9 @@ class _Flood:
         """Height that no contact on a piece is above [m]."""
         return float(piece.vertices_m[:, 2].max()) + self.grow * _sine(piece)
 
-    def _apart(self, pieces: Sequence[Patch], nodes: Sequence[Sequence[int]]) -> Cells:
+    def _apart(self, pieces: Sequence[Patch], nodes: Sequence[Sequence[int]]) -> _Cells:
         """Tell of which two surfaces two feet may be on one each, shape (n, n)."""
-        away = _distances(pieces) <= self.extent.apart_m + 2.0 * self.grow + SLACK_M
+        away = _distances(pieces) <= self.extent.apart_m + 2.0 * self.grow + _SLACK_M
         return np.array([[away[np.ix_(one, two)].any() for two in nodes] for one in nodes])
 
     def _bounds(self, nodes: Sequence[Sequence[Patch]]) -> Array:
@@ -232,19 +232,19 @@ class _Flood:
             np.concatenate([p.vertices_m[:, 2] for node in nodes for p in node]).round(3)
         )
         levels = np.unique(np.quantile(tops, np.linspace(0.0, 1.0, _LEVELS), method="nearest"))
-        result = np.full((len(nodes), len(levels), DIRECTIONS), -np.inf)
+        result = np.full((len(nodes), len(levels), _DIRECTIONS), -np.inf)
         for i, piece in ((i, piece) for i, node in enumerate(nodes) for piece in node):
             steep = float(np.arccos(min(piece.normal[2], 1.0)) + np.arctan(piece.friction))
             if steep >= STEEPEST_RAD:
                 result[i] = np.inf
                 continue
             lever = np.abs(piece.vertices_m[:, 2] - levels[:, None]) + self.grow * _sine(piece)
-            along = self.directions @ piece.vertices_m[:, :2].T + self.grow + SLACK_M
+            along = self.directions @ piece.vertices_m[:, :2].T + self.grow + _SLACK_M
             each = along[None] + np.tan(steep) * lever[:, None]
             result[i] = np.maximum(result[i], each.max(axis=2))
         return result
 
-    def _balanced(self, cells: Cells, bounds: Array) -> Cells:
+    def _balanced(self, cells: _Cells, bounds: Array) -> _Cells:
         """Those of some cells where the weight may be held on surfaces with these bounds."""
         most, result = bounds.max(axis=0).min(axis=0), cells.copy()
         for direction, bound in zip(self.directions, most, strict=True):
@@ -253,7 +253,7 @@ class _Flood:
                 result &= along <= bound + self.half
         return result
 
-    def _flooded(self, allowed: dict[tuple[int, ...], Cells]) -> dict[tuple[int, ...], Cells]:
+    def _flooded(self, allowed: dict[tuple[int, ...], _Cells]) -> dict[tuple[int, ...], _Cells]:
         """States that are reached from the start, by the surfaces that are touched."""
         from scipy.ndimage import label  # slow to import
 
@@ -303,7 +303,7 @@ def _nodes(pieces: Sequence[Patch]) -> list[list[int]]:
     normals = np.array([each.normal for each in pieces])
     middles = np.array([each.centre_m for each in pieces])
     off = np.abs(np.einsum("ik,ijk->ij", normals, middles - middles[:, None]))
-    level = (np.maximum(off, off.T) < SAME_M) & (normals @ normals.T > _SAME_COS)
+    level = (np.maximum(off, off.T) < _SAME_M) & (normals @ normals.T > _SAME_COS)
     from scipy.sparse.csgraph import connected_components  # slow to import
 
     beside = level & (away < _TOGETHER_M)
@@ -311,7 +311,7 @@ def _nodes(pieces: Sequence[Patch]) -> list[list[int]]:
     groups = [np.flatnonzero(of == k).tolist() for k in range(count)]
     gaps = np.array([[away[np.ix_(one, two)].min() for two in groups] for one in groups])
     np.fill_diagonal(gaps, np.inf)
-    while len(groups) > MOST_NODES:
+    while len(groups) > _MOST_NODES:
         i, j = sorted(int(k) for k in np.unravel_index(int(gaps.argmin()), gaps.shape))
         groups[i] += groups.pop(j)
         gaps[i] = gaps[:, i] = np.minimum(gaps[i], gaps[j])

@@ -28,9 +28,9 @@ SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""
 _CAUTION = 0.5
 """Fraction of the time that all shares but the last, and plans that press, may use together."""
-EACH = 0.5
+_EACH = 0.5
 """Fraction of what is left of that which one of them may use."""
-SPARE, _SPARE_S = 1.0, 1.0
+_SPARE, _SPARE_S = 1.0, 1.0
 """A push that nothing depends on, as of a robot whose legs are drawn up, is looked for as long as the
 plan took, and at least so long [s]; what is begun is ended. Nobody executes a plan for a robot whose
 legs are not known: it is not looked for."""
@@ -154,7 +154,7 @@ def _braced(
     if not course.robot.source.joint_names:
         return outcome, borne
     patience_s = (
-        math.inf if course.robot.source.own else max(_SPARE_S, SPARE * outcome.effort.seconds)
+        math.inf if course.robot.source.own else max(_SPARE_S, _SPARE * outcome.effort.seconds)
     )
     deadline = min(deadline, time.perf_counter() + patience_s)
     for share in PUSHES:
@@ -193,7 +193,7 @@ def _firmer(
 def _part_of_time(deadline: float) -> float:
     """Time at which a try ends, so that later tries have time, too (``time.perf_counter()``)."""
     now = time.perf_counter()
-    return now + EACH * (deadline - now)
+    return now + _EACH * (deadline - now)
 
 
 def _quick(planner: Planner) -> Planner:

@@ -32,8 +32,8 @@ if (
     from ..relaxation.boxes import Modes
     from ..relaxation.envelope import EnvelopeSet
 
-Solver = Literal["highs", "scip", "gurobi"]
-EnvelopeUse = Literal["rows", "shrink"]
+_Solver = Literal["highs", "scip", "gurobi"]
+_EnvelopeUse = Literal["rows", "shrink"]
 MOST_INTERVALS = 64
 """A finer grid takes minutes to write down and more memory than most machines have."""
 SETTINGS: Mapping[str, Any] = MappingProxyType(
@@ -263,10 +263,10 @@ class Micp:
         'feasible'
     """
 
-    solver: Solver = "highs"
+    solver: _Solver = "highs"
     intervals: int = 4
     envelopes: EnvelopeSet | None = None
-    envelope_use: EnvelopeUse = "rows"
+    envelope_use: _EnvelopeUse = "rows"
     gap: float | None = None
     projection: Projection = "scp"
     name: ClassVar[str] = "micp"
@@ -283,8 +283,8 @@ class Micp:
             )
         check_argument("gap", self.gap, float | None)
         check_argument("projection", self.projection, str)
-        checked_choice(self.solver, "solver", get_args(Solver))
-        checked_choice(self.envelope_use, "envelope_use", get_args(EnvelopeUse))
+        checked_choice(self.solver, "solver", get_args(_Solver))
+        checked_choice(self.envelope_use, "envelope_use", get_args(_EnvelopeUse))
         check_numbers(self, least=("gap",))
         PROJECTIONS.get(self.projection)
         if isinstance(self.envelopes, Modes):
@@ -397,8 +397,8 @@ def lift(*, projection: Projection | None = None) -> TwoStage:
     return TwoStage(relaxation="lift", projection=projection)
 
 
-Make = Callable[..., Any]
-OWN: Mapping[str, Make] = MappingProxyType(
+_Make = Callable[..., Any]
+_OWN: Mapping[str, _Make] = MappingProxyType(
     {
         "exact": Exact,
         "p1": p1,
@@ -414,7 +414,7 @@ METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")
 COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
 """The names of those for courses."""
 _OWN_OF: Mapping[Kind | None, tuple[str, ...]] = MappingProxyType(
-    {"postures": METHODS, "courses": COURSE_METHODS, None: tuple(OWN)}
+    {"postures": METHODS, "courses": COURSE_METHODS, None: tuple(_OWN)}
 )
 _COURSE_ALONE = ("reserve", "envelope_use", "gap")
 """Settings that concern courses alone; of ``Micp`` also its projection, of ``TwoStage`` its limit
@@ -425,24 +425,24 @@ def _is_own(it: object) -> bool:
     """Tell whether it is one of the package's methods; what compares in a way of its own is asked
     nothing.
     """
-    return any(it is one for one in OWN.values())
+    return any(it is one for one in _OWN.values())
 
 
 def _accepted(it: Any) -> bool:
     return _is_own(it) or takes(it, 1)
 
 
-PLANNERS: Registry[Make] = Registry(
+PLANNERS: Registry[_Make] = Registry(
     "method",
     "stancekit.planners",
-    OWN,
+    _OWN,
     expected="something to call with PlannerOptions",
     accepts=_accepted,
 )
 """All planners: called with ``PlannerOptions``, a class or function gives something with ``solve``,
 which answers posture problems, courses, or both. One that answers one kind alone says so by an
 attribute ``answers``, "postures" or "courses"."""
-CALLED: Mapping[Kind | None, str] = MappingProxyType(
+_CALLED: Mapping[Kind | None, str] = MappingProxyType(
     {"postures": "method", "courses": "planner", None: "method"}
 )
 """Name of a planner in messages."""
@@ -452,16 +452,16 @@ def known(of: Kind | None = None) -> tuple[str, ...]:
     """The names of all planners of this kind of question, as far as their names say; nothing is
     imported.
     """
-    return (*_OWN_OF[of], *(name for name in PLANNERS.names() if name not in OWN))
+    return (*_OWN_OF[of], *(name for name in PLANNERS.names() if name not in _OWN))
 
 
-def _named(name: str, of: Kind | None) -> Make:
+def _named(name: str, of: Kind | None) -> _Make:
     """Maker of the planner of this name.
 
     Raises InvalidInput for a name that nobody has for this kind of question.
     """
-    called = CALLED[of]
-    if name not in OWN:
+    called = _CALLED[of]
+    if name not in _OWN:
         return PLANNERS.get(name, called=called, known=known(of))
     if name not in _OWN_OF[of]:  # known without a look at other packages
         raise PLANNERS.unknown(name, called, known(of))
@@ -524,13 +524,13 @@ def make_planner(
         limited = replace(options, time_limit_s=min(limit_s, whole_s))
         return make(_copied(limited, whole_s, settings))  # type: ignore[no-any-return]
 
-    with foreign(f"{CALLED[of]} {method}"):
+    with foreign(f"{_CALLED[of]} {method}"):
         planner = remake(whole_s)
     return VerifiedPlanner(
         planner,
         method,
         options.acceptance,
-        called=CALLED[of],
+        called=_CALLED[of],
         envelopes=settings.get("envelopes"),
         remake=remake,
     )
@@ -545,17 +545,17 @@ def through_verifier(planner: Planner, of: Kind) -> Planner:
     if type(planner).__module__.startswith("stancekit."):
         check_answers(planner, of, "method")
         return planner
-    return VerifiedPlanner(planner, _called(planner), Acceptance(), called=CALLED[of])
+    return VerifiedPlanner(planner, _called(planner), Acceptance(), called=_CALLED[of])
 
 
 @functools.cache
-def _plain(make: Make) -> Method:
+def _plain(make: _Make) -> Method:
     """The method with its settings as they are: a value, and so made once."""
     method: Method = make()
     return method
 
 
-def _value(make: Make, name: str, settings: Mapping[str, Any], taken: tuple[str, ...]) -> Method:
+def _value(make: _Make, name: str, settings: Mapping[str, Any], taken: tuple[str, ...]) -> Method:
     """The method of a text.
 
     Raises InvalidInput for a setting that it does not take.

@@ -51,8 +51,8 @@ from .choice import nearest
 from .cuts import LEAF, alone
 from .enveloped import over_sides
 
-Start = Literal["nominal", "p1"]
-STARTS: tuple[Start, ...] = get_args(Start)
+_Start = Literal["nominal", "p1"]
+STARTS: tuple[_Start, ...] = get_args(_Start)
 
 
 class NlpPlanner(TimeLimited):
@@ -73,7 +73,7 @@ class NlpPlanner(TimeLimited):
     def __init__(
         self,
         *,
-        start: Start = "nominal",
+        start: _Start = "nominal",
         starts: int | None = None,
         seed: int = 0,
         max_iterations: int = 500,
@@ -84,7 +84,7 @@ class NlpPlanner(TimeLimited):
         checked_choice(start, "start", STARTS)
         if starts is not None:
             checked_int(starts, "starts", least=1)
-        self.start: Start = start
+        self.start: _Start = start
         self.starts, self.seed, self.max_iterations = starts, seed, max_iterations
         self.time_limit_s = (
             None if time_limit_s is None else checked(time_limit_s, "time_limit_s", above=0.0)
@@ -293,7 +293,7 @@ class DecoupledPlanner:
         return message
 
 
-LEAST_S = 1e-3
+_LEAST_S = 1e-3
 """A solver is given this much time even where writing the model down took all of it [s]."""
 
 
@@ -362,7 +362,7 @@ class MicpPlanner(TimeLimited):
             program = self.program(problem)
         begin = time.process_time()
         answer = program.solve(
-            scaled, max(self.limit_s(kind_of(problem)) - clock.elapsed(), LEAST_S)
+            scaled, max(self.limit_s(kind_of(problem)) - clock.elapsed(), _LEAST_S)
         )
         clock.count(1, answer.seconds)
         details = program.figures | {

@@ -30,7 +30,7 @@ and so many more."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Nogood:
+class _Nogood:
     """Candidates of a stance's footholds none of which can hold it: refuted, (P, options), 1 also
     elsewhere.
 
@@ -49,7 +49,7 @@ class Nogoods:
     def __init__(self, programs: Programs, scaled: Scaled, clock: Clock) -> None:
         self._programs, self._scaled, self._clock = programs, scaled, clock
         self._known: set[tuple[int, ...]] = set()
-        self.entries: list[Nogood] = []
+        self.entries: list[_Nogood] = []
         self.masks = np.zeros((0, scaled.layout.footholds, scaled.options))
 
     def refuting(self, opened: Array) -> int | None:
@@ -133,7 +133,7 @@ class Nogoods:
         walk(entry.root, opened[footholds])
         return tree, multipliers
 
-    def _widened(self, stance: int, choice: Index, root: Node, share: float) -> Nogood:
+    def _widened(self, stance: int, choice: Index, root: Node, share: float) -> _Nogood:
         """The refuted choice with every limb's other candidates in, as far as the stance stays
         refuted.
         """
@@ -152,7 +152,7 @@ class Nogoods:
             nogood = self._refuted(scaled.only(everything * wider), stance, nodes, share)
             if nogood is not None:
                 mask, root = wider, nogood
-        return Nogood(stance=stance, refuted=mask, root=root)
+        return _Nogood(stance=stance, refuted=mask, root=root)
 
     def _refuted(self, scaled: Scaled, stance: int, nodes: int, share: float) -> Node | None:
         """The root of a search that refutes the stance alone; None where it does not, or not in
@@ -172,6 +172,6 @@ class Nogoods:
         self._clock.count(search.solves, search.seconds)
         return None if search.found is not None or search.stopped else search.root
 
-    def _keep(self, nogood: Nogood) -> None:
+    def _keep(self, nogood: _Nogood) -> None:
         self.entries.append(nogood)
         self.masks = np.concatenate([self.masks, nogood.refuted[None]])

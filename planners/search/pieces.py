@@ -324,12 +324,12 @@ PIECE, SHARED = 24, 8
 """Key frames of a piece, and how many of them the next one plans anew."""
 LEAST = 6
 """A part of a piece that is kept where all of it fails has so many frames at least."""
-DETOURS = 4
+_DETOURS = 4
 """Other ways of the body that are tried, all pieces together."""
 EVERY_S = 2.0
 """What is planned is kept after the first piece, and then no more often than this: the whole plan is
 written each time, and a run that is interrupted plans so much anew."""
-PATIENCE = 4.0
+_PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
 _PlanPiece = Callable[[Problem, "Array | None", float], Answer[Plan]]
@@ -471,7 +471,7 @@ def plan_pieces(
         where = _failed_frame(answer)
         if where is not None:
             place = course.com_nominal_m[min(at + int(where), last)]
-        if late or detour is None or len(avoid) >= DETOURS or not plans:
+        if late or detour is None or len(avoid) >= _DETOURS or not plans:
             if plans and not late and not backed and plans[-1].problem.frames - 1 > cycle:
                 plans[-1] = beginning(
                     plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle)
@@ -525,7 +525,7 @@ def _one(
     until = (
         deadline
         if math.isinf(deadline)
-        else min(deadline, now + PATIENCE * (deadline - now) / left)
+        else min(deadline, now + _PATIENCE * (deadline - now) / left)
     )
     return piece(window, None if state is None else state.angles_rad, until)
 

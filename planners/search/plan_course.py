@@ -49,12 +49,12 @@ if TYPE_CHECKING:
 LayOut = Callable[["Sets", Alternative], Problem]
 """A function that lays a course out over the inner or the outer sets of the robot's legs, in one of
 several ways."""
-FIRST = 0.6
+_FIRST = 0.6
 """Fraction of the time that the layout that was asked for has, where others can be tried."""
-LEAST_S = 8.0
+_LEAST_S = 8.0
 """Processor time that every layout has at least, while there is any [s]; in less than that few
 plans are found, and on a busy computer shares of what is left are soon shares of nothing."""
-PAUSE_S = 1.0
+_PAUSE_S = 1.0
 """What a processor does in less time says nothing [s]."""
 _SEARCH = 0.75
 """Fraction of the time within which contacts are to be found, so that they can still be bent and
@@ -64,9 +64,9 @@ _ALL_FRICTION = (1.0,)
 _PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
-STEEP = 0.4
+_STEEP = 0.4
 """Gradient of the ground from which on layouts are looked at before any plan is bent (22°)."""
-LOOK_S = 6.0
+_LOOK_S = 6.0
 """Processor time that such a look at a layout takes at most [s]."""
 _LAID = "no plan over this layout, which is one of many"
 """Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
@@ -297,7 +297,7 @@ def _leaning(
         course = question("inner", AS_ASKED)
     except (InvalidInput, PlanningFailed):
         return None, layouts
-    if _gradient(course) < STEEP or in_pieces(course):
+    if _gradient(course) < _STEEP or in_pieces(course):
         return None, layouts
     first = AS_ASKED if course.robot.source.own else LEANING[0]  # whose belly is known to be high
     for alternative in sorted(LEANING, key=lambda each: each is not first):
@@ -305,7 +305,7 @@ def _leaning(
             course = question("inner", alternative)
         except (InvalidInput, PlanningFailed):
             continue
-        end = min(time.perf_counter() + _wall_s(began, LOOK_S), deadline)
+        end = min(time.perf_counter() + _wall_s(began, _LOOK_S), deadline)
         outcome = answered(course, end, alternative, bend=False)
         if outcome.status is Status.FEASIBLE:
             return (_of_layout(outcome, alternative) if alternative.message else outcome), layouts
@@ -354,7 +354,7 @@ def _laid_out(
                 left = ordered(left, "contacts")
             refusal = refusal or error
             continue
-        share_s = max(FIRST * (deadline - now), _wall_s(began, LEAST_S))
+        share_s = max(_FIRST * (deadline - now), _wall_s(began, _LEAST_S))
         tried += 1
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
         if outcome.status is Status.FEASIBLE and alternative.message:
@@ -383,7 +383,7 @@ def _wall_s(began: tuple[float, float], processor_s: float) -> float:
         began: wall time and processor time of this process [s].
     """
     wall_s, own_s = time.perf_counter() - began[0], time.process_time() - began[1]
-    return processor_s * max(wall_s / max(own_s, 1e-9), 1.0) if wall_s > PAUSE_S else processor_s
+    return processor_s * max(wall_s / max(own_s, 1e-9), 1.0) if wall_s > _PAUSE_S else processor_s
 
 
 def _cannot_lift(outcome: Answer[Plan]) -> bool:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:  # a planner over the lift waits for none of them
     from ..relaxation.mccormick import McCormick
     from ..relaxation.table import RelaxedProgram
 
-QUICK = 2
+_QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
 NODES = 2000
 """Of each search over the lift, where nobody says."""
@@ -348,7 +348,7 @@ class TwoStagePlanner(TimeLimited):
         limits = SearchLimits(max_nodes=max_nodes, gap=self.gap, share=share)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
-            steps = self.steps if patient else min(self.steps, QUICK)
+            steps = self.steps if patient else min(self.steps, _QUICK)
             deadline = clock.begin + clock.time_limit_s
             point = project(
                 self.programs, projection, chosen, start, steps=steps, deadline=deadline

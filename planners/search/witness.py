@@ -166,12 +166,12 @@ def _reason(report: Report[Plan], *, bent: bool) -> str:
     return "; ".join(filter(None, (report.failures, late)))
 
 
-LOOKS = 8
+_LOOKS = 8
 """Steps between two looks at who is there, after each of which the moments are linearised anew."""
 _SHRINK = 1e-3
 """K is made smaller by this share, so that the iteration ends inside of it."""
-INSIDE = 1e-9
-SPREAD, TURN = 0.25, 0.3
+_INSIDE = 1e-9
+_SPREAD, _TURN = 0.25, 0.3
 """Units of λ and Θ in which x is measured: smaller ones let toes and body move sooner than
 forces."""
 
@@ -231,7 +231,7 @@ class Iteration:
         """Take a step; indices and points of the problems that the iteration ends for with it."""
         self._step += 1
         on = self._sets.balance(self._z, self._moments)
-        if self._step % LOOKS == 0:
+        if self._step % _LOOKS == 0:
             points = self._sets.with_toes_held(on, self._moments is not None)
             there, toes = self._sets.hold(points), points.toes
             if there.any():
@@ -340,7 +340,7 @@ class _Sets:
         count, contacts, corners, _ = self.scaled.vertices.shape
         weights, _, balls, forces = self.parts
         z = np.zeros((count, forces.stop))
-        z[:, weights] = SPREAD / corners
+        z[:, weights] = _SPREAD / corners
         away = self.scaled.vertices.mean(axis=2) - self.scaled.like.com - self.scaled.like.shoulders
         z[:, balls.start + 3 : balls.stop] = away.reshape(count, 3 * contacts)
         z[:, forces][:, ::3] = self.scaled.like.weight / contacts
@@ -366,7 +366,7 @@ class _Sets:
         rows, arms = np.zeros((len(x), 3, x.shape[1])), skew(toes)
         rows[:, :, forces] = _side_by_side(np.matmul(arms, scaled.frames))
         rows[:, :, weights] = _side_by_side(
-            np.matmul(skew(force), scaled.vertices.swapaxes(2, 3) / -SPREAD)
+            np.matmul(skew(force), scaled.vertices.swapaxes(2, 3) / -_SPREAD)
         )
         right = _times(arms, force).sum(axis=1) + _of_weight(scaled, rows, balls.start)
         free = np.concatenate(
@@ -378,9 +378,9 @@ class _Sets:
     def project(self, x: Array) -> Array:
         """P_K, made smaller; x, shape (B, D), is overwritten."""
         weights, turn, balls, forces = self.parts
-        _to_simplex(x[:, weights].reshape(self.scaled.vertices.shape[:3]), SPREAD)
+        _to_simplex(x[:, weights].reshape(self.scaled.vertices.shape[:3]), _SPREAD)
         tilt, (friction, steep, low, high) = (
-            TURN * self.scaled.like.tilt * (1.0 - _SHRINK),
+            _TURN * self.scaled.like.tilt * (1.0 - _SHRINK),
             self.cones,
         )
         turned = x[:, turn]
@@ -407,7 +407,7 @@ class _Sets:
             right[:, 3:] = _of_weight(scaled, rows[:, 3:], 0)
         y -= _times(_back(rows), _times(rows, y) - right)
         tilt = scaled.like.tilt * (1.0 - _SHRINK)
-        rotation = np.minimum(np.maximum(x[:, turn] / TURN, -tilt), tilt)
+        rotation = np.minimum(np.maximum(x[:, turn] / _TURN, -tilt), tilt)
         return PointBatch(
             com=y[:, :3] + scaled.like.com,
             rotation=rotation,
@@ -418,15 +418,15 @@ class _Sets:
     def hold(self, points: PointBatch) -> NDArray[np.bool_]:
         """Tell whether points with their toes on their patches lie in K, shape (B,)."""
         like, normal = self.scaled.like, points.forces[..., 0]
-        cones = _length(points.forces[..., 1:]) <= self.scaled.friction * normal - INSIDE
-        cones &= (normal >= self.low + INSIDE) & (normal <= self.high - INSIDE)
-        legs = _length(points.legs(like)) <= like.reach - INSIDE
-        body = (_length(points.com - like.com) <= like.com_radius - INSIDE) & (like.tilt > 0.0)
+        cones = _length(points.forces[..., 1:]) <= self.scaled.friction * normal - _INSIDE
+        cones &= (normal >= self.low + _INSIDE) & (normal <= self.high - _INSIDE)
+        legs = _length(points.legs(like)) <= like.reach - _INSIDE
+        body = (_length(points.com - like.com) <= like.com_radius - _INSIDE) & (like.tilt > 0.0)
         return np.asarray(cones.all(axis=1) & legs.all(axis=1) & body)
 
     def toes(self, x: Array) -> Array:
         """q of the nearest λ, so that they are on their patches, shape (B, N, 3)."""
-        shares = x[:, self.parts[0]].reshape(self.scaled.vertices.shape[:3]) / SPREAD
+        shares = x[:, self.parts[0]].reshape(self.scaled.vertices.shape[:3]) / _SPREAD
         _to_simplex(shares, 1.0)
         return _times(self.scaled.vertices.swapaxes(2, 3), shares)
 
@@ -454,9 +454,9 @@ def _legs(scaled: ScaledBatch) -> _Rows:
     for i in range(contacts):
         columns = slice(3 * i, 3 * i + 3)
         rows[:, columns, corners * i : corners * (i + 1)] = (
-            scaled.vertices[:, i].transpose(0, 2, 1) / SPREAD
+            scaled.vertices[:, i].transpose(0, 2, 1) / _SPREAD
         )
-        rows[:, columns, body : body + 3] = skew(scaled.like.shoulders[i]) / TURN  # −Θ × s = s × Θ
+        rows[:, columns, body : body + 3] = skew(scaled.like.shoulders[i]) / _TURN  # −Θ × s = s × Θ
     rows[:, at, body + 3 + at % 3] = rows[:, at, body + 6 + at] = -1.0
     right = np.tile((scaled.like.com + scaled.like.shoulders).ravel(), (count, 1))
     return _Rows(rows, right, _back(rows))

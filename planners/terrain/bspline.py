@@ -2,7 +2,7 @@
 warp maps.
 
 A basis over K knots has K − 4 functions and is C² from its fourth knot to its fourth last. Outside
-that span the first and the last polynomial piece go on; the knots reach ``REACH_M`` beyond the
+that span the first and the last polynomial piece go on; the knots reach ``_REACH_M`` beyond the
 data, and control points there go on straight.
 """
 
@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 from ..arguments import cached_property
 from ..files.arrays import Array
 
-REACH_M = 100.0
+_REACH_M = 100.0
 """Distance beyond its data that a spline's knots reach [m]."""
 
 
@@ -72,7 +72,7 @@ class CubicBasis:
         self.size = len(self.knots) - 4
 
     @classmethod
-    def over(cls, sites: Array, reach_m: float = REACH_M) -> CubicBasis:
+    def over(cls, sites: Array, reach_m: float = _REACH_M) -> CubicBasis:
         """The basis with a knot at each site, shape (n,), and others beyond both ends, ever wider
         up to ``reach_m``.
         """

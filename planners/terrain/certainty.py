@@ -10,13 +10,13 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..files.codec import LATER
 
-BENT_M = 0.08
+_BENT_M = 0.08
 """Distance over which the ground turns that is off its plane from place to place [m]."""
 FOUND_SD_M = 0.0064
 """Ground that is known to this is found within 2 cm by all of thirty toes on 95 of 100 grounds [m]."""
-SIDES = 16
+_SIDES = 16
 """Sides of the polygon of the places where it is."""
-TINY = 1e-12
+_TINY = 1e-12
 """Variance of a slope that is known to the last digit."""
 _NEGATIVE = 1e-9
 """Error of a covariance by rounding, as a share of its largest entry."""
@@ -77,15 +77,15 @@ class Certainty:
         """Normals and offsets of a polygon in whose places the height is known to this deviation,
         shape (S, 2) and (S,) [m]; None where there is none.
         """
-        flat = self.covariance[1:, 1:] + TINY * np.eye(2)
+        flat = self.covariance[1:, 1:] + _TINY * np.eye(2)
         middle = -np.linalg.solve(flat, self.covariance[1:, 0])
         least = self.covariance[0, 0] + self.covariance[0, 1:] @ middle + self.rough_m**2
         if least >= sd_m**2:
             return None
-        angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
+        angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
         ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         normals = ways @ np.linalg.cholesky(flat).T
-        radius = np.sqrt(sd_m**2 - least) * np.cos(np.pi / SIDES)
+        radius = np.sqrt(sd_m**2 - least) * np.cos(np.pi / _SIDES)
         return normals, radius + normals @ (middle + self.about_m)
 
     @property
@@ -103,4 +103,4 @@ class Certainty:
         """Covariance of the ground's slopes at a place, shape (2, 2) [rad²]: of the plane's, and by
         what the ground is off it from one foot's width to the next.
         """
-        return np.asarray(self.covariance[1:, 1:] + (self.rough_m / BENT_M) ** 2 * np.eye(2))
+        return np.asarray(self.covariance[1:, 1:] + (self.rough_m / _BENT_M) ** 2 * np.eye(2))

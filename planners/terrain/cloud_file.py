@@ -17,7 +17,7 @@ from .grid_file import table
 from .mesh_file import MOST_BYTES
 from .mesh_formats.ply import read_ply
 
-MOST_POINTS = 20_000_000
+_MOST_POINTS = 20_000_000
 
 
 def read_points(path: Path) -> Array:
@@ -62,7 +62,7 @@ def _of_pcd(content: bytes, path: Path) -> Array:
         raise not_installed(str(path), "pypcd4", ".pcd clouds", "terrain") from None
     head = content[:4096]
     declared = re.search(rb"^POINTS\s+(\d{1,18})", head, re.MULTILINE)
-    if declared and int(declared[1]) > min(MOST_POINTS, 40 * len(content)):
+    if declared and int(declared[1]) > min(_MOST_POINTS, 40 * len(content)):
         raise InvalidInput(
             f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} "
             "bytes"

@@ -22,7 +22,7 @@ _QUIETEST = (0.04, 0.12, 0.35)
 """Quantiles of the residuals of small windows from which the noise is estimated, the least: no edge
 crosses those."""
 _POINTS_PER_CELL = 2.0
-FINEST_M = 0.01
+_FINEST_M = 0.01
 """Side of the smallest cell of a cloud [m]."""
 
 Labels = NDArray[np.int_]
@@ -69,7 +69,7 @@ class GroundCells:
         low, high = points_m.min(axis=0), points_m.max(axis=0)
         area = max(float(np.prod(high[:2] - low[:2])), coarsest_m**2)
         spacing = min(
-            max(float(np.sqrt(_POINTS_PER_CELL * area / len(points_m))), FINEST_M), coarsest_m
+            max(float(np.sqrt(_POINTS_PER_CELL * area / len(points_m))), _FINEST_M), coarsest_m
         )
         places = (points_m[:, :2] - low[:2]) / spacing
         cells = np.round(places).astype(np.int64)
@@ -256,12 +256,12 @@ def mean_square(planes: Array, moments: Array) -> Array:
     return np.asarray(np.maximum(total, 0.0) / np.where(one > 0.0, one, 1.0))
 
 
-WIDEST_M = 0.13
+_WIDEST_M = 0.13
 """Side of the largest squares of samples: most grounds have some that no edge crosses [m]."""
 _MOST_SQUARES = 12_000
 """Squares of one size that are looked at, at most."""
 _FEWEST_SQUARES = 60
-RISES, _BROAD_RISE = (1.06, 1.2), 2.0
+_RISES, _BROAD_RISE = (1.06, 1.2), 2.0
 """Residuals of white noise over narrow squares do not grow with the distance of samples: not by the
 second factor, and not by the first where those of wide squares grow by a third."""
 _LENGTHS_M = np.geomspace(0.015, 0.2, 23)
@@ -270,18 +270,18 @@ _LONGEST_M = 0.1
 """What is correlated over more is the shape of the ground [m]."""
 _HILLS = 2.0
 """Wide squares are off planes by no more than so many deviations of the noise by narrow ones."""
-WHOLE = 0.9
+_WHOLE = 0.9
 """Neighbours that are off planes by more than this share of the noise are not alike."""
-EXACT_M = 1e-4
+_EXACT_M = 1e-4
 """Residuals below this are no noise, however alike rounding makes them [m]."""
-NEIGHBOURS = 0.18
+_NEIGHBOURS = 0.18
 """Correlation of neighbours' residuals by chance, and by surfaces that are no planes, is less."""
-WHITE = np.array([0.0, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7])
+_WHITE = np.array([0.0, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7])
 """Shares of white noise in the variance that are tried."""
-LEAST, BIN, SMOOTH = 0.15, 0.05, 0.35
+LEAST, _BIN, _SMOOTH = 0.15, 0.05, 0.35
 """Of a mode its least share of the highest one; width of the bins of logarithms of variances, and
 of what they are smoothed by."""
-QUIET, _TRUSTED = 0.04, 2.0
+_QUIET, _TRUSTED = 0.04, 2.0
 """Quantile beside the mode, and how many times as large as by it the deviation by the mode may
 be."""
 _OFTEN = 3
@@ -325,14 +325,14 @@ def correlated_noise(cells: GroundCells, told_m: float | None = None) -> Noise |
     """
     narrow = _residuals(cells, wide=False)
     rise = max(narrow, default=0.0) / max([*narrow[:1], 1e-9])
-    if told_m is None and rise <= RISES[0]:
+    if told_m is None and rise <= _RISES[0]:
         return None
     broad = _residuals(cells, wide=True)
     spread = max(broad, default=0.0) / max([*narrow[:1], 1e-9])
     if told_m is not None:
-        white = not narrow or (rise <= RISES[0] and spread <= _BROAD_RISE)
+        white = not narrow or (rise <= _RISES[0] and spread <= _BROAD_RISE)
         return None if white else _alike(cells, narrow[0], told_m, _fitted(cells, broad, wide=True))
-    if rise <= RISES[1] and spread <= _BROAD_RISE:
+    if rise <= _RISES[1] and spread <= _BROAD_RISE:
         return None
     noise = _fitted(cells, broad, wide=True)
     if noise is not None and noise.length_m <= _LONGEST_M:
@@ -361,7 +361,7 @@ def noise_of_residuals(labels: Labels, cells: GroundCells, noise_m: float) -> No
         both += float(left @ right)
         squares += 0.5 * float(left @ left + right @ right)
         count += len(left)
-    if both <= NEIGHBOURS * squares or squares <= count * EXACT_M**2:
+    if both <= _NEIGHBOURS * squares or squares <= count * _EXACT_M**2:
         return Noise(deviation_m=noise_m)
     length_m = cells.spacing_m / float(np.sqrt(np.log(squares / both)))
     return Noise(deviation_m=noise_m, length_m=length_m, correlated=1.0, near_m=noise_m)
@@ -371,7 +371,7 @@ def _alike(cells: GroundCells, near_m: float, told_m: float, fitted: Noise | Non
     """Noise of this deviation whose neighbours are off planes by so little; longer where the
     deviations of wide squares say so. None where neighbours are off by all of it.
     """
-    if near_m > WHOLE * told_m:
+    if near_m > _WHOLE * told_m:
         return None
     left = np.array([_remaining(cells, (1, 1), length) for length in _LENGTHS_M.tolist()])
     length_m = float(_LENGTHS_M[np.abs(np.log(left / (near_m / told_m) ** 2)).argmin()])
@@ -389,7 +389,7 @@ def _residuals(cells: GroundCells, *, wide: bool) -> list[float]:
     both.
     """
     deviations = list[float]()
-    for step in range(1, int(WIDEST_M / (2.0 * cells.spacing_m)) + 1):
+    for step in range(1, int(_WIDEST_M / (2.0 * cells.spacing_m)) + 1):
         ways = [(step, step)] if wide else [(step, 1), (1, step)]
         known = [each for way in ways if (each := _along(cells, *way)) is not None]
         if not known or (deviations and min(known) > deviations[-1] * (step / (step - 1)) ** 2.5):
@@ -402,7 +402,7 @@ def _fitted(cells: GroundCells, deviations: list[float], *, wide: bool) -> Noise
     """The noise that leaves such deviations to planes."""
     if len(deviations) < 2:
         return None
-    white = WHITE if len(deviations) > 2 else WHITE[:1]
+    white = _WHITE if len(deviations) > 2 else _WHITE[:1]
     steps = range(1, len(deviations) + 1)
     shapes = np.array(
         [
@@ -440,7 +440,7 @@ def _along(cells: GroundCells, *steps: int) -> float | None:
     freedom = np.round(sums[0][whole]) - 3.0
     squares = rms**2 * sums[0][whole]
     known, of = np.unique(freedom, return_inverse=True)
-    quiet = float(np.quantile(squares / chdtri(known, 1.0 - QUIET)[of], QUIET))
+    quiet = float(np.quantile(squares / chdtri(known, 1.0 - _QUIET)[of], _QUIET))
     mode = _lowest_mode(squares / freedom)
     return float(np.sqrt(mode if mode <= _TRUSTED**2 * quiet else quiet))
 
@@ -450,11 +450,11 @@ def _lowest_mode(variances: Array) -> float:
     squares are crossed by edges.
     """
     logs = np.log(np.maximum(variances, 1e-18))
-    bins = np.arange(logs.min() - 1.0, logs.max() + 1.0 + BIN, BIN)
-    density = gaussian_filter1d(np.histogram(logs, bins)[0].astype(float), SMOOTH / BIN)
+    bins = np.arange(logs.min() - 1.0, logs.max() + 1.0 + _BIN, _BIN)
+    density = gaussian_filter1d(np.histogram(logs, bins)[0].astype(float), _SMOOTH / _BIN)
     peaks = np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1
     first = peaks[density[peaks] > LEAST * density.max()][0]
-    return float(np.exp(bins[first] + 0.5 * BIN))
+    return float(np.exp(bins[first] + 0.5 * _BIN))
 
 
 def _remaining(cells: GroundCells, steps: tuple[int, int], length_m: float) -> float:

@@ -15,11 +15,11 @@ from .import_options import OTHER_UNIT, Holes
 
 LAYER_M = 0.05
 """Points of a cell this far below its highest one are of the surface seen from above [m]."""
-FARTHEST = 1e15
+_FARTHEST = 1e15
 """Cells from the origin, numbers of which are still exact."""
 _MOST_FILLED = 400_000
 """Holes in cells that are filled at once."""
-HIGHEST_M = 0.9 * LARGEST
+_HIGHEST_M = 0.9 * LARGEST
 """No height of a map is farther from 0: what is planned on it is higher, and stays within what
 values may be [m]."""
 
@@ -87,8 +87,8 @@ class ElevationMap:
                 f"{np.nanmax(heights) - np.nanmin(heights):g} "
                 f"m from lowest to highest; {OTHER_UNIT}"
             )
-        if (far := float(np.nanmax(np.abs(heights)))) > HIGHEST_M:
-            raise InvalidInput(f"{self.name}: expected heights up to {HIGHEST_M:g} m, got {far:g}")
+        if (far := float(np.nanmax(np.abs(heights)))) > _HIGHEST_M:
+            raise InvalidInput(f"{self.name}: expected heights up to {_HIGHEST_M:g} m, got {far:g}")
         heights.setflags(write=False)
         object.__setattr__(self, "heights_m", heights)
 
@@ -126,9 +126,9 @@ class ElevationMap:
                 f"away, got {wide:g} m "
                 f"from end to end, {far:g} m away; {OTHER_UNIT}"
             )
-        if not spacing_m > far / FARTHEST:
+        if not spacing_m > far / _FARTHEST:
             raise InvalidInput(
-                f"{name}: spacing_m: expected more than {far / FARTHEST:g} m, got {spacing_m:g}"
+                f"{name}: spacing_m: expected more than {far / _FARTHEST:g} m, got {spacing_m:g}"
             )
         cells = np.round(points_m[:, :2] / spacing_m).astype(np.int64)
         first, last = cells.min(axis=0), cells.max(axis=0)

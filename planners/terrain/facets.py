@@ -27,14 +27,14 @@ from .patch import Patch
 from .polygon import shear_of, width
 from .triangle_mesh import TriangleMesh
 
-STRAIGHT = 1e-3
+_STRAIGHT = 1e-3
 """Sine of a turn that counts as none: 57 mm off on 57 m."""
-SAME_M = 1e-9
+_SAME_M = 1e-9
 """Corners closer than this are one."""
 
 _Loop = list[int]
-Point = Sequence[float]
-Corners = dict[int, Point]
+_Point = Sequence[float]
+_Corners = dict[int, _Point]
 
 
 def _convex_pieces(polygon: Any) -> list[Array]:
@@ -47,20 +47,20 @@ def _convex_pieces(polygon: Any) -> list[Array]:
         turns = _turns(loop, flat)
         if np.all(turns > 0.0):
             return [outline]
-        if np.all(turns > -STRAIGHT) and np.sum(turns > STRAIGHT) > 2:
-            return [_exact(outline[turns > STRAIGHT])]
+        if np.all(turns > -_STRAIGHT) and np.sum(turns > _STRAIGHT) > 2:
+            return [_exact(outline[turns > _STRAIGHT])]
     import shapely
 
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
     corners = np.array([np.asarray(triangle.exterior.coords)[:3] for triangle in triangles])
     _, first, number = np.unique(
-        np.round(corners.reshape(-1, 2) / SAME_M), axis=0, return_index=True, return_inverse=True
+        np.round(corners.reshape(-1, 2) / _SAME_M), axis=0, return_index=True, return_inverse=True
     )
     points = corners.reshape(-1, 2)[first]
     loops = number.reshape(-1, 3)
     a, b, c = (points[loops[:, i]] for i in range(3))
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    loops = np.where((area < 0.0)[:, None], loops[:, ::-1], loops)[np.abs(area) > SAME_M**2]
+    loops = np.where((area < 0.0)[:, None], loops[:, ::-1], loops)[np.abs(area) > _SAME_M**2]
     return [
         _exact(points[loop])
         for loop in _merged(loops.tolist(), dict(enumerate(points.tolist())))
@@ -79,7 +79,7 @@ def _exact(piece: Array) -> Array:
     return np.asarray(hull.exterior.coords)[-2::-1] if hull.geom_type == "Polygon" else piece
 
 
-def _merged(loops: list[_Loop], flat: Corners) -> list[_Loop]:
+def _merged(loops: list[_Loop], flat: _Corners) -> list[_Loop]:
     """Loops that touch along edges, merged pair by pair while the union stays convex."""
     pieces, merged = dict(enumerate(loops)), True
     while merged:
@@ -128,7 +128,7 @@ def _touching(pieces: dict[int, _Loop]) -> list[tuple[int, int]]:
     return [pair for pair, _ in pairs.most_common()]
 
 
-def _turns(loop: _Loop, flat: Corners) -> Array:
+def _turns(loop: _Loop, flat: _Corners) -> Array:
     """Sine of the turn at every corner, positive to the left, shape (len(loop),)."""
     return np.array([_turn(flat[a], flat[b], flat[c]) for a, b, c in _corners(loop)])
 
@@ -138,7 +138,7 @@ def _corners(loop: _Loop) -> Iterator[tuple[int, int, int]]:
     return zip([loop[-1], *loop[:-1]], loop, [*loop[1:], loop[0]], strict=True)
 
 
-def _turn(before: Point, here: Point, after: Point) -> float:
+def _turn(before: _Point, here: _Point, after: _Point) -> float:
     """Sine of the turn at a corner, positive to the left."""
     into_x, into_y, out_x, out_y = (
         here[0] - before[0],
@@ -151,14 +151,14 @@ def _turn(before: Point, here: Point, after: Point) -> float:
     )
 
 
-def _convex(loop: _Loop, flat: Corners) -> bool:
-    return all(_turn(flat[a], flat[b], flat[c]) > -STRAIGHT for a, b, c in _corners(loop))
+def _convex(loop: _Loop, flat: _Corners) -> bool:
+    return all(_turn(flat[a], flat[b], flat[c]) > -_STRAIGHT for a, b, c in _corners(loop))
 
 
-def _straightened(loop: _Loop, flat: Corners) -> _Loop:
+def _straightened(loop: _Loop, flat: _Corners) -> _Loop:
     """The loop without corners on a straight line."""
     return [
-        corner for corner, turn in zip(loop, _turns(loop, flat), strict=True) if turn > STRAIGHT
+        corner for corner, turn in zip(loop, _turns(loop, flat), strict=True) if turn > _STRAIGHT
     ]
 
 
@@ -170,9 +170,9 @@ _ROUNDED_M = 1e-3
 """Nor is a corner of one that neighbours make up whose corners were rounded [m]."""
 _SNAP_M = 1e-8
 """Corners of a facet are moved by up to half of this to fit each other [m]."""
-CRACK_M = 2e-5
+_CRACK_M = 2e-5
 """Cracks between triangles of a facet that are no wider are closed [m]."""
-ROUNDS = 20
+_ROUNDS = 20
 """After these, what is left of triangles that bend away from their neighbours stays single."""
 
 
@@ -243,12 +243,12 @@ class FlatPiece:
     certainty: Certainty | None = None
 
     def pieces(self, least_m: float) -> Iterator[Array]:
-        """Convex pieces that are wide everywhere, see ``wide``."""
+        """Convex pieces that are wide everywhere, see ``_wide``."""
         yield from (
             piece
             for part in parts_of(self.polygon)
             for piece in _convex_pieces(part)
-            if wide(piece, least_m)
+            if _wide(piece, least_m)
         )
 
     def patches(self, least_m: float, friction: float) -> Iterator[Patch]:
@@ -274,7 +274,7 @@ def parts_of(polygon: Any) -> list[Any]:
     return [part for part in parts if part.geom_type == "Polygon" and part.area > _SNAP_M**2]
 
 
-def wide(piece: Array, least_m: float) -> bool:
+def _wide(piece: Array, least_m: float) -> bool:
     """Tell whether a convex piece is wide enough, and wider than a thousandth of its length."""
     return width(piece) > max(least_m, 1e-3 * float(np.ptp(piece, axis=0).max()))
 
@@ -318,7 +318,7 @@ def _united(triangles: Any) -> Any:
     shapely = shapely_module()
     whole = shapely.union_all(triangles, grid_size=_SNAP_M)
     if whole.geom_type != "Polygon" or len(whole.interiors):
-        closed = whole.buffer(CRACK_M, join_style="mitre").buffer(-CRACK_M, join_style="mitre")
+        closed = whole.buffer(_CRACK_M, join_style="mitre").buffer(-_CRACK_M, join_style="mitre")
         whole = closed if closed.area > 0.0 else whole
     whole = whole.simplify(_SNAP_M)
     notched = whole.convex_hull.area - whole.area > _SNAP_M
@@ -334,7 +334,7 @@ def _joined(
     pairs = edge_pairs(triangles)
     pairs = pairs[_agree(normals, *pairs.T)]
     labels, left, count = np.full(len(corners), -1), np.arange(len(corners)), 0
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         if not len(left):
             break
         within = np.full(len(corners), -1)

@@ -42,7 +42,7 @@ WIDE = np.array([(-4.0, -4.0, -np.inf), (4.0, 4.0, np.inf)])
 for _box in (SCENE, WIDE):
     _box.setflags(write=False)
 Shape = Callable[[Array, Array], Array]
-Draw = Callable[..., Terrain | Sequence[Patch] | Shape]
+_Draw = Callable[..., Terrain | Sequence[Patch] | Shape]
 """A function of a level and a generator that gives a ground: a terrain; its surfaces, where all of
 it is level on the whole and to stand on; or h of x and y. Polygons go on to an ``extent``, a box as
 ``WIDE``, where it takes one by that name."""
@@ -59,11 +59,11 @@ class Family:
     """
 
     quantity: str
-    draw: Draw
+    draw: _Draw
     walked: bool = True
 
 
-LEAST_M = 1e-3
+_LEAST_M = 1e-3
 """A riser lower than this is none [m]."""
 
 
@@ -78,7 +78,7 @@ def _stairs(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
             (step + phase) * run,
             (step + 0.5 + phase) * riser,
         )  # the mean goes through the origin
-        if riser > LEAST_M and step > first:
+        if riser > _LEAST_M and step > first:
             patches.append(_riser(x, height - riser, height, friction, half))
             footing.append(False)
         patches.append(_level(x, x + run, -half, half, height, friction))
@@ -95,11 +95,11 @@ def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
         rng.uniform(-0.5, 0.5, (_STONES, _STONES, 2)),
         rng.uniform(-1.0, 1.0, (_STONES, _STONES)),
     )
-    side, apart = _STONE_M[0] + (_STONE_M[1] - _STONE_M[0]) * level, APART_M * level
+    side, apart = _STONE_M[0] + (_STONE_M[1] - _STONE_M[0]) * level, _APART_M * level
     pitch = side + apart
     if extent is not SCENE:
-        shifts = _within(rng.uniform(-0.5, 0.5, (FAR, FAR, 2)), shifts)
-        tops = _within(rng.uniform(-1.0, 1.0, (FAR, FAR)), tops)
+        shifts = _within(rng.uniform(-0.5, 0.5, (_FAR, _FAR, 2)), shifts)
+        tops = _within(rng.uniform(-1.0, 1.0, (_FAR, _FAR)), tops)
     patches = []
     for i, j in np.ndindex(tops.shape):
         middle = (np.array([i, j]) - len(tops) // 2 + phase) * pitch + 0.5 * apart * shifts[i, j]
@@ -120,7 +120,7 @@ def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
 def _gaps(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     low_x, high_x, half = _ends(extent)
     middle, friction = rng.uniform(0.0, 0.35), rng.uniform(0.6, 0.9)
-    gap = GAP_M * level
+    gap = _GAP_M * level
     ends = (middle - 0.5 * gap, middle + 0.5 * gap)
     spans = ((low_x, ends[0]), (ends[1], high_x))
     patches = [_level(low, high, -half, half, 0.0, friction) for low, high in spans]
@@ -143,12 +143,12 @@ def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
     )
     deviation, lean = _RUBBLE_M * level, _RUBBLE_RAD * level
     if extent is not SCENE:
-        heights = _within(rng.standard_normal((FAR, FAR)), heights)
-        leans = _within(rng.uniform(-1.0, 1.0, (FAR, FAR, 2)), leans)
+        heights = _within(rng.standard_normal((_FAR, _FAR)), heights)
+        leans = _within(rng.uniform(-1.0, 1.0, (_FAR, _FAR, 2)), leans)
     patches = []
     for i, j in np.ndindex(heights.shape):
-        low = (np.array([i, j]) - len(heights) // 2 + phase - 0.5) * BLOCK_M
-        high = low + BLOCK_M
+        low = (np.array([i, j]) - len(heights) // 2 + phase - 0.5) * _BLOCK_M
+        high = low + _BLOCK_M
         if _outside(low, high, extent):
             continue
         slope = np.tan(lean * leans[i, j])
@@ -162,7 +162,7 @@ def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
 
 def _slopes(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
     low_x, high_x, half = _ends(extent)
-    friction, angle = rng.uniform(0.4, 0.8), SLOPE_RAD * level
+    friction, angle = rng.uniform(0.4, 0.8), _SLOPE_RAD * level
     rise = float(np.tan(angle))
     corners = np.array([(x, y, rise * x) for x, y in _around(low_x, high_x, -half, half)])
     return Terrain(
@@ -189,17 +189,17 @@ def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Ter
     return Terrain(patches=tuple(patches), footing=(True, True), rise=None, figures=figures)
 
 
-_STONES, FAR = 15, 41
+_STONES, _FAR = 15, 41
 """Stones and blocks along each axis of a scene and of all the ground, before those outside are left
 out."""
 _RISER_M = 0.5
-_STONE_M, APART_M, _STONE_TOP_M = (0.25, 0.05), 0.60, 0.05
-GAP_M = 1.0
+_STONE_M, _APART_M, _STONE_TOP_M = (0.25, 0.05), 0.60, 0.05
+_GAP_M = 1.0
 _BEAM_M, _BEAM_OFFSET_M = (1.2, 0.04), 0.3
-BLOCK_M, _RUBBLE_M, _RUBBLE_RAD = 0.4, 0.6, 0.8
-SLOPE_RAD = 0.8
+_BLOCK_M, _RUBBLE_M, _RUBBLE_RAD = 0.4, 0.6, 0.8
+_SLOPE_RAD = 0.8
 _WALLS_M = (0.56, 1.06)
-TERRAIN_FAMILIES: Registry[Family | Draw] = Registry(
+TERRAIN_FAMILIES: Registry[Family | _Draw] = Registry(
     "family",
     "stancekit.families",
     {
@@ -339,7 +339,7 @@ def terrain_family(name: str) -> Family:
     return Family(quantity=" ".join(first.split()), draw=family)
 
 
-def _goes_on(draw: Draw) -> bool:
+def _goes_on(draw: _Draw) -> bool:
     """Tell whether a family's polygons go on as far as they are asked to."""
     try:
         return "extent" in signature(draw).parameters

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from .triangle_mesh import TriangleMesh
 
 
-HALF_WIDTH_M, SHARE = 6e-4, 0.05
+_HALF_WIDTH_M, SHARE = 6e-4, 0.05
 """Half the width of a rung's line: this, or this share of the radius where that is more [m]."""
-SIDES = np.array([0.0, 0.6, 1.2, 1.8])
+_SIDES = np.array([0.0, 0.6, 1.2, 1.8])
 """Angles from the line at which the flat sides of a rung that limbs keep out of begin and end
 [rad]."""
 
@@ -70,7 +70,7 @@ class Rung:
     @property
     def half_width_m(self) -> float:
         """Half the width of the line that a toe may be on [m]."""
-        return max(HALF_WIDTH_M, SHARE * self.radius_m)
+        return max(_HALF_WIDTH_M, SHARE * self.radius_m)
 
     @property
     def turn_rad(self) -> float:
@@ -91,7 +91,7 @@ class Rung:
     def sides(self, low_m: float, high_m: float, friction: float) -> tuple[Patch, ...]:
         """The upper half and some more of the surface as flat patches, which limbs keep out of."""
         patches = []
-        for begin, end in pairwise(SIDES):
+        for begin, end in pairwise(_SIDES):
             middle, half = 0.5 * (begin + end), self.radius_m * np.sin(0.5 * (end - begin))
             patches += [
                 self._patch(sign * middle, half, low_m, high_m, friction) for sign in (-1.0, 1.0)
@@ -121,20 +121,20 @@ class Rung:
         )
 
 
-SLOPE_RAD = 0.6
+_SLOPE_RAD = 0.6
 """About the friction cone of μ = .68."""
-FOOT_M = 0.02
+_FOOT_M = 0.02
 """Radius of a foot where no robot says otherwise [m]."""
 FRICTION = 0.8
 """Coefficient of a terrain where nobody says another."""
-CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
+_CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
 REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "round", "hole")
 """Why a surface is no foothold: its slope; something else within the clearance above it; a solid
 around it; off every plane; nearer to a border than the margin; narrower than a foot; beside the
 line of a rung; not measured."""
 
 
-Length = Annotated[float, Within(least=0.0, most=10.0)]
+_Length = Annotated[float, Within(least=0.0, most=10.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,10 +143,10 @@ class FootholdLimits:
 
     Arguments:
         slope_rad: largest angle between the surface's normal and the vertical [rad].
-        clearance_m: what is free above the surface, along its normal; None for ``CLEARANCE_M`` of
+        clearance_m: what is free above the surface, along its normal; None for ``_CLEARANCE_M`` of
             a robot of size 1, and as much more or less as it is larger or smaller [m].
         margin_m: of every foothold from the borders of its surface; None for the radius of the
-            robot's foot, or ``FOOT_M`` by its size where nobody says what that is [m].
+            robot's foot, or ``_FOOT_M`` by its size where nobody says what that is [m].
         width_m: least width of what is left; None likewise [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
         noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
@@ -163,12 +163,12 @@ class FootholdLimits:
         0.03
     """
 
-    slope_rad: Annotated[float, Within(least=0.0, most=np.pi)] = SLOPE_RAD
-    clearance_m: Length | None = None
-    margin_m: Length | None = None
-    width_m: Length | None = None
+    slope_rad: Annotated[float, Within(least=0.0, most=np.pi)] = _SLOPE_RAD
+    clearance_m: _Length | None = None
+    margin_m: _Length | None = None
+    width_m: _Length | None = None
     roughness_m: Annotated[float, Within(above=0.0, most=1.0)] = ROUGHNESS_M
-    noise_m: Length | None = None
+    noise_m: _Length | None = None
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -177,24 +177,24 @@ class FootholdLimits:
         """These limits, what is None of them filled in for a foot of this radius, 0 where nobody
         says it, and a robot of this size.
         """
-        foot = radius_m or FOOT_M * size
-        usual = {"margin_m": foot, "width_m": foot, "clearance_m": CLEARANCE_M * size}
+        foot = radius_m or _FOOT_M * size
+        usual = {"margin_m": foot, "width_m": foot, "clearance_m": _CLEARANCE_M * size}
         return replace(self, **{k: v for k, v in usual.items() if getattr(self, k) is None})
 
     @property
     def inset_m(self) -> float:
-        """The margin, of ``FOOT_M`` where it is None [m]."""
-        return FOOT_M if self.margin_m is None else self.margin_m
+        """The margin, of ``_FOOT_M`` where it is None [m]."""
+        return _FOOT_M if self.margin_m is None else self.margin_m
 
     @property
     def least_m(self) -> float:
         """The least width likewise [m]."""
-        return FOOT_M if self.width_m is None else self.width_m
+        return _FOOT_M if self.width_m is None else self.width_m
 
     @property
     def headroom_m(self) -> float:
         """What is free above, likewise [m]."""
-        return CLEARANCE_M if self.clearance_m is None else self.clearance_m
+        return _CLEARANCE_M if self.clearance_m is None else self.clearance_m
 
     @property
     def rms_m(self) -> float:

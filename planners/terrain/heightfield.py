@@ -22,7 +22,7 @@ FEWEST = 4
 WIDEST_M = 200.0
 """No terrain of a legged robot spans more [m]; one that does is a file in millimetres."""
 MOST_POINTS = 4_000_000
-STEP_M = 0.05
+_STEP_M = 0.05
 """Distance of the places at which the steepest is looked for [m]."""
 
 
@@ -152,7 +152,7 @@ class HeightField:
     def steepest(self) -> float:
         """The largest gradient over a grid of 5 cm on the domain, non-dimensional."""
         (x, along_x), (y, along_y) = (
-            [basis.matrix(np.arange(low, high + 0.5 * STEP_M, STEP_M), order) for order in (0, 1)]
+            [basis.matrix(np.arange(low, high + 0.5 * _STEP_M, _STEP_M), order) for order in (0, 1)]
             for basis, (low, high) in zip(self._bases, self.domain_m, strict=True)
         )
         slopes = (along_x @ self._coefficients @ y.T, x @ self._coefficients @ along_y.T)

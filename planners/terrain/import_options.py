@@ -16,7 +16,7 @@ from ..files.arrays import Array, checked
 Kind = Literal["mesh", "grid", "cloud"]
 Holes = Literal["no-go", "fill"]
 _UPS = ("x", "y", "z")
-KINDS: tuple[Kind, ...] = ("mesh", "grid", "cloud")
+_KINDS: tuple[Kind, ...] = ("mesh", "grid", "cloud")
 SUFFIXES_OF: dict[Kind, tuple[str, ...]] = {
     "grid": (".npy", ".npz", ".csv", ".png"),
     "mesh": (".stl", ".obj", ".ply", ".dae", ".off", ".glb", ".xml"),
@@ -27,7 +27,7 @@ SUFFIXES = tuple(suffix for suffixes in SUFFIXES_OF.values() for suffix in suffi
 _HOLES: tuple[Holes, ...] = ("no-go", "fill")
 MOST_TRIANGLES = 200_000
 """Most triangles of a mesh, unless it is said otherwise."""
-WIDEST_M = 200.0
+_WIDEST_M = 200.0
 """No terrain of a legged robot spans more [m]; one that does is a file in millimetres."""
 OTHER_UNIT = "see unit_m, the length of the file's unit"
 """Hint for sizes that no terrain has: which unit it is they do not tell."""
@@ -66,12 +66,12 @@ class ImportOptions:
     most_triangles: int = MOST_TRIANGLES
 
     def __post_init__(self) -> None:
-        for name, known in (("kind", (None, *KINDS)), ("up", _UPS), ("holes", _HOLES)):
+        for name, known in (("kind", (None, *_KINDS)), ("up", _UPS), ("holes", _HOLES)):
             if getattr(self, name) not in known:
                 words = ", ".join(word for word in known if word)
                 raise InvalidInput(f"{name}: expected one of {words}, got {getattr(self, name)!r}")
         checked(self.unit_m, "unit_m", above=0.0)
-        checked(self.spacing_m, "spacing_m", above=0.0, most=WIDEST_M)
+        checked(self.spacing_m, "spacing_m", above=0.0, most=_WIDEST_M)
         if isinstance(self.most_triangles, bool) or self.most_triangles < 1:
             raise InvalidInput(f"most_triangles: expected 1 or more, got {self.most_triangles}")
         if len(self.offset_m) != 3 or not np.all(np.isfinite(self.offset_m)):

@@ -19,20 +19,20 @@ from scipy.sparse.csgraph import connected_components
 from ..files.arrays import Array
 from .correlation import GroundCells, Labels, Noise, boxed, residuals
 
-WINDOW_M, FEWEST = 0.06, 2
+_WINDOW_M, _FEWEST = 0.06, 2
 """Half width of the window that a step is looked for in [m], and the fewest cells."""
 _SEEN = 4.0
 """Steps are seen that are so many deviations high."""
 _RESIDUE = 0.02
 """Share of the variance that is taken for white at least: no noise is as smooth as its model."""
-_MEDIAN, ENOUGH = 0.6745, 40
+_MEDIAN, _ENOUGH = 0.6745, 40
 """Half of all values of a normal distribution are within so many deviations; and the number of
 windows from which the deviation is estimated."""
 
 
 def half_window(spacing_m: float) -> int:
     """Half width of the window in cells."""
-    return max(round(WINDOW_M / spacing_m), FEWEST)
+    return max(round(_WINDOW_M / spacing_m), _FEWEST)
 
 
 def windows(noise: Noise, spacing_m: float) -> Iterator[tuple[Array, float]]:
@@ -90,7 +90,7 @@ def hidden_edges(
         inside = (whole >= 0) & (whole == maximum_filter(usable, shape, mode="constant", cval=-1))
         if not inside.any():
             continue
-        if np.count_nonzero(inside) >= ENOUGH:
+        if np.count_nonzero(inside) >= _ENOUGH:
             deviation = float(np.median(size[inside])) / _MEDIAN
         unseen.append(deviation)
         beside_edges |= inside & (size > _SEEN * deviation)
@@ -103,15 +103,15 @@ OFF = 1e-3
 """Distance of a sample from its triangle, as a share of the root of the triangle's area."""
 ROOM_M = 0.4
 """A solid that is narrower along an axis has no room inside for a robot [m]."""
-FLAT = 1e-6
+_FLAT = 1e-6
 """A surface is flat where the sum of its areas as vectors is shorter than that of their lengths by
 no larger a share."""
-SAMPLES = 3
+_SAMPLES = 3
 """Triangles of a piece, its largest ones, that are looked at."""
-FINEST, _MOST_ENTRIES = 512, 4_000_000
+_FINEST, _MOST_ENTRIES = 512, 4_000_000
 """Cells along each side of the table of triangles that rays are looked up in, and its entries, at
 most."""
-MOST_PAIRS = 20_000_000
+_MOST_PAIRS = 20_000_000
 """Rays times triangles near them that are looked at; what is beyond, on the smallest triangles, is
 not judged."""
 _RAY = np.array(
@@ -187,7 +187,7 @@ def one_sided(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.i
     areas = np.bincount(piece, np.linalg.norm(doubles, axis=1))
     sums = np.stack([np.bincount(piece, each) for each in doubles.T], axis=1)
     closed = _balanced(piece[owner], edge, np.where(ahead, 1, -1))
-    flat = np.linalg.norm(sums, axis=1) > (1.0 - FLAT) * areas
+    flat = np.linalg.norm(sums, axis=1) > (1.0 - _FLAT) * areas
     volume = np.bincount(piece, _volumes(corners, triangles[both]))
     inner = np.where(closed, volume < 0.0, ~flat & (sums[:, 2] < 0.0))
     rooms = 0
@@ -226,7 +226,7 @@ def _inside_out(
     areas = 0.5 * np.linalg.norm(normals, axis=1)
     order = np.lexsort((-areas, piece))
     rank = np.arange(len(order)) - np.searchsorted(piece[order], piece[order])
-    samples = order[(rank < SAMPLES) & np.isin(piece[order], suspects)]
+    samples = order[(rank < _SAMPLES) & np.isin(piece[order], suspects)]
     samples = samples[np.argsort(-areas[samples], kind="stable")]
     off = (
         OFF * np.sqrt(areas[samples])[:, None] * normals[samples] / (2.0 * areas[samples])[:, None]
@@ -307,7 +307,7 @@ def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
     turned, rays = surface @ _RAY, points @ _RAY
     flat, low = turned[:, :, :2], turned[:, :, :2].min(axis=(0, 1))
     size = np.maximum(flat.max(axis=(0, 1)) - low, 1e-9) * (1.0 + 1e-9)
-    cells = FINEST
+    cells = _FINEST
     while True:
         first, last = (
             ((edge - low) / size * cells).astype(int)
@@ -328,7 +328,7 @@ def _winding(surface: Array, points: Array) -> NDArray[np.int_]:
     place = ((rays[:, :2] - low) / size * cells).astype(int).clip(-1, cells) @ [cells, 1]
     begin = np.searchsorted(cell, place)
     near = np.searchsorted(cell, place, side="right") - begin
-    near = np.where(np.cumsum(near) <= MOST_PAIRS, near, 0)
+    near = np.where(np.cumsum(near) <= _MOST_PAIRS, near, 0)
     ray = np.repeat(np.arange(len(rays)), near)
     triangles_of_ray = owner[begin[ray] + np.arange(len(ray)) - (np.cumsum(near) - near)[ray]]
     sides = turned[triangles_of_ray] - rays[ray][:, None]

@@ -16,16 +16,16 @@ from .correlation import GroundCells, Labels, block_squares, boxed, fitted, sums
 from .footholds import TerrainPatch
 from .polygon import half_planes
 
-BLOCK_M = 0.08
+_BLOCK_M = 0.08
 """Side of the blocks by whose means a surface is held against its plane: about what a foot and its
 path need [m]."""
 _PATH_M = 0.15
 """Side of the squares of cells by which a piece is held against its plane, 3 cells at least [m]."""
-UNSEEN = 0.5
+_UNSEEN = 0.5
 """How many of its own deviations the mean square of what a piece is off its plane may be larger than it seems."""
-KNOWN = 4.0
+_KNOWN = 4.0
 """The noise counts as much as so many blocks beside those of a surface."""
-LEVEL_M = 1e-3
+_LEVEL_M = 1e-3
 """Exact heights that are off their plane by no more are on it to a foot [m]."""
 LEAST_STEP_M, _BLURRED = 0.01, 1.5
 """A step lower than this is no edge to a foot [m]; and the most that noise moves an edge, in
@@ -67,9 +67,9 @@ def certainties(
     sums = sums_of(labels[i, j], cells.moments[:, i, j], count)
     one = np.maximum(sums[0], cells.weight)
     middle = sums[1:3] / one
-    squares, blocks = block_squares(labels, cells, planes, max(round(BLOCK_M / spacing), 1))
+    squares, blocks = block_squares(labels, cells, planes, max(round(_BLOCK_M / spacing), 1))
     freedom = np.maximum(blocks - 3.0, 0.0)
-    mean_square = (KNOWN * noise_m**2 + squares) / (KNOWN + freedom)
+    mean_square = (_KNOWN * noise_m**2 + squares) / (_KNOWN + freedom)
     if cells.weight < 1.0:  # blocks are not wider than the noise is alike
         mean_square = np.maximum(mean_square, noise_m**2)
     each = 1.0 if looked else 1.0 / cells.weight
@@ -115,7 +115,7 @@ def roughnesses(labels: Labels, cells: GroundCells, margin_m: float) -> list[Cer
     np.maximum.at(largest, labels[own], np.abs(_off_planes(labels, cells, planes))[own])
     return [
         None
-        if largest[k] <= LEVEL_M
+        if largest[k] <= _LEVEL_M
         else Certainty(
             about_m=cells.corner_m[:2],
             covariance=np.zeros((3, 3)),
@@ -163,7 +163,7 @@ def with_local(
         inside = _cells_in(piece, own, cells)
         off_m2, chance_m2 = excess_m2[:, *inside.T].mean(axis=1) if len(inside) else (0.0, 0.0)
         paths = max(len(inside) * (cells.spacing_m / _PATH_M) ** 2, 1.0)
-        rough_m2 = max(off_m2 + UNSEEN * chance_m2 * np.sqrt(2.0 / paths), 0.0)
+        rough_m2 = max(off_m2 + _UNSEEN * chance_m2 * np.sqrt(2.0 / paths), 0.0)
         result.append(_no_smoother(piece, float(np.sqrt(rough_m2))))
     return result
 

@@ -53,31 +53,31 @@ from .noisy_surfaces import COARSE_SD_M, LARGEST_M, correlated_surfaces, halves_
 from .patch import Patch
 from .polygon import SMALLEST_M
 
-WINDOW_M = 0.06
+_WINDOW_M = 0.06
 """Half width of the window of a cell's plane [m]."""
-FEWEST, MOST = 2, 5
+_FEWEST, _MOST = 2, 5
 """Cells in it to each side."""
-ROUNDS, LLOYD = 12, 4
+_ROUNDS, _LLOYD = 12, 4
 """How often surfaces are parted, and how often cells choose the nearer of two planes then."""
 TURN_RAD = 0.12
 """Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise
 [rad]."""
-OFF, ALONE = 2.5, 3.0
+OFF, _ALONE = 2.5, 3.0
 """Cells are on a plane up to this many rms, and those that it is all about, or that were of it, up
 to so many."""
-FEWEST_CELLS = 4
+_FEWEST_CELLS = 4
 """Surfaces of fewer do not grow."""
-TWO = 0.5
+_TWO = 0.5
 """Two planes are far nearer than one if their rms is less than this share of its."""
 _NARROWEST_M = 0.08
 """Halves that are narrower in the mean are waves of one surface [m]."""
-HIDDEN = 0.5
+_HIDDEN = 0.5
 """A step that is not seen is this many of its deviations high, from place to place."""
-QUIET = 0.25
+_QUIET = 0.25
 """Noise below this share of the roughness is a part of it."""
 _FLATTEST = 0.02
 """Heights without noise are off a narrow strip by no more than this share of the roughness."""
-STRAIGHT = 0.25
+_STRAIGHT = 0.25
 """The outline that bodies keep out of is made simpler by no more than this, in cells."""
 _POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
@@ -144,8 +144,8 @@ def _planes_of(
     noise_m = noise.deviation_m
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
-    noisy = cells.sparse or noise_m > QUIET * limits.roughness_m
-    quiet_m = QUIET * limits.roughness_m
+    noisy = cells.sparse or noise_m > _QUIET * limits.roughness_m
+    quiet_m = _QUIET * limits.roughness_m
     unseen_m = 0.0
     if noise.correlated:
         least = replace(noise, deviation_m=max(noise_m, quiet_m), near_m=max(noise.near_m, quiet_m))
@@ -156,7 +156,7 @@ def _planes_of(
         labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
         labels = _without_steps(labels, heights)
         labels = np.where(
-            np.append(np.bincount(labels[labels >= 0], minlength=1) < FEWEST_CELLS, False)[labels],
+            np.append(np.bincount(labels[labels >= 0], minlength=1) < _FEWEST_CELLS, False)[labels],
             -1,
             labels,
         )
@@ -196,7 +196,7 @@ def _planes_of(
     )
     refused["hole"] = float(spacing**2 * (~known & ~barred & (labels < 0)).sum())
     bumps_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
-    shape_m = float(np.hypot(bumps_m, HIDDEN * unseen_m))
+    shape_m = float(np.hypot(bumps_m, _HIDDEN * unseen_m))
     sure = (
         certainties(labels, cells, noise_m, limits.inset_m, shape_m, looked=unseen_m > 0.0)
         if noisy
@@ -248,7 +248,7 @@ def _planes_of(
         if facet.certainty is not None and not noisy:
             whole = replace(facet.certainty, wider_m=spacing)
         elif facet.certainty is not None:
-            wider = (facet.certainty.inset_m - limits.inset_m) / spacing + STRAIGHT
+            wider = (facet.certainty.inset_m - limits.inset_m) / spacing + _STRAIGHT
             whole = replace(facet.certainty, wider_m=wider * spacing)
         outer = _outline(labels[where] == number, corner, spacing, plane, wider)
         outline_of = replace(facet, polygon=outer).patches(SMALLEST_M, friction)
@@ -336,7 +336,7 @@ def _cells_of(
     noise = heard
     if noise is None and stated_m != 0.0:
         noise = correlated_noise(cells, stated_m)
-    if noise is None or noise.deviation_m < 2.0 * QUIET * limits.roughness_m:
+    if noise is None or noise.deviation_m < 2.0 * _QUIET * limits.roughness_m:
         return cells, Noise(deviation_m=noise_m)
     return _counted(cells, noise), noise
 
@@ -373,7 +373,7 @@ def _outline(
         parts = [_inner(polygon) for polygon in polygons]
     else:
         parts = [
-            polygon.buffer(wider, join_style="mitre").simplify(STRAIGHT) for polygon in polygons
+            polygon.buffer(wider, join_style="mitre").simplify(_STRAIGHT) for polygon in polygons
         ]
     slopes = -plane.normal[:2] / plane.normal[2]
 
@@ -404,7 +404,7 @@ def _surfaces(
     heights: Array, known: NDArray[np.bool_], spacing: float, limits: FootholdLimits
 ) -> Labels:
     """The surface of every cell, −1 for none, by the planes about cells."""
-    half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
+    half = int(np.clip(round(_WINDOW_M / spacing), _FEWEST, _MOST))
     moments = _windowed(heights, known, half)
     plane, rms = solved(np.stack(moments))
     slope = np.hypot(plane[0], plane[1]) / spacing
@@ -521,22 +521,22 @@ def _parted(
         smooth: heights by the planes about cells.
         narrowest: cells across the halves, in the mean, of surfaces that are within it as they are.
     """
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         planes, rms, count = _fitted(labels, heights)
-        bent, coarse = rms > most_rms * _slack(count), rms > QUIET * most_rms
+        bent, coarse = rms > most_rms * _slack(count), rms > _QUIET * most_rms
         if not coarse.any():
             break
         i, j = np.nonzero((labels >= 0) & np.append(coarse, False)[labels])
         number, z = labels[i, j], smooth[i, j]
         x, y = i.astype(float), j.astype(float)
         side = halves_of(number, x, y, len(planes))
-        for _ in range(LLOYD):
+        for _ in range(_LLOYD):
             both, _ = solved(_moments_of(2 * number + side, x, y, z, 2 * len(planes)))
             planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
             off = np.abs(planes_of[0] * x + planes_of[1] * y + planes_of[2] - z)
             side = (off[1] < off[0]).astype(int)
         squares = np.bincount(number, off.min(axis=0) ** 2, minlength=len(planes))
-        two = np.sqrt(squares / np.maximum(count, 1)) < TWO * rms
+        two = np.sqrt(squares / np.maximum(count, 1)) < _TWO * rms
         halves = np.full(labels.shape, -1)
         halves[i, j] = 2 * number + side
         apart = bent | (coarse & two & (_borders(halves, len(planes)) * narrowest <= count))
@@ -567,16 +567,16 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
     """Surfaces that take in cells at their borders which are on their planes, within what their own
     are off them, as far as the windows reached.
     """
-    half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
+    half = int(np.clip(round(_WINDOW_M / spacing), _FEWEST, _MOST))
     planes, rms, _ = _fitted(labels, heights)
     if not len(planes):
         return labels
     sizes = np.bincount(labels[labels >= 0], minlength=len(planes))
     i, j = np.indices(labels.shape, dtype=np.float64)
     a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
-    near_m = np.clip(rms, QUIET * limits.rms_m, limits.rms_m)
+    near_m = np.clip(rms, _QUIET * limits.rms_m, limits.rms_m)
     off = np.abs(a * i + b * j + c - heights)
-    labels = np.where(off <= ALONE * near_m[np.maximum(labels, 0)], labels, -1)
+    labels = np.where(off <= _ALONE * near_m[np.maximum(labels, 0)], labels, -1)
     open_ = np.isfinite(heights) & (labels < 0)
     reach = half + half // 2  # across the grid edges are farther away than along it
     for turn in range(reach + 3):
@@ -587,7 +587,7 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
             )
             open_ = np.isfinite(heights) & ((labels < 0) | (alike <= 1))
         best, least = np.full(labels.shape, -1), np.full(labels.shape, np.inf)
-        most_m = (OFF if turn <= reach else ALONE) * near_m
+        most_m = (OFF if turn <= reach else _ALONE) * near_m
         votes = np.zeros(labels.shape, dtype=np.int_)
         for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
             near = _shifted(labels, axis, shift)
@@ -596,7 +596,7 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
             off = np.abs(a * i + b * j + c - heights)
             votes += near == best
             better = open_ & (near >= 0) & (off < np.minimum(least, most_m[of]))
-            better &= sizes[of] >= FEWEST_CELLS
+            better &= sizes[of] >= _FEWEST_CELLS
             best[better], least[better] = near[better], off[better]
         chosen = (best >= 0) if turn <= reach else (best >= 0) & (votes >= 2)
         labels[chosen] = best[chosen]

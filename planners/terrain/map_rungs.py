@@ -19,23 +19,23 @@ from .facets import connected
 from .footholds import FootholdLimits, Rung, TerrainPatch, held_on_both_sides
 from .patch import Patch
 
-SLIMMEST_M, WIDEST_M = 8e-3, 0.06
+_SLIMMEST_M, _WIDEST_M = 8e-3, 0.06
 """Radii of rungs that a map shows [m]."""
-STEEPEST, NOISES = 2.5, 6.0
+_STEEPEST, _NOISES = 2.5, 6.0
 """Cells beside each other are of one bar up to this slope, and so many deviations of the noise more."""
-LONG, ROWS = 3.0, 3
+LONG, _ROWS = 3.0, 3
 """A rung is so many times as long as wide, and so many cells wide."""
-ROUND = 0.03
+_ROUND = 0.03
 """Heights are off the cylinder by no more, in radii, beside the noise."""
-BENT, _NOISY = 0.08, 0.3
+_BENT, _NOISY = 0.08, 0.3
 """Heights are off a plane by so many radii more than off the cylinder; and the most noise, in radii: with more the
 cylinder that fits is not where the rung is."""
-ARC_RAD = 0.7
+_ARC_RAD = 0.7
 """A rung's surface is seen so far to both sides of its line [rad]."""
-SURE, KNOWN = 3.0, 0.3
+_SURE, _KNOWN = 3.0, 0.3
 """Deviations of the place of the line across that a foot may be off it, and the most in radii."""
-STEPS = 30
-NEAR, LUMP_SD = 1.5, 4.0
+_STEPS = 30
+_NEAR, _LUMP_SD = 1.5, 4.0
 """Heights within so many cells along the line are looked at together, whose mean is off the cylinder by no more than so
 many times a rung's, and deviations of the noise's mean."""
 
@@ -115,7 +115,7 @@ def map_rungs(
     number[i, j] = np.arange(len(i))
     heights = cells.heights
     most = (
-        STEEPEST * spacing + NOISES * noise_m / np.sqrt(max(cells.moments[0][free].mean(), 1.0))
+        _STEEPEST * spacing + _NOISES * noise_m / np.sqrt(max(cells.moments[0][free].mean(), 1.0))
         if len(i)
         else 0.0
     )
@@ -133,7 +133,7 @@ def map_rungs(
     rungs = list[MapRung]()
     for k in range(count):
         members = order[first[k] : first[k + 1]]
-        if len(members) < LONG * ROWS * ROWS:
+        if len(members) < LONG * _ROWS * _ROWS:
             continue
         mask = np.zeros(free.shape, dtype=bool)
         mask[i[members], j[members]] = True
@@ -166,9 +166,11 @@ def _seen(
     from_axis = points_m - bar.middle_m + bar.radius_m * bar.upright
     length = from_axis @ bar.axis
     off = np.linalg.norm(from_axis - length[:, None] * bar.axis, axis=1) - bar.radius_m
-    near = weights * (np.abs(along[:, None] - length) <= NEAR * spacing)
+    near = weights * (np.abs(along[:, None] - length) <= _NEAR * spacing)
     count = near.sum(axis=1)
-    most = np.hypot(NEAR * ROUND * bar.radius_m, LUMP_SD * noise_m / np.sqrt(np.maximum(count, 1)))
+    most = np.hypot(
+        _NEAR * _ROUND * bar.radius_m, _LUMP_SD * noise_m / np.sqrt(np.maximum(count, 1))
+    )
     seen &= np.abs(near @ off) <= most * np.maximum(count, 1e-9)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]])))
     parts = along[edges.reshape(-1, 2) - [0, 1]]
@@ -187,7 +189,7 @@ def _wide(labels: Labels, spacing: float) -> NDArray[np.bool_]:
     for u, v in ((0, 1), (2, 1), (1, 0), (1, 2)):
         edge |= inner[u : u + labels.shape[0], v : v + labels.shape[1]] != middle
     deep = distance_transform_edt(~edge) * spacing
-    numbers = np.unique(labels[(deep > WIDEST_M) & (labels >= 0)])
+    numbers = np.unique(labels[(deep > _WIDEST_M) & (labels >= 0)])
     wide[:] = np.isin(labels, numbers) & (labels >= 0)
     return wide
 
@@ -211,10 +213,10 @@ def _rung(
     bent = np.linalg.lstsq(table * root[:, None], z * root, rcond=None)[0]
     if bent[3] >= 0.0:
         return None
-    radius = float(np.clip(-0.5 / bent[3], SLIMMEST_M, WIDEST_M))
+    radius = float(np.clip(-0.5 / bent[3], _SLIMMEST_M, _WIDEST_M))
     radius = max(radius, 0.5 * float(np.ptp(across)))
     values = np.array([0.5 * (across.min() + across.max()), 0.0, z.max() - radius, bent[1], radius])
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         off, slopes = _off(values, along, across, z)
         step = np.linalg.lstsq(slopes * root[:, None], -off * root, rcond=None)[0]
         values = values + np.clip(step, -0.3 * radius, 0.3 * radius)
@@ -223,19 +225,21 @@ def _rung(
     off, slopes = _off(values, along, across, z)
     rms = float(np.sqrt(np.average(off**2, weights=weights)))
     v0, turn, top, rise, radius = values.tolist()
-    if not SLIMMEST_M <= radius <= WIDEST_M or not np.isfinite(values).all():
+    if not _SLIMMEST_M <= radius <= _WIDEST_M or not np.isfinite(values).all():
         return None
-    if rms > np.hypot(ROUND * radius, 1.2 * noise_m / np.sqrt(max(weights.mean(), 1.0))):
+    if rms > np.hypot(_ROUND * radius, 1.2 * noise_m / np.sqrt(max(weights.mean(), 1.0))):
         return None
-    if noise_m > _NOISY * radius or off_plane**2 - rms**2 < (BENT * radius) ** 2:
+    if noise_m > _NOISY * radius or off_plane**2 - rms**2 < (_BENT * radius) ** 2:
         return None
     beside = across - v0 - turn * along
-    if min(beside.max(), -beside.min()) < np.sin(ARC_RAD) * radius or abs(rise) > np.tan(slope_rad):
+    if min(beside.max(), -beside.min()) < np.sin(_ARC_RAD) * radius or abs(rise) > np.tan(
+        slope_rad
+    ):
         return None
     inverse = np.linalg.pinv((slopes * weights[:, None]).T @ slopes)
     covariance = max(rms**2 * max(weights.mean(), 1.0), noise_m**2) * inverse
     sd_across, sd_radius = np.sqrt(np.maximum(np.diag(covariance)[[0, 4]], 0.0))
-    if max(SURE * sd_across, sd_radius) > KNOWN * radius:
+    if max(_SURE * sd_across, sd_radius) > _KNOWN * radius:
         return None
     level = ways[:, 1] + turn * np.array([-ways[1, 1], ways[0, 1]])
     axis = np.array([*level, rise]) / np.linalg.norm([*level, rise])
@@ -254,7 +258,7 @@ def _rung(
         plane_of[0, 0] = height
         plane_of[1:, 1:] = slope * np.outer(axis[:2], axis[:2])
         certainty = Certainty(about_m=rung.middle_m[:2], covariance=plane_of)
-    aside = min((rung.half_width_m + SURE * sd_across) / radius, 1.0)
+    aside = min((rung.half_width_m + _SURE * sd_across) / radius, 1.0)
     return MapRung(
         rung=rung,
         cells=cells,

@@ -2,7 +2,7 @@
 cell, so that footholds alone are surfaces of it, and walls, poles and bars overhead would be
 nothing.
 
-1. Points of a cloud over a free height of ``FREE_M`` hang over the ground; what is below them is the ground there.
+1. Points of a cloud over a free height of ``_FREE_M`` hang over the ground; what is below them is the ground there.
 2. Cells that are far above a neighbour, or narrower than their height lets a foot stand on, are solid down to the
    ground beside them.
 3. Solid cells of about one height are covered by rectangles.
@@ -22,34 +22,34 @@ from .elevation import ElevationMap
 from .patch import Patch
 from .polygon import half_planes
 
-FREE_M = 0.25
+_FREE_M = 0.25
 """Points of a column with so much free height below them hang over the ground [m]."""
-SAME_M = 0.1
+_SAME_M = 0.1
 """The ground below what hangs over it differs by no more from that of the cells beside it [m]."""
 _BESIDES = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0))
-ROUNDS = 3
+_ROUNDS = 3
 """So many cells from ground that is seen below something the ground below it may be unseen."""
-BESIDE = 2
+_BESIDE = 2
 """What hangs over the ground does so in so many of the eight cells beside it: single points are
 noise."""
 _WALL_M = 0.3
 """Cells so far above one beside them have sides that bodies run into [m]."""
-NARROW_M, _HIGH_M, NOISES = 0.25, 0.1, 6.0
+_NARROW_M, _HIGH_M, _NOISES = 0.25, 0.1, 6.0
 """What is narrower and so far above the ground to both sides is solid [m]; more, by so many
 deviations, where there is noise. Heights within as many of a surface are on it: of a hundred thousand one is
 four off."""
-ALIKE_M = (0.05, 0.2, np.inf)
+_ALIKE_M = (0.05, 0.2, np.inf)
 """Cells whose tops and bottoms differ by no more are covered by one box [m]: the first with which
 there are no more than ``_MOST_BOXES``."""
 _MOST_BOXES = 300
 _SUNK_M = 0.01
 """Boxes on the ground end so far below their highest point, where feet may stand [m]."""
-APART_M = 5e-4
+_APART_M = 5e-4
 """Between neighbouring boxes, so that each is a body of its own [m]."""
 ROOM = 0.5
 """In a cloud in which more than this share of the ground has something over it, the ground is
 below."""
-REACH_M = 0.5
+_REACH_M = 0.5
 """Width of the ground beside what hangs over it, which is looked at together [m]."""
 
 
@@ -79,7 +79,7 @@ class Overhead:
         order = np.lexsort((points_m[:, 2], cell))
         cell, z = cell[order], points_m[order, 2]
         new = np.append(True, cell[1:] != cell[:-1])
-        gap = np.append(False, z[1:] - z[:-1] >= FREE_M) & ~new
+        gap = np.append(False, z[1:] - z[:-1] >= _FREE_M) & ~new
         if not gap.any():
             return None
         begins = np.flatnonzero(new)
@@ -102,7 +102,7 @@ class Overhead:
         hangs = (above > 0) & (under | unseen)[cell]
         under |= unseen
         near = binary_dilation(
-            under.reshape(shape), iterations=max(1, round(REACH_M / spacing_m))
+            under.reshape(shape), iterations=max(1, round(_REACH_M / spacing_m))
         ).ravel()
         corner = (first - 0.5) * spacing_m
         boxes = list[Array]()
@@ -128,7 +128,7 @@ def _as_beside(bottom: Array) -> Array:
     """
     beside = minimum_filter(bottom, size=3, mode="nearest")
     with np.errstate(invalid="ignore"):
-        alike = np.isfinite(bottom) & (bottom - beside <= 1.5 * SAME_M)
+        alike = np.isfinite(bottom) & (bottom - beside <= 1.5 * _SAME_M)
     return np.where(alike, beside, bottom)
 
 
@@ -141,9 +141,9 @@ def _together(under: NDArray[np.bool_], floor: Array) -> NDArray[np.bool_]:
         for i, j in _BESIDES:
             here = np.s_[1 + i : 1 + i + n, 1 + j : 1 + j + m]
             with np.errstate(invalid="ignore"):
-                even = np.abs(padded[here] - floor) <= SAME_M
+                even = np.abs(padded[here] - floor) <= _SAME_M
             beside += known[here] & even
-        left = under & (beside >= BESIDE)
+        left = under & (beside >= _BESIDE)
         if left.sum() == under.sum():
             return left
         under = left
@@ -154,7 +154,7 @@ def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np
     beside them.
     """
     unseen = np.zeros(under.shape, dtype=bool)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         count, height = np.zeros(under.shape), np.zeros(under.shape)
         known = np.pad(under, 1), np.pad(np.where(under, floor, 0.0), 1)
         n, m = under.shape
@@ -163,7 +163,7 @@ def _unseen(under: NDArray[np.bool_], floor: Array, lowest: Array) -> NDArray[np
             count += known[0][here]
             height += known[1][here]
         with np.errstate(invalid="ignore", divide="ignore"):
-            more = ~under & ~unseen & (count > BESIDE) & (lowest - height / count > FREE_M)
+            more = ~under & ~unseen & (count > _BESIDE) & (lowest - height / count > _FREE_M)
         if not more.any():
             break
         floor, under, unseen = (
@@ -181,7 +181,7 @@ def on_surfaces(terrain: ElevationMap, surfaces: Sequence[Patch], noise_m: float
     Arguments:
         noise_m: deviation of the heights [m].
     """
-    heights, near = terrain.heights_m, np.full(terrain.heights_m.shape, NOISES * noise_m)
+    heights, near = terrain.heights_m, np.full(terrain.heights_m.shape, _NOISES * noise_m)
     level = np.array(heights)
     for patch in surfaces:
         corners, normal = patch.vertices_m, patch.normal
@@ -215,14 +215,14 @@ def standing_boxes(terrain: ElevationMap, noise_m: float) -> Array:
     one = max(1, round(0.05 / spacing))
     low = np.where(known, heights, np.inf)
     beside = minimum_filter(low, size=2 * one + 1, mode="nearest")
-    wide = max(3, 2 * int(NARROW_M / spacing / 2) + 1)
+    wide = max(3, 2 * int(_NARROW_M / spacing / 2) + 1)
     ground = np.pad(known, wide, constant_values=True)  # as if the ground went on beyond the border
     lowest = minimum_filter(np.pad(low, wide, constant_values=np.inf), size=wide)
     lowest = np.where(ground & np.isfinite(lowest), lowest, -np.inf)
     opened = maximum_filter(lowest, size=wide)[wide:-wide, wide:-wide]
     with np.errstate(invalid="ignore"):
-        wall = known & (heights - beside > max(_WALL_M, NOISES * noise_m))
-        narrow = known & (heights - opened > max(_HIGH_M, NOISES * noise_m))
+        wall = known & (heights - beside > max(_WALL_M, _NOISES * noise_m))
+        narrow = known & (heights - opened > max(_HIGH_M, _NOISES * noise_m))
     solid = wall | narrow
     floor = np.minimum(beside, np.where(narrow, opened, np.inf))
     bottom, top = np.where(solid, floor, np.inf), np.where(solid, heights - _SUNK_M, -np.inf)
@@ -236,13 +236,13 @@ def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
     """
     bottom, top = _closed(bottom, top)
     boxes = np.zeros((0, 6))
-    for alike in ALIKE_M:
+    for alike in _ALIKE_M:
         rectangles = list(_rectangles(bottom, top, alike))
         boxes = np.array(rectangles, dtype=np.float64).reshape(-1, 6)
         if len(boxes) <= _MOST_BOXES:
             break
-    boxes[:, :2] = corner[0] + spacing * boxes[:, :2] + [APART_M, -APART_M]
-    boxes[:, 2:4] = corner[1] + spacing * boxes[:, 2:4] + [APART_M, -APART_M]
+    boxes[:, :2] = corner[0] + spacing * boxes[:, :2] + [_APART_M, -_APART_M]
+    boxes[:, 2:4] = corner[1] + spacing * boxes[:, 2:4] + [_APART_M, -_APART_M]
     boxes[:, 5] = np.maximum(boxes[:, 5], boxes[:, 4] + 2.0 * _SUNK_M)
     return boxes
 

@@ -14,7 +14,7 @@ from .mesh_formats import READERS
 from .mesh_formats.numbers import MOST_TRIANGLES, Surface, TooMany
 
 MOST_BYTES = 128_000_000
-LARGEST = 1e9
+_LARGEST = 1e9
 """A coordinate of a file in any unit."""
 
 
@@ -51,10 +51,10 @@ def read_corners(
         raise InvalidInput(
             f"{path}: expected a mesh whose triangles are of its {len(corners)} corners, got others"
         )
-    sound = np.abs(corners) <= LARGEST
+    sound = np.abs(corners) <= _LARGEST
     if not np.all(sound):
         raise InvalidInput(
-            f"{path}: expected a mesh with finite corners up to {LARGEST:g}, got {np.sum(~sound)} "
+            f"{path}: expected a mesh with finite corners up to {_LARGEST:g}, got {np.sum(~sound)} "
             "numbers that are not"
         )
     return corners, triangles

@@ -35,16 +35,16 @@ from .patch import THICKNESS_M, Patch
 from .polygon import SMALLEST_M
 from .triangle_mesh import TriangleMesh
 
-SLIMMEST_M, WIDEST_M = 4e-3, 0.25
+_SLIMMEST_M, _WIDEST_M = 4e-3, 0.25
 """Radii of rungs [m]."""
 TURN_RAD = 1.1
 """Neighbouring triangles of a rung turn by less: six sides are round, ends are apart [rad]."""
-FEWEST = 4
+_FEWEST = 4
 """Triangles of a rung."""
-STRAIGHT, BENT, ROUND = 1e-5, 0.02, 0.02
+_STRAIGHT, _BENT, _ROUND = 1e-5, 0.02, 0.02
 """The share that normals of a rung have along its axis, and the least that they have across, of
 their squares; and how far corners may be off the circle, in radii."""
-ARC_RAD = 0.3
+_ARC_RAD = 0.3
 """A rung's surface goes on to both sides of its highest line by this or more [rad]."""
 _COARSE_RAD = 0.2
 """Sides of a mesh that lean by more where the line is are taken as they are; sixteen sides are
@@ -52,7 +52,7 @@ round [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MeshRung:
+class _MeshRung:
     """A rung, the numbers of its triangles, and how far those at its highest line lean [rad]."""
 
     rung: Rung
@@ -91,7 +91,7 @@ class MeshRung:
         return float(area[steep].sum()), float(area[~steep].sum())
 
 
-def rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[MeshRung]:
+def _rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[_MeshRung]:
     """The round bars of a mesh whose axes are no steeper than this, and none of whose flat sides is
     wider than that.
     """
@@ -113,8 +113,8 @@ def rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[Mes
     )
     values, vectors = np.linalg.eigh(np.moveaxis(spread, -1, 0))
     total = values.sum(axis=1)
-    bent = (np.bincount(label, minlength=count) >= FEWEST) & (values[:, 1] > BENT * total)
-    bent &= (values[:, 0] <= STRAIGHT * total) & (np.abs(vectors[:, 2, 0]) <= np.sin(steepest_rad))
+    bent = (np.bincount(label, minlength=count) >= _FEWEST) & (values[:, 1] > _BENT * total)
+    bent &= (values[:, 0] <= _STRAIGHT * total) & (np.abs(vectors[:, 2, 0]) <= np.sin(steepest_rad))
     order = np.argsort(label, kind="stable")
     first = np.searchsorted(label[order], np.arange(count + 1))
     groups = [
@@ -122,7 +122,7 @@ def rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[Mes
     ]
     rungs = [(group, _rung(corners[group], normals[group], axis, flat_m)) for group, axis in groups]
     return [
-        MeshRung(rung=rung, triangles=group, lean_rad=_lean(rung, corners[group], normals[group]))
+        _MeshRung(rung=rung, triangles=group, lean_rad=_lean(rung, corners[group], normals[group]))
         for group, rung in rungs
         if rung is not None
     ]
@@ -156,12 +156,12 @@ def _rung(corners: Array, normals: Array, axis: Array, flat_m: float) -> Rung | 
     (*middle, rest), *_ = np.linalg.lstsq(table, (flat**2).sum(axis=1), rcond=None)
     radius = float(np.sqrt(max(rest + np.dot(middle, middle), 0.0)))
     off = np.abs(np.linalg.norm(flat - middle, axis=1) - radius).max()
-    if not (SLIMMEST_M <= radius <= WIDEST_M and off <= ROUND * radius):
+    if not (_SLIMMEST_M <= radius <= _WIDEST_M and off <= _ROUND * radius):
         return None
     outward = np.vecdot(points.mean(axis=1) - middle, normals @ across)
     angle = np.arctan2(flat[:, 0] - middle[0], flat[:, 1] - middle[1])
     about_top = [
-        np.any((way * angle >= ARC_RAD) & (way * angle <= ARC_RAD + TURN_RAD))
+        np.any((way * angle >= _ARC_RAD) & (way * angle <= _ARC_RAD + TURN_RAD))
         for way in (-1.0, 1.0)
     ]
     if outward.min() <= 0.0 or not all(about_top):
@@ -170,13 +170,13 @@ def _rung(corners: Array, normals: Array, axis: Array, flat_m: float) -> Rung | 
     return Rung(axis=axis, upright=upright, middle_m=highest, radius_m=radius)
 
 
-THINNEST_M = 0.008
+_THINNEST_M = 0.008
 """What is behind a facet is no thinner [m]."""
 _INWARD = 0.1
 """Depths are looked at in the middle of a patch and so far from its corners towards it."""
 _BEGIN_M = 1e-4
 """Triangles that are no deeper are of the facet itself [m]."""
-PAIRS = 2_000_000
+_PAIRS = 2_000_000
 """Rays and triangles that are looked at together, at most."""
 
 
@@ -193,7 +193,7 @@ def _with_depths(patches: Sequence[Patch], mesh: TriangleMesh) -> tuple[Patch, .
     depths = np.full(len(patches), np.inf)
     np.minimum.at(depths, owner, _depths(np.concatenate(places), ways, mesh.spread_m))
     return tuple(
-        patch.with_thickness(max(depth, THINNEST_M)) if depth < THICKNESS_M else patch
+        patch.with_thickness(max(depth, _THINNEST_M)) if depth < THICKNESS_M else patch
         for patch, depth in zip(patches, depths.tolist(), strict=True)
     )
 
@@ -208,7 +208,7 @@ def _depths(places: Array, ways: Array, corners: Array) -> Array:
     ends, depths = places + THICKNESS_M * ways, np.full(len(places), np.inf)
     least, most = np.minimum(places, ends), np.maximum(places, ends)
     boxes = shapely.box(*least[:, :2].T, *most[:, :2].T)
-    step = max(1, min(len(places), PAIRS // max(len(corners) // 50, 1)))
+    step = max(1, min(len(places), _PAIRS // max(len(corners) // 50, 1)))
     for begin in range(0, len(places), step):
         ray, triangle = tree.query(boxes[begin : begin + step])
         ray = ray + begin
@@ -232,20 +232,20 @@ def _depths(places: Array, ways: Array, corners: Array) -> Array:
 
 _ABOVE_M = 1e-4
 """What is no higher above a facet is on it [m]."""
-THIN_M = 1e-5
+_THIN_M = 1e-5
 """Borders this close are one [m]."""
 LONG = 4.0
 """A strip that is narrower than footholds else are is so many times as long as those are wide."""
-WHOLE = 0.97
+_WHOLE = 0.97
 """Share of a rung's line over some length that is free where a foot may stand."""
-LEAN = (1.414e-3, 1.732e-3)
+_LEAN = (1.414e-3, 1.732e-3)
 """Rays lean by this along x and y, so that they hit no edge of a terrain that is drawn along the
 axes."""
 
 
 def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) -> Footholds:
     """The footholds of a mesh; its other facets are surfaces only."""
-    rungs, corners = rungs_of(mesh, limits.slope_rad, 2.0 * limits.inset_m), mesh.spread_m
+    rungs, corners = _rungs_of(mesh, limits.slope_rad, 2.0 * limits.inset_m), mesh.spread_m
     flat = np.ones(len(corners), dtype=bool)
     flat[np.concatenate([np.zeros(0, dtype=np.int_), *(rung.triangles for rung in rungs)])] = False
     facets = facets_of(mesh, flat)
@@ -284,7 +284,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
 
 
 def _on_rungs(
-    rungs: list[MeshRung],
+    rungs: list[_MeshRung],
     first: int,
     mesh: TriangleMesh,
     around: _Around,
@@ -309,7 +309,7 @@ def _on_rungs(
         rung = each.rung
         for part in parts_of(outer):
             low, _, high, _ = part.bounds
-            whole = part.area >= WHOLE * 2.0 * rung.half_width_m * (high - low)
+            whole = part.area >= _WHOLE * 2.0 * rung.half_width_m * (high - low)
             if not whole or high - low <= 2.0 * limits.inset_m + limits.least_m:
                 refused["small" if whole else "covered"] += part.area
                 continue
@@ -496,7 +496,7 @@ class _Around:
         if not len(ends):
             return parts
         lines = self._shapely.linestrings(ends)
-        core = facet.polygon.buffer(-THIN_M)
+        core = facet.polygon.buffer(-_THIN_M)
         lines = lines[self._shapely.intersects(core, lines)]
         if not len(lines):
             return parts
@@ -512,7 +512,7 @@ class _Around:
         """
         heights = facet.plane.height(self._open)
         over = heights.max(axis=1) > _ABOVE_M
-        along = np.array([*LEAN, 1.0])
+        along = np.array([*_LEAN, 1.0])
         rise = float(facet.plane.normal @ along)
         if abs(rise) < 1e-6:
             return np.zeros((0, 2, 2))
@@ -531,7 +531,7 @@ class _Around:
             own: of each triangle, −1 for none.
         """
         lean = np.zeros((3, 3))
-        lean[2, :2] = LEAN
+        lean[2, :2] = _LEAN
         corners, points = self._corners - self._corners @ lean, points - points @ lean
         a, b, c = np.moveaxis(corners, 1, 0)
         u, v = b - a, c - a
@@ -567,7 +567,7 @@ def _open_edges(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
 def _difference(polygon: Any, covered: Any) -> Any:
     """Remainder of a polygon, without its cracks and threads."""
     free = polygon.difference(covered, grid_size=1e-7)
-    for grow in (THIN_M, -2.0 * THIN_M, THIN_M):
+    for grow in (_THIN_M, -2.0 * _THIN_M, _THIN_M):
         free = free.buffer(grow, join_style="mitre")
     return free
 
@@ -577,7 +577,7 @@ def _closed(triangles: Array) -> Array:
     about = triangles - triangles[:, :1]
     ahead = np.roll(about, -1, axis=1)
     area = (about[..., 0] * ahead[..., 1] - about[..., 1] * ahead[..., 0]).sum(axis=1)
-    return np.asarray(triangles[np.abs(area) > THIN_M * np.ptp(triangles, axis=1).max(axis=1)])
+    return np.asarray(triangles[np.abs(area) > _THIN_M * np.ptp(triangles, axis=1).max(axis=1)])
 
 
 def _slab(flat: Array, heights: Array, top: float) -> Array:

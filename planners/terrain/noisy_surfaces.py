@@ -47,38 +47,38 @@ LARGEST_M = 0.27
 TURN_RAD = 0.12
 """Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise
 [rad]."""
-FEWEST = 6
+_FEWEST = 6
 """Samples that a plane is fitted to."""
 _FEWEST_ALIKE = 2.0
 """The same of samples whose noise is alike, by what they count."""
-SURE = 16.4
+_SURE = 16.4
 """Mean plus three deviations of χ² of six degrees of freedom, as many as 3 × 3 blocks leave a
 plane."""
-ALIKE = 25.0
+_ALIKE = 25.0
 """Two surfaces of one plane have a larger sum of squares than of two planes by more than this, in
 variances of the noise, once in ten thousand times."""
 _OF_PLACES = np.array([1.0] * 6 + [0.0] * 4)[:, None]
 """Of moments those without heights."""
 OFF = 2.5
-NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
-FARTHEST = 3.0
+_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+_FARTHEST = 3.0
 """A cell is off the plane of its surface by no more than this, in deviations."""
-_AGREEMENT, SWEEPS = 1.5, 4
+_AGREEMENT, _SWEEPS = 1.5, 4
 """What a neighbour of the same surface counts for, as a difference of squares in variances of the
 noise, and how often borders are looked at."""
 _JUDGED_M, _CHOSEN = 0.1, 6.0
 """Side of the blocks by which surfaces are joined at last [m], and how many deviations those of the
 smaller one may be off, whose cells were chosen by their heights."""
-ROUNDS, LLOYD, _JOINED = 12, 4, 16
+_ROUNDS, _LLOYD, _JOINED = 12, 4, 16
 _TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
 """Cells farther than this off a surface that is no plane are taken from it, in its largest rms,
 round by round."""
-_LUMPS, LUMP_SD, _LUMP_ROUGH = (3, 5, 7), 3.5, 2.0
+_LUMPS, _LUMP_SD, _LUMP_ROUGH = (3, 5, 7), 3.5, 2.0
 """Sides of squares of cells whose means over a surface are looked at, and how far they may be off its plane: in
 deviations of the mean, and in times the roughness."""
-LOOKS = 4
+_LOOKS = 4
 """How often hidden edges are looked for, each time without those that were found."""
-CLOSED, _MOST_VOTES, ALONE = 3, 5, 4.5
+_CLOSED, _MOST_VOTES, _ALONE = 3, 5, 4.5
 """How often single cells are closed, how many of eight neighbours of one surface that takes, and
 how far off it they may be in deviations of the noise."""
 
@@ -92,13 +92,13 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
         noise_m: deviation of a sample, whose noise is white [m].
     """
     labels = np.full(cells.known.shape, -1)
-    if np.count_nonzero(cells.known) < FEWEST:
+    if np.count_nonzero(cells.known) < _FEWEST:
         return labels
     fine, coarse = (_side(cells, noise_m, sd) for sd in (_FINE_SD_M, COARSE_SD_M))
     sides = sorted({fine, (fine + coarse) // 2, coarse}, reverse=True)
     for side in sides:
         left = cells.known & (labels < 0)
-        if np.count_nonzero(left) < FEWEST:
+        if np.count_nonzero(left) < _FEWEST:
             break
         result = _of_squares(cells.only(left), side, limits, noise_m)
         result = _joined(
@@ -133,12 +133,12 @@ def correlated_surfaces(
         noise: correlated.
     """
     labels, noise_m = np.full(cells.known.shape, -1), noise.deviation_m
-    if np.count_nonzero(cells.known) < FEWEST:
+    if np.count_nonzero(cells.known) < _FEWEST:
         return labels, noise_m
     side, beside = _side(cells, noise_m, COARSE_SD_M), 2 * half_window(cells.spacing_m) + 1
     whole = _between_edges(cells, noise.near_m)
     hidden = np.zeros(labels.shape, dtype=bool)
-    for _ in range(LOOKS):
+    for _ in range(_LOOKS):
         labels = _apart(np.where(maximum_filter(hidden, beside), -1, whole))
         labels = _large_enough(_parted(labels, cells, limits, noise_m, side), cells)
         labels = _closed(_bordered(labels, cells, limits, noise_m), cells, noise_m)
@@ -175,7 +175,7 @@ def _lumps(
     rough_m = _LUMP_ROUGH * limits.roughness_m
     for side in _LUMPS:
         count, off = boxed(sums, side)
-        most = (LUMP_SD * noise_m) ** 2 * count + (rough_m * count) ** 2
+        most = (_LUMP_SD * noise_m) ** 2 * count + (rough_m * count) ** 2
         lumps |= (labels >= 0) & (off**2 > most)
     return lumps
 
@@ -187,7 +187,7 @@ def _between_edges(cells: GroundCells, near_m: float) -> Labels:
     sums = boxed(cells.moments, 3) / cells.weight
     rms = solved(about(sums, *np.indices(cells.known.shape, dtype=np.float64)))[1]
     squares, freedom = rms**2 * sums[0], np.maximum(sums[0] - 3.0, 1.0)
-    inside = cells.known & (squares <= SURE / 6.0 * near_m**2 * freedom)
+    inside = cells.known & (squares <= _SURE / 6.0 * near_m**2 * freedom)
     return _apart(np.where(inside, 0, -1))
 
 
@@ -212,13 +212,13 @@ def _closed(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     n, m = labels.shape
     fillable = np.ones((n, m), dtype=bool) if cells.sparse else cells.known
     planes, (x, y), mean = fitted(labels, cells)[0], cells.places, cells.heights
-    for _ in range(CLOSED):
+    for _ in range(_CLOSED):
         around, (i, j) = _around(labels, fillable & (labels < 0))
         votes = np.sum(around[None] == around[:, None], axis=0) * (around >= 0)
         best = around[votes.argmax(axis=0), np.arange(len(i))]
         a, b, c = planes[np.maximum(best, 0)].T if len(planes) else np.zeros((3, len(i)))
         off = np.abs(a * x[i, j] + b * y[i, j] + c - mean[i, j])
-        chosen = (votes.max(axis=0) >= _MOST_VOTES) & ~(off > ALONE * noise_m)
+        chosen = (votes.max(axis=0) >= _MOST_VOTES) & ~(off > _ALONE * noise_m)
         if not chosen.any():
             break
         labels = labels.copy()
@@ -237,12 +237,12 @@ def _around(
     (n, m), row = labels.shape, labels.shape[1] + 2
     if not same:
         differ = np.zeros((n, m), dtype=bool)
-        for u, v in NEIGHBOURS:
+        for u, v in _NEIGHBOURS:
             differ |= padded[1 + u : 1 + u + n, 1 + v : 1 + v + m] != labels
         wanted = wanted & differ
     i, j = np.nonzero(wanted)
     at = (i + 1) * row + j + 1
-    return np.stack([padded.ravel()[at + row * u + v] for u, v in NEIGHBOURS]), (i, j)
+    return np.stack([padded.ravel()[at + row * u + v] for u, v in _NEIGHBOURS]), (i, j)
 
 
 def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: float) -> Labels:
@@ -268,7 +268,7 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
     slope = np.hypot(a, b) / cells.spacing_m
     spread = cells.spacing_m * side * np.sqrt(6.0 / 9.0)  # of places in a square along an axis
     slope_sd = noise_m / (spread * np.sqrt(count))
-    fits = (total[0] >= FEWEST) & (off / count <= limits.roughness_m**2 + SURE * variance / count)
+    fits = (total[0] >= _FEWEST) & (off / count <= limits.roughness_m**2 + _SURE * variance / count)
     fits &= rms <= np.hypot(limits.roughness_m, noise_m) * (1.0 + 3.0 / np.sqrt(2.0 * count))
     fits &= slope <= np.tan(min(limits.slope_rad + TURN_RAD, 1.5)) + 3.0 * slope_sd
     score = np.where(fits, (off + 6.0 * variance) / count, np.inf)
@@ -340,7 +340,7 @@ def _misfits(
     bent |= rms > np.hypot(limits.roughness_m, noise_m) * (
         1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
     )
-    return bent & (count >= 2 * FEWEST), planes
+    return bent & (count >= 2 * _FEWEST), planes
 
 
 def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
@@ -361,7 +361,7 @@ def _parted(
     labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
 ) -> Labels:
     """Surfaces parted in two until each is a plane."""
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         bent, planes = _misfits(labels, cells, limits, noise_m, side)
         if not bent.any():
             break
@@ -373,7 +373,7 @@ def _parted(
         x, y = i.astype(float), j.astype(float)
         each = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
         sides = halves_of(number, x, y, size)
-        for _ in range(LLOYD):
+        for _ in range(_LLOYD):
             both, _ = solved(sums_of(2 * number + sides, each, 2 * size))
             planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
             off = np.abs(planes_of[0] * x + planes_of[1] * y + planes_of[2] - z)
@@ -452,7 +452,7 @@ def _joined(
         unseen = (
             0.5 * limits.roughness_m
         ) ** 2 + 12.0 * noise_m**2 / few  # two deviations of the smaller one's plane
-        cost = np.minimum(worse / noise_m**2 / ALIKE, apart / unseen)
+        cost = np.minimum(worse / noise_m**2 / _ALIKE, apart / unseen)
         alike = cost <= 1.0
         least = np.full(len(squares), np.inf)
         for row in pairs:
@@ -542,7 +542,7 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
         + (0.5 * limits.roughness_m) ** 2
     )
     mean, (x, y), one = cells.heights, cells.places, cells.moments[0]
-    for _ in range(SWEEPS):
+    for _ in range(_SWEEPS):
         around, (i, j) = _around(labels, cells.known, same=False)
         label = labels[i, j]
         candidates = np.concatenate([label[None], around])
@@ -554,7 +554,7 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
             / variance[of]
         )
         votes = np.sum(around[None] == candidates[:, None], axis=1)
-        near = off <= FARTHEST**2 * cells.weight
+        near = off <= _FARTHEST**2 * cells.weight
         energy = np.where((candidates >= 0) & near, off - _AGREEMENT * votes, np.inf)
         alone = ~np.isfinite(energy).any(axis=0)
         best = np.where(alone, -1, candidates[energy.argmin(axis=0), np.arange(len(i))])
@@ -567,7 +567,7 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
 def _large_enough(labels: Labels, cells: GroundCells) -> Labels:
     """Labels without surfaces of few samples, and parts apart from each other."""
     labels = _apart(labels)
-    fewest = FEWEST if cells.weight == 1.0 else max(FEWEST * cells.weight, _FEWEST_ALIKE)
+    fewest = _FEWEST if cells.weight == 1.0 else max(_FEWEST * cells.weight, _FEWEST_ALIKE)
     count = np.bincount(
         labels[labels >= 0],
         weights=cells.moments[0][labels >= 0],

@@ -111,19 +111,19 @@ class Ground:
         return x, y, self.heights.height(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
 
 
-WELD_M = 1e-6
+_WELD_M = 1e-6
 """Corners of patches that are closer are one."""
 _SAME_AREA = 1e-4
 """A convex body's patches are as large as its hull, up to this share."""
 BLOCK = 10_000
 """So many triangles are looked at together, seen from some points."""
-INSIDE = 0.9
+_INSIDE = 0.9
 """Winding number of a point that a closed surface holds: 1, less what the facets cover that readers
 leave out."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Obstacle:
+class _Obstacle:
     """A convex body.
 
     Arguments:
@@ -136,7 +136,7 @@ class Obstacle:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ClosedSurface:
+class _ClosedSurface:
     """A surface around a body that is not convex.
 
     Arguments:
@@ -162,7 +162,7 @@ class ClosedSurface:
             la, lb, lc = (lengths(v) for v in (a, b, c))
             volume = np.vecdot(a, cross(b, c))
             rest = la * lb * lc + np.vecdot(a, b) * lc + np.vecdot(b, c) * la + np.vecdot(c, a) * lb
-            inside[block] = np.arctan2(volume, rest).sum(axis=1) / (2.0 * np.pi) > INSIDE
+            inside[block] = np.arctan2(volume, rest).sum(axis=1) / (2.0 * np.pi) > _INSIDE
         return inside
 
     def depth(self, point: Array) -> float:
@@ -186,8 +186,8 @@ class Obstacles:
         ground: heights that are solid below.
     """
 
-    convex: tuple[Obstacle, ...]
-    closed: tuple[ClosedSurface, ...]
+    convex: tuple[_Obstacle, ...]
+    closed: tuple[_ClosedSurface, ...]
     ground: Ground | None = None
 
     @classmethod
@@ -198,7 +198,7 @@ class Obstacles:
     @classmethod
     def of(cls, patches: Sequence[Patch]) -> Obstacles:
         """Obstacles of a course's terrain, named by the patches' numbers in it."""
-        convex, closed = list[Obstacle](), list[ClosedSurface]()
+        convex, closed = list[_Obstacle](), list[_ClosedSurface]()
         for group in _joined(patches):
             members = [patches[i] for i in group]
             name = (
@@ -208,12 +208,12 @@ class Obstacles:
             )
             corners = np.concatenate([patch.vertices_m for patch in members])
             if len(members) > 3 and _is_hull(corners, members):
-                convex.append(Obstacle(name=name, solid=Solid.of_corners(corners)))
+                convex.append(_Obstacle(name=name, solid=Solid.of_corners(corners)))
                 continue
-            convex += [Obstacle(name=f"patch {i}", solid=patches[i].solid) for i in group]
+            convex += [_Obstacle(name=f"patch {i}", solid=patches[i].solid) for i in group]
             if len(members) > 3 and _closes(members):
                 fans = [fan(patch) for patch in members]
-                closed.append(ClosedSurface(name=name, triangles_m=np.concatenate(fans)))
+                closed.append(_ClosedSurface(name=name, triangles_m=np.concatenate(fans)))
         return cls(convex=tuple(convex), closed=tuple(closed))
 
 
@@ -228,7 +228,7 @@ def _joined(patches: Sequence[Patch]) -> list[list[int]]:
         return index
 
     for index, patch in enumerate(patches):
-        for corner in np.round(patch.vertices_m / WELD_M).tolist():
+        for corner in np.round(patch.vertices_m / _WELD_M).tolist():
             group[first(owners.setdefault(tuple(corner), index))] = first(index)
     groups = dict[int, list[int]]()
     for index in range(len(patches)):
@@ -249,9 +249,9 @@ def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
     from scipy.spatial import ConvexHull  # slow to import
 
     middle = corners.mean(axis=0)
-    flat = np.linalg.matrix_rank(corners - middle, tol=WELD_M) < 3
+    flat = np.linalg.matrix_rank(corners - middle, tol=_WELD_M) < 3
     if flat or any(
-        ((corners - patch.vertices_m[0]) @ patch.normal).max() > WELD_M for patch in patches
+        ((corners - patch.vertices_m[0]) @ patch.normal).max() > _WELD_M for patch in patches
     ):
         return False
     return abs(ConvexHull(corners).area / sum(map(_area, patches)) - 1.0) < _SAME_AREA

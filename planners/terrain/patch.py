@@ -17,7 +17,7 @@ from ..files.codec import LATER
 from .certainty import Certainty
 
 THICKNESS_M = 0.04
-FLAT_M = 1e-6
+_FLAT_M = 1e-6
 """A patch whose corners leave their plane by no more is flat."""
 
 
@@ -75,7 +75,7 @@ class Solid:
         count = corners.shape[1] // 2
         border, top = corners[:, :count], np.arange(count)
         then = np.concatenate([top[1:], top[:1]])
-        bent = np.ptp(np.matmul(border, normal[:, :, None])[..., 0], axis=1) > FLAT_M
+        bent = np.ptp(np.matmul(border, normal[:, :, None])[..., 0], axis=1) > _FLAT_M
         around = np.vecdot(cross(border, border[:, then]).sum(axis=1), normal)
         sides = np.sign(around)[:, None, None] * cross(
             border[:, then] - border, np.repeat(normal[:, None], count, axis=1)
@@ -157,9 +157,9 @@ _FLATNESS = 2e-3
 """Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not
 for a bent patch."""
 
-THINNEST_M = 1e-3
+_THINNEST_M = 1e-3
 """Nothing behind a patch is thinner [m]."""
-MOST_VERTICES = 512
+_MOST_VERTICES = 512
 """More make no difference to a foot, and checks of a polygon take the square of their number."""
 
 
@@ -211,7 +211,7 @@ class Patch:
                 _unit(self.shear_reference, "shear_reference", any_length=True),
             ),
             lambda: set_field(self, "friction", checked(self.friction, "friction", least=0.0)),
-            lambda: checked(self.thickness_m, "thickness_m", least=THINNEST_M),
+            lambda: checked(self.thickness_m, "thickness_m", least=_THINNEST_M),
         )
         if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
             raise InvalidInput(
@@ -352,8 +352,8 @@ def flat_patches(
 
 def _check_polygons(vertices: Array, frames: Array) -> None:
     count = vertices.shape[1]
-    if not 3 <= count <= MOST_VERTICES:
-        message = "3 or more vertices" if count < 3 else f"{MOST_VERTICES} vertices or fewer"
+    if not 3 <= count <= _MOST_VERTICES:
+        message = "3 or more vertices" if count < 3 else f"{_MOST_VERTICES} vertices or fewer"
         raise InvalidInput(f"vertices_m: expected {message}, got {count}")
     defect = polygon_defect(vertices, frames)
     if defect:

@@ -17,8 +17,8 @@ from ..arguments import cached_property
 from ..files.arrays import Array, cross
 from .patch import Patch, flat_patches, with_polygons
 
-Corner = tuple[float, float]
-Corners = list[Corner]
+_Corner = tuple[float, float]
+Corners = list[_Corner]
 
 SMALLEST_M = 1e-3
 """What is left of a surface counts as nothing where it is nowhere wider than this [m]."""
@@ -70,7 +70,7 @@ def clipped(polygon: Array, normals: Array, offsets: Array) -> Array:
     return polygon if len(polygon) >= 3 and width(polygon) > SMALLEST_M else np.zeros((0, 2))
 
 
-def in_square(corners: Corners, centre: Corner, side_m: float) -> Corners:
+def in_square(corners: Corners, centre: _Corner, side_m: float) -> Corners:
     """The corners of the part of a convex polygon inside a square along the axes of its plane; none
     where nothing with an area is left. Few corners: no arrays are made.
     """
@@ -169,7 +169,7 @@ def _least_width(corners: Corners) -> float:
     return least if math.isfinite(least) else 0.0
 
 
-def _clearly_outside(corners: Corners, point: Corner) -> bool:
+def _clearly_outside(corners: Corners, point: _Corner) -> bool:
     """Tell whether a point of the plane is on both sides of edges of a convex polygon, by more than
     rounding.
     """

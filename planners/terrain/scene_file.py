@@ -17,13 +17,13 @@ from ..files.arrays import Array
 from ..files.documents import parse_xml, read_text
 from .mesh_formats.numbers import Surface, TooMany, Triangles, check_count
 
-LONGEST = 160
+_LONGEST = 160
 """Letters of a compiler's message that are passed on."""
-BEYOND_M = 10.0
+_BEYOND_M = 10.0
 """A plane, which has no end, goes on so far beyond everything else that is fixed [m]."""
-WIDEST_M = 48.0
+_WIDEST_M = 48.0
 """Where there is room for that on what is no wider than this [m]."""
-AROUND, UP = 32, 17
+_AROUND, _UP = 32, 17
 """Points of a circle, and circles of a ball."""
 _HOLLOW = 1.05
 """A mesh whose hull has so many times its volume is hollow."""
@@ -62,7 +62,7 @@ def compiled_mjcf(path: Path) -> tuple[Any, set[str], list[str]]:
         return model, touching, absent
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
-        raise InvalidInput(f"{path}: expected an MJCF: {reason:.{LONGEST}}") from None
+        raise InvalidInput(f"{path}: expected an MJCF: {reason:.{_LONGEST}}") from None
     finally:
         mujoco.set_mju_user_warning(before)
 
@@ -127,9 +127,9 @@ def _surface(kinds: Any, model: Any, g: int) -> Surface | None:
         kinds: MuJoCo's kinds of geoms.
     """
     kind, size = int(model.geom_type[g]), np.array(model.geom_size[g])
-    around = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
+    around = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around), 0.0 * around], axis=1)
-    lean = np.linspace(-0.5 * np.pi, 0.5 * np.pi, UP)[:, None, None]
+    lean = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _UP)[:, None, None]
     ball = (np.cos(lean) * circle + np.sin(lean) * [0.0, 0.0, 1.0]).reshape(-1, 3)
     ends = size[1] * np.array([[[0.0, 0.0, 1.0]], [[0.0, 0.0, -1.0]]])
     points = {
@@ -206,7 +206,7 @@ def _squares(planes: list[tuple[Array, Array]], others: list[Array]) -> list[Sur
     for place, turn in planes:
         seen = (np.concatenate([place[None], np.zeros((1, 3)), *others]) - place) @ turn[:, :2]
         low, high = seen.min(axis=0), seen.max(axis=0)
-        room = np.clip(0.5 * (WIDEST_M - (high - low)), 0.0, BEYOND_M)
+        room = np.clip(0.5 * (_WIDEST_M - (high - low)), 0.0, _BEYOND_M)
         corners = place + np.where(signs < 0.0, low - room, high + room) @ turn[:, :2].T
         squares.append((corners, np.array([[0, 1, 2], [0, 2, 3]])))
     return squares

@@ -11,7 +11,7 @@ from ..files.arrays import Array
 from .families import WIDE, Family, Shape
 from .heightfield import HeightField
 
-HALF_WIDTH_M = float(WIDE[1, 0])
+_HALF_WIDTH_M = float(WIDE[1, 0])
 LEVEL_M = 0.6
 """Smooth terrains are level within this distance of the origin, so that a robot can stand there
 [m]."""
@@ -54,7 +54,7 @@ def _ramps(difficulty: float, rng: np.random.Generator) -> Shape:
 def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Shape:
     """White noise under a Gaussian of this length, as a function."""
     spacing = 0.05
-    count = 2 * int(HALF_WIDTH_M / spacing) + 1
+    count = 2 * int(_HALF_WIDTH_M / spacing) + 1
     noise = gaussian_filter(rng.standard_normal((count, count)), length_m / spacing)
     field = HeightField.from_array(deviation_m / float(noise.std()) * noise, spacing)
     return lambda x, y: field.height(np.stack([x, y], axis=-1))
@@ -75,4 +75,4 @@ def levelled(shape: Shape, name: str) -> HeightField:
         share = np.clip((np.hypot(x, y) - LEVEL_M) / LEVEL_M, 0.0, 1.0)
         return np.asarray(share**3 * (10.0 + share * (6.0 * share - 15.0)) * shape(x, y))
 
-    return HeightField.from_function(height, HALF_WIDTH_M, 0.05, name=name, tolerance_m=0.01)
+    return HeightField.from_function(height, _HALF_WIDTH_M, 0.05, name=name, tolerance_m=0.01)

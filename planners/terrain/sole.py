@@ -18,8 +18,8 @@ from ..files.arrays import Array, read_only
 from .patch import Patch
 from .polygon import clipped, half_planes
 
-MOST_POINTS = 16
-FLAT_M = 1e-7
+_MOST_POINTS = 16
+_FLAT_M = 1e-7
 """A sole's points are in one plane: corners of a patch under it may be this far off [m]."""
 
 
@@ -29,9 +29,9 @@ def checked_sole(value: ArrayLike, where: str) -> Array:
     Raises InvalidInput unless they are three or more that are not in one line.
     """
     points = read_only(value, (None, 2), where)
-    if not 3 <= len(points) <= MOST_POINTS:
+    if not 3 <= len(points) <= _MOST_POINTS:
         raise InvalidInput(
-            f"{where}: expected 3 to {MOST_POINTS} points of a sole, got {len(points)}"
+            f"{where}: expected 3 to {_MOST_POINTS} points of a sole, got {len(points)}"
         )
     if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] < 1e-3:
         raise InvalidInput(
@@ -63,9 +63,9 @@ def sole_region(patch: Patch, offsets_m: Array) -> Patch:
     """
     axes, origin = patch.frame[:, 1:], patch.centre_m
     off = float(np.abs((patch.vertices_m - origin) @ patch.normal).max())
-    if off > FLAT_M:
+    if off > _FLAT_M:
         raise InvalidInput(
-            f"expected a patch flat to {FLAT_M:g} m under a sole, got corners {off:.3g} m off its "
+            f"expected a patch flat to {_FLAT_M:g} m under a sole, got corners {off:.3g} m off its "
             "plane"
         )
     polygon, points = (patch.vertices_m - origin) @ axes, offsets_m @ axes

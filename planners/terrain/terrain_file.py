@@ -21,7 +21,7 @@ from .mesh_formats.ply import HEAD_BYTES
 from .scene_file import read_scene
 from .triangle_mesh import TriangleMesh
 
-MAY_HOLD = SUFFIXES_OF | {
+_MAY_HOLD = SUFFIXES_OF | {
     "cloud": (*SUFFIXES_OF["cloud"], ".ply", ".npy", ".csv"),
     "grid": (*SUFFIXES_OF["grid"], *SUFFIXES_OF["mesh"]),
 }
@@ -32,7 +32,7 @@ _MOST_SEEN = 3_000_000
 """Triangles of such a mesh."""
 _ROWS_POINTS = 200_000
 """Points at which a spline is looked at in one go."""
-TOLERANCE_M = 0.025
+_TOLERANCE_M = 0.025
 """Height by which a spline may swing beyond the heights about a cell; beyond, the terrain is too
 fine for it [m]."""
 
@@ -75,7 +75,7 @@ def read_heights(
     options: ImportOptions = ImportOptions(),
     *,
     smooth_m: float = 0.0,
-    tolerance_m: float = TOLERANCE_M,
+    tolerance_m: float = _TOLERANCE_M,
     name: str = "",
 ) -> HeightField:
     """A terrain as one height at every place, smoothed by a Gaussian of deviation smooth_m where
@@ -116,9 +116,9 @@ def _kind(path: Path, wanted: Kind | None) -> Kind:
             f"{path}: expected a terrain that ends in {', '.join(SUFFIXES)}, got {suffix or 'none'}"
         )
     if wanted is not None:
-        if suffix not in MAY_HOLD[wanted]:
+        if suffix not in _MAY_HOLD[wanted]:
             raise InvalidInput(
-                f"{path}: expected a {wanted} that ends in {', '.join(MAY_HOLD[wanted])}, got "
+                f"{path}: expected a {wanted} that ends in {', '.join(_MAY_HOLD[wanted])}, got "
                 f"{suffix}"
             )
         return wanted
@@ -127,7 +127,7 @@ def _kind(path: Path, wanted: Kind | None) -> Kind:
         faces = re.search(rb"^element\s+face\s+(\d+)", head, re.MULTILINE)
         points = re.search(rb"^element\s+vertex\s+(\d+)", head, re.MULTILINE)
         return "cloud" if points and int(points[1]) and not (faces and int(faces[1])) else "mesh"
-    return next(kind for kind in ("mesh", "grid", "cloud") if suffix in MAY_HOLD[kind])
+    return next(kind for kind in ("mesh", "grid", "cloud") if suffix in _MAY_HOLD[kind])
 
 
 def _check_held(field: HeightField, tolerance_m: float) -> None:

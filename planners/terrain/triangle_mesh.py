@@ -93,14 +93,14 @@ def _raise(
     np.maximum.at(heights.reshape(-1), (i * len(y_m) + j)[inside], result)
 
 
-WELD_M = 1e-6
+_WELD_M = 1e-6
 """Corners closer than this are one [m]: STL files have no others."""
-FARTHEST_M = 0.9 * LARGEST
+_FARTHEST_M = 0.9 * LARGEST
 """No corner of a terrain is farther from the origin [m]."""
-LARGEST_M, SMALLEST_MESH_M = 50.0, 0.01
+_LARGEST_M, _SMALLEST_MESH_M = 50.0, 0.01
 """A terrain is no larger and no smaller than this from end to end [m]: what is, is in another
 unit."""
-MOST_COVERED = 2e8
+_MOST_COVERED = 2e8
 """Grid points under all triangles of a mesh together, as each has to be looked at."""
 
 
@@ -196,20 +196,20 @@ class TriangleMesh:
     def check_size(self) -> None:
         """Raise InvalidInput for a mesh that nobody walks on."""
         size, far = float(np.ptp(self.corners_m, axis=0).max()), np.abs(self.corners_m).max()
-        if far > FARTHEST_M:
+        if far > _FARTHEST_M:
             there = ",".join(f"{-round(each)}" for each in self.corners_m.mean(axis=0).tolist())
             raise InvalidInput(
-                f"{self.name}: expected a terrain within {FARTHEST_M:g} m of the origin, got one "
+                f"{self.name}: expected a terrain within {_FARTHEST_M:g} m of the origin, got one "
                 f"{far:.4g} m away; offset_m moves it, by {there}"
             )
-        if size > LARGEST_M:
+        if size > _LARGEST_M:
             raise InvalidInput(
-                f"{self.name}: expected a terrain of at most {LARGEST_M:g} m from end to end, got "
+                f"{self.name}: expected a terrain of at most {_LARGEST_M:g} m from end to end, got "
                 f"{size:g} m; {OTHER_UNIT}"
             )
-        if size < SMALLEST_MESH_M:
+        if size < _SMALLEST_MESH_M:
             raise InvalidInput(
-                f"{self.name}: expected a terrain of at least {SMALLEST_MESH_M:g} m from end to "
+                f"{self.name}: expected a terrain of at least {_SMALLEST_MESH_M:g} m from end to "
                 f"end, got {size:g} m; {OTHER_UNIT}"
             )
 
@@ -234,12 +234,12 @@ class TriangleMesh:
 def _welded(corners: Array, triangles: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
     """Corners and triangles without corners given twice and triangles without an area."""
     _, first, number = np.unique(
-        np.round(corners / WELD_M), axis=0, return_index=True, return_inverse=True
+        np.round(corners / _WELD_M), axis=0, return_index=True, return_inverse=True
     )
     corners, triangles = corners[first], number.reshape(-1)[triangles]
     a, b, c = (corners[triangles[:, i]] for i in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return corners, triangles[area > WELD_M**2]
+    return corners, triangles[area > _WELD_M**2]
 
 
 def _cropped(
@@ -295,8 +295,8 @@ def _check_cover(triangles: Array, spacing: float, name: str) -> None:
     """
     spans = np.ptp(triangles[:, :, :2], axis=1) / spacing + 1.0
     covered = float(np.prod(spans, axis=1).sum())
-    if covered > MOST_COVERED:
+    if covered > _MOST_COVERED:
         raise InvalidInput(
-            f"{name}: expected triangles over {MOST_COVERED:g} grid points in all or fewer, got "
+            f"{name}: expected triangles over {_MOST_COVERED:g} grid points in all or fewer, got "
             f"{covered:.3g}"
         )

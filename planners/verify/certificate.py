@@ -27,15 +27,15 @@ from .half_spaces import relative_rows, row_counts, scaled_half_spaces
 from .lagrangian import Leaves, Numbers, leaf_bounds, multiplier_count
 from .stances import Index, Schedule, wrenches
 
-Side = Array | None
+_Side = Array | None
 """Corners of a side of a least step; None where it is open."""
-Node = tuple[Index, Array, Array, tuple[Side, ...]]
+_Node = tuple[Index, Array, Array, tuple[_Side, ...]]
 """The piece that each candidate still has, the force boxes, and the side of each least step."""
-_Replayed = tuple[list[Node], Array]
+_Replayed = tuple[list[_Node], Array]
 """The leaves in preorder and their multipliers."""
-MOST_CORNERS = 1_000_000
+_MOST_CORNERS = 1_000_000
 """Most corners of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
-DEEPEST = 200
+_DEEPEST = 200
 """Cuts that a piece may come from: each moves its border by a rounding, and so many stay far below
 the guard."""
 
@@ -206,7 +206,7 @@ class Forest:
             raise InvalidInput("certificate: expected finite numbers, got others")
         candidates = len(self.numbers.candidate)
         root = np.arange(problem * candidates, (problem + 1) * candidates)
-        stack: list[Node] = [
+        stack: list[_Node] = [
             (
                 root,
                 self.numbers.force_min[problem],
@@ -214,7 +214,7 @@ class Forest:
                 (None,) * len(self._least),
             )
         ]
-        leaves: list[Node] = []
+        leaves: list[_Node] = []
         for at, (kind, i, j, first, second) in enumerate(tree.tolist()):
             where = f"tree[{at}]"
             if not stack:
@@ -276,7 +276,7 @@ class Forest:
             sides=np.array([self._rows(sides) for *_, sides in nodes]),
         )
 
-    def _rows(self, sides: tuple[Side, ...]) -> Array:
+    def _rows(self, sides: tuple[_Side, ...]) -> Array:
         """The rows (n, b) of a leaf's sides, shape (E, 4)."""
         rows = np.array(self._open)
         for e, side in enumerate(sides):
@@ -284,7 +284,7 @@ class Forest:
                 rows[e] = half_space(side, float(self._least[e]))
         return rows
 
-    def _parted(self, node: Node, step: float, where: str) -> list[Node]:
+    def _parted(self, node: _Node, step: float, where: str) -> list[_Node]:
         """The parts of the side that a least step has; the first one last."""
         pieces, lower, upper, sides = node
         e = _index(step, len(sides), f"{where}: least step")
@@ -293,7 +293,7 @@ class Forest:
         children = [(*sides[:e], part, *sides[e + 1 :]) for part in parts(sides[e])]
         return [(pieces, lower, upper, child) for child in reversed(children)]
 
-    def _chosen(self, node: Node, candidate: int) -> list[Node]:
+    def _chosen(self, node: _Node, candidate: int) -> list[_Node]:
         """The slot's foothold on this candidate, and not on it; the first child last."""
         pieces, lower, upper, sides = node
         on, off = (
@@ -304,8 +304,8 @@ class Forest:
         return [(off, lower, upper, sides), (on, lower, upper, sides)]
 
     def _cut(
-        self, node: Node, candidate: int, first: float, second: float, where: str
-    ) -> list[Node]:
+        self, node: _Node, candidate: int, first: float, second: float, where: str
+    ) -> list[_Node]:
         pieces, lower, upper, sides = node
         piece = int(pieces[candidate])
         if piece < 0:
@@ -317,16 +317,16 @@ class Forest:
                 f"{second:g}"
             )
         depth = 1 + (0 if piece < roots else self._depths[piece - roots])
-        if depth > DEEPEST:
+        if depth > _DEEPEST:
             raise InvalidInput(
-                f"{where}: expected a piece of {DEEPEST} cuts or fewer, got one more"
+                f"{where}: expected a piece of {_DEEPEST} cuts or fewer, got one more"
             )
-        children: list[Node] = []
+        children: list[_Node] = []
         for part in cut(polygon, first, second):
             self._corners += len(part)
-            if self._corners > MOST_CORNERS:
+            if self._corners > _MOST_CORNERS:
                 raise InvalidInput(
-                    f"{where}: expected {MOST_CORNERS} corners of pieces or fewer, got more"
+                    f"{where}: expected {_MOST_CORNERS} corners of pieces or fewer, got more"
                 )
             child = pieces.copy()
             child[candidate] = len(self._pieces)
@@ -337,8 +337,8 @@ class Forest:
         return children
 
     def _split(
-        self, node: Node, contact: float, component: float, value: float, where: str
-    ) -> list[Node]:
+        self, node: _Node, contact: float, component: float, value: float, where: str
+    ) -> list[_Node]:
         pieces, lower, upper, sides = node
         i = _index(contact, len(lower), f"{where}: contact")
         k = _index(component, 3, f"{where}: force component")

@@ -30,7 +30,7 @@ from .plans import check_plan
 if TYPE_CHECKING:
     from ..motion.leap_motion import LeapBody
 
-TOES_M = 1e-6
+_TOES_M = 1e-6
 """Toes are where they were when the next part begins, within this [m]."""
 _BODY_M, TURN_RAD = 2e-3, 0.1
 """So is the body, which goes from one pose to the other while all limbs stand [m, rad]."""
@@ -41,7 +41,7 @@ _BROKEN = np.inf
 """Value of a part's group whose numbers are none of a plan: nobody asks for its ends."""
 _BodyOf = Callable[[LeapPlan], "LeapBody"]
 """Legs of a leap; made once for all that is asked of them."""
-UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
+_UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,7 +162,7 @@ def _seams(crossing: Crossing, body_of: _BodyOf) -> Iterator[Group]:
         name = f"{k} to {k + 1}"
         a, b = _end(before, body_of, last=True), _end(after, body_of, last=False)
         names = crossing.robot.limb_names
-        yield _seam(f"{name}: toes", np.linalg.norm(a.toes_m - b.toes_m, axis=1), TOES_M, names)
+        yield _seam(f"{name}: toes", np.linalg.norm(a.toes_m - b.toes_m, axis=1), _TOES_M, names)
         yield _seam(f"{name}: body", np.linalg.norm([a.com_m - b.com_m], axis=1), _BODY_M)
         turn = np.abs(a.rotation_rad - b.rotation_rad)
         yield _seam(f"{name}: turn", turn, TURN_RAD, ("x", "y", "z"))
@@ -177,7 +177,7 @@ def _seams(crossing: Crossing, body_of: _BodyOf) -> Iterator[Group]:
 def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -> Group:
     """The worst of what differs between two parts."""
     k = int(np.argmax(values))
-    unit = UNITS[name.rpartition(": ")[2]]
+    unit = _UNITS[name.rpartition(": ")[2]]
     value = float(values[k]) if np.isfinite(values).all() else np.inf
     return Group(name, value=value, limit=limit, unit=unit, where=names[k] if names else "")
 

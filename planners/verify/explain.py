@@ -158,14 +158,14 @@ _FRICTION_CAP, _REACH_CAP_M, _FORCE_CAP, _RADIUS_CAP_M, _TILT_CAP_RAD = (
 )
 """``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its
 scale), radius."""
-OF_COURSE = "of this course as it states its layout"
+_OF_COURSE = "of this course as it states its layout"
 """Subject of a proof about a course, whose frames, candidates and limits are part of the question."""
 _FALLING = ("steps.progress_m", "steps.least_toe_m", "steps.least_rotation_rad")
 """Limits that have to fall."""
-SIDES = 64
+_SIDES = 64
 """Of the pyramids around friction cones by which it asks whether feet slip."""
 _BISECTIONS = 30
-MOST_GRIP, _MOST_LENGTH, _COURSE_BISECTIONS = 3.0, 2.0, 12
+_MOST_GRIP, _MOST_LENGTH, _COURSE_BISECTIONS = 3.0, 2.0, 12
 """For courses it looks no further than these (friction, to one part in 4,096; m or rad)."""
 
 
@@ -335,7 +335,7 @@ def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation
             reason += f", or {slippery[0].parameter} to {_change(slippery[0])}"
     many = f" (refuted for each of {groups} groups of choices)" if groups > 1 else ""
     return Explanation(
-        relaxations=tuple(relaxations), message=f"infeasible: {reason}{many}; {OF_COURSE}"
+        relaxations=tuple(relaxations), message=f"infeasible: {reason}{many}; {_OF_COURSE}"
     )
 
 
@@ -348,7 +348,7 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
     """
     if course.wrench is not None or numbers.force_min[0, :, 0].min(initial=0.0) < 0.0:
         return None
-    turn = 2.0 * np.pi / SIDES * np.arange(SIDES)
+    turn = 2.0 * np.pi / _SIDES * np.arange(_SIDES)
     around = np.stack([np.cos(turn), np.sin(turn)])
     least, most, worst = 0.0, 0.0, None
 
@@ -356,7 +356,7 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
         from scipy.optimize import nnls  # slow to import
 
         n, y, z = np.moveaxis(numbers.frames[0, candidates], -1, 0)
-        friction = (numbers.friction[0, candidates] + grip) / np.cos(np.pi / SIDES)
+        friction = (numbers.friction[0, candidates] + grip) / np.cos(np.pi / _SIDES)
         shear = np.tensordot(around, np.stack([y, z]), axes=(0, 0))
         edges = (n + friction[:, None] * shear).reshape(-1, 3).round(9)
         return bool(nnls(np.unique(edges, axis=0).T, np.array([0.0, 0.0, 1.0]))[1] < 1e-7)
@@ -366,7 +366,7 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
         under = np.isin(numbers.candidate, holds)
         if not under.any() or bears(under, most):
             continue
-        least, most, worst = most, MOST_GRIP, stance
+        least, most, worst = most, _MOST_GRIP, stance
         if not bears(under, most):
             return None
         for _ in range(_COURSE_BISECTIONS):
@@ -540,7 +540,7 @@ def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:
         )
         return bool(values[1, 0] > 0.0)
 
-    low, high = 0.0, MOST_GRIP
+    low, high = 0.0, _MOST_GRIP
     if proves(high):
         return math.inf
     for _ in range(_COURSE_BISECTIONS):

@@ -42,19 +42,19 @@ from .certificate import proof_report
 from .explain import Explanation
 
 KINDS = {"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4}
-MOST_NODES, MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05
+_MOST_NODES, _MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05
 STEEPEST_RAD = 1.5
 """Slope and friction together from which a contact may pull."""
 ROOM_M = 1e-9
 _SEAM_M = 1e-3
 """Cracks between surfaces twice as wide are no holes in the ground [m]."""
-SECTIONS = 60
-ASSUMED = (
+_SECTIONS = 60
+_ASSUMED = (
     "balanced at every moment, feet alone touching the footholds as imported, trunk and centre of "
     "mass over this map, its ground one of heights"
 )
 """What a proof is about."""
-Cells = NDArray[np.bool_]
+_Cells = NDArray[np.bool_]
 
 
 def check_flood(certificate: Certificate) -> Report[Certificate]:
@@ -80,7 +80,7 @@ def explain_flood(certificate: Certificate) -> Explanation:
     return Explanation(
         relaxations=(),
         message=f"balanced motion is impossible: none leads from within {passage.near_m:.2g} m of {start} to as near "
-        f"{goal}: {ASSUMED}{_depth(extent)}; no foot is more than {extent.reach_m:.3g} m from the "
+        f"{goal}: {_ASSUMED}{_depth(extent)}; no foot is more than {extent.reach_m:.3g} m from the "
         f"centre of mass, and no two feet are more than {extent.apart_m:.3g} m apart",
     )
 
@@ -131,7 +131,7 @@ class _Replay:
         self.grow = self.extent.sole_m
         self.surfaces = self._surfaces(rows["piece"])
         self.held = self._states(rows["set"], rows["run"])
-        self._reached: dict[int, Cells] = {}
+        self._reached: dict[int, _Cells] = {}
 
     def _place(self, raster: Array, spacing: Array) -> None:
         """Take the raster, which has to be all over the map."""
@@ -141,9 +141,9 @@ class _Replay:
         if not (
             np.all(counts >= 1)
             and np.all(counts == raster[0, 1:3])
-            and np.prod(counts) <= MOST_CELLS
+            and np.prod(counts) <= _MOST_CELLS
         ):
-            raise _Refused(f"expected up to {MOST_CELLS} cells")
+            raise _Refused(f"expected up to {_MOST_CELLS} cells")
         self.size, self.corner = float(spacing[0, 3]), raster[0, 3:5]
         self.counts = (int(counts[0]), int(counts[1]))
         every = [
@@ -163,8 +163,8 @@ class _Replay:
         """The surfaces, which have to hold every foothold once."""
         count = len(self.passage.footholds)
         nodes = np.unique(rows[:, 1])
-        if sorted(rows[:, 2].tolist()) != list(range(count)) or not 1 <= len(nodes) <= MOST_NODES:
-            raise _Refused(f"expected every foothold in one of up to {MOST_NODES} surfaces")
+        if sorted(rows[:, 2].tolist()) != list(range(count)) or not 1 <= len(nodes) <= _MOST_NODES:
+            raise _Refused(f"expected every foothold in one of up to {_MOST_NODES} surfaces")
         if not np.array_equal(nodes, np.arange(len(nodes))):
             raise _Refused("expected surfaces by number")
         return [
@@ -174,9 +174,9 @@ class _Replay:
             for node in nodes
         ]
 
-    def _states(self, sets: Array, runs: Array) -> dict[frozenset[int], Cells]:
+    def _states(self, sets: Array, runs: Array) -> dict[frozenset[int], _Cells]:
         """The states that are held, by the surfaces that are touched."""
-        held: dict[frozenset[int], Cells] = {}
+        held: dict[frozenset[int], _Cells] = {}
         for number in np.unique(sets[:, 1]):
             chosen = frozenset(int(i) for i in sets[sets[:, 1] == number, 2])
             if chosen in held or not chosen <= set(range(len(self.surfaces))):
@@ -216,12 +216,12 @@ class _Replay:
         for size in range(1, count + 1):
             yield from map(frozenset, combinations(range(count), size))
 
-    def _about(self, place: Array) -> Cells:
+    def _about(self, place: Array) -> _Cells:
         """Cells of which some point is near a place."""
         away = np.maximum(np.abs(self.xy - place) - 0.5 * self.size, 0.0)
         return np.asarray((away**2).sum(axis=-1) <= self.passage.near_m**2)
 
-    def _refuted(self, chosen: frozenset[int], cells: Cells) -> Cells:
+    def _refuted(self, chosen: frozenset[int], cells: _Cells) -> _Cells:
         """Tell which of some cells, in a row, no state on these surfaces is over."""
         if any(self._too_far(i, j) for i, j in combinations(sorted(chosen), 2)):
             return np.ones(int(cells.sum()), dtype=bool)
@@ -247,7 +247,7 @@ class _Replay:
                     return False
         return True
 
-    def _within(self, i: int) -> Cells:
+    def _within(self, i: int) -> _Cells:
         """Cells over which some centre of mass has a foot on a surface."""
         if i in self._reached:
             return self._reached[i]
@@ -289,7 +289,7 @@ class _Replay:
 
         low, high, ratio = float(z.min()), float(z.max()), 0.5 * (np.sqrt(5.0) - 1.0)
         best = min(most(low), most(high))
-        for _ in range(SECTIONS if high > low else 0):
+        for _ in range(_SECTIONS if high > low else 0):
             one, two = high - ratio * (high - low), low + ratio * (high - low)
             first, second = most(one), most(two)
             best = min(best, first, second)
@@ -353,7 +353,7 @@ class _Replay:
         return result
 
 
-def _beside(cells: Cells) -> Cells:
+def _beside(cells: _Cells) -> _Cells:
     """Some cells and all that touch them, corners included."""
     for axis in range(2):
         ends = [(0, 0), (0, 0)]

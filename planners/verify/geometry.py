@@ -19,7 +19,7 @@ from ..terrain.certainty import Certainty
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 
-FLAT = 1e-12
+_FLAT = 1e-12
 """A polygon whose corners leave its plane by less than this share of its size is the fan of its
 triangles."""
 
@@ -151,7 +151,7 @@ def _bent(corners: Array) -> NDArray[np.bool_]:
     normals /= np.maximum(length(normals), 1e-300)[:, None]
     heights = np.abs(np.vecdot(from_mean, normals[:, None])).max(axis=1)
     turns = np.vecdot(cross(np.roll(edges, 1, axis=1), edges), normals[:, None]).min(axis=1)
-    return np.asarray((heights > FLAT * size) | (turns < -FLAT * size * size))
+    return np.asarray((heights > _FLAT * size) | (turns < -_FLAT * size * size))
 
 
 def cut(polygon: Array, first: float, second: float) -> tuple[Array, Array]:
@@ -219,20 +219,20 @@ def sag(polygon: Array) -> float:
     return float(np.ptp(flat[:, 2])) + 2.0 * depth
 
 
-THICK_M = 1e-3
+_THICK_M = 1e-3
 """A toe so far from the terrain stands on it, as in walks [m]: rounded files, merged facets."""
 _SAME_WAY = float(np.cos(0.02))
 """Cosine between normals of a foothold and of the terrain under it: more than a mesh's facets
 differ, 1 % of a cone."""
 _ROUGHER = 1e-9
 """Of friction: what rounding makes of it."""
-AROUND, FAR_M = 64, 0.3
+_AROUND, FAR_M = 64, 0.3
 """Ways from a toe along which the border of its surface is looked for, and how far [m]."""
 
 
 def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array) -> Array:
     """Distance of every toe from terrain that is as rough as its patch and faces as it does, beyond
-    ``THICK_M``; on a map, from where a surface is known, which goes on for bodies to keep out of.
+    ``_THICK_M``; on a map, from where a surface is known, which goes on for bodies to keep out of.
 
     Arguments:
         patches: the one that each toe chose.
@@ -257,7 +257,7 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
             np.linalg.norm(np.maximum(low - toe, 0.0) + np.maximum(toe - high, 0.0), axis=1),
             np.inf,
         )
-        most = max(THICK_M, float(about.min()))
+        most = max(_THICK_M, float(about.min()))
         near.append(np.flatnonzero(bears & (about <= most)).tolist())
     distances, counts = np.full(len(toes), np.inf), [len(each) for each in near]
     if not any(counts):
@@ -265,12 +265,12 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
     gaps = patch_distances(
         [terrain[i].vertices_m for each in near for i in each], np.repeat(toes, counts, axis=0)
     )
-    for p, off in enumerate(np.split(np.maximum(0.0, gaps - THICK_M), np.cumsum(counts)[:-1])):
+    for p, off in enumerate(np.split(np.maximum(0.0, gaps - _THICK_M), np.cumsum(counts)[:-1])):
         if not len(off):
             continue
         for k in np.flatnonzero(off <= float(off.min())).tolist():
             if (sure := terrain[near[p][k]].certainty) is not None:
-                off[k] = max(float(off[k]), sure.wider_m - border_m(terrain, near[p][k], toes[p]))
+                off[k] = max(float(off[k]), sure.wider_m - _border_m(terrain, near[p][k], toes[p]))
         distances[p] = float(off.min())
     return distances
 
@@ -287,25 +287,25 @@ def certainty_under(
         if other.certainty is not None
         and not other.certainty.exact
         and other.normal @ patch.normal >= _SAME_WAY
-        and abs(gap := float(other.normal @ (toe - other.vertices_m[0]))) <= THICK_M
-        and (gap := float(patch_distances([other.vertices_m], toe[None])[0])) <= THICK_M
+        and abs(gap := float(other.normal @ (toe - other.vertices_m[0]))) <= _THICK_M
+        and (gap := float(patch_distances([other.vertices_m], toe[None])[0])) <= _THICK_M
     ]
     if not near:
         return None
     _, first = min(near)
     sure = terrain[first].certainty
     assert sure is not None
-    return sure, border_m(terrain, first, toe) - sure.wider_m
+    return sure, _border_m(terrain, first, toe) - sure.wider_m
 
 
-def border_m(terrain: Sequence[Patch], first: int, toe: Array) -> float:
+def _border_m(terrain: Sequence[Patch], first: int, toe: Array) -> float:
     """Distance of a toe to the border of the surface that a patch is a piece of, ``FAR_M`` at most [m].
 
     Arguments:
         first: number of the patch.
         toe: in the patch, shape (3,) [m].
     """
-    patch, angles = terrain[first], np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
+    patch, angles = terrain[first], np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
     ways, axes = np.stack([np.cos(angles), np.sin(angles)]), patch.frame[:, 1:]
     begins, ends = list[Array](), list[Array]()
     for other in terrain:
@@ -319,9 +319,9 @@ def border_m(terrain: Sequence[Patch], first: int, toe: Array) -> float:
             reached = offsets[:, None] / along
         begins.append(np.max(np.where(along < 0.0, reached, -np.inf), axis=0))
         ends.append(np.min(np.where(along > 0.0, reached, np.inf), axis=0))
-    begin, end, out = np.array(begins), np.array(ends), np.zeros(AROUND)
+    begin, end, out = np.array(begins), np.array(ends), np.zeros(_AROUND)
     for _ in begins:
-        meets = (begin <= out + THICK_M) & (begin <= end)
+        meets = (begin <= out + _THICK_M) & (begin <= end)
         out = np.maximum(out, np.max(np.where(meets, end, 0.0), axis=0))
     return float(min(out.min(), FAR_M))
 
@@ -334,7 +334,7 @@ def _same_surface(one: Patch, other: Patch) -> bool:
         np.array_equal(one.certainty.about_m, other.certainty.about_m)
         and np.array_equal(one.certainty.covariance, other.certainty.covariance)
         and one.normal @ other.normal >= 1.0 - 1e-9
-        and abs(one.normal @ (other.vertices_m[0] - one.vertices_m[0])) <= THICK_M
+        and abs(one.normal @ (other.vertices_m[0] - one.vertices_m[0])) <= _THICK_M
     )
 
 

@@ -25,15 +25,15 @@ from ..problem import Contact
 from ..robot.model import Limb, Robot
 from .geometry import cross, length
 
-Limbs = Sequence[Limb | Contact]
+_Limbs = Sequence[Limb | Contact]
 
 
-def row_counts(limbs: Limbs) -> tuple[int, ...]:
+def row_counts(limbs: _Limbs) -> tuple[int, ...]:
     """Number of half-spaces of reach that each limb has."""
     return tuple(0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs)
 
 
-def reach_rows(limbs: Limbs) -> tuple[Array, Array] | None:
+def reach_rows(limbs: _Limbs) -> tuple[Array, Array] | None:
     """Half-spaces of reach, normals (N, R, 3) and bounds (N, R) [m], with such that hold always
     where one has fewer.
 
@@ -98,7 +98,7 @@ def bowed(rotation: Array, legs: Array, rows: tuple[Array, Array]) -> Array:
     return np.asarray(np.fmax(most, -math.inf).max(axis=1))
 
 
-def scaled_half_spaces(limbs: Sequence[Limbs], lengths: Array) -> dict[str, Array]:
+def scaled_half_spaces(limbs: Sequence[_Limbs], lengths: Array) -> dict[str, Array]:
     """The half-spaces of reach of Q problems.
 
     Arguments:

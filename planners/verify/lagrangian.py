@@ -28,7 +28,7 @@ vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in the fricti
 ν_M × v). A candidate of a force box that misses the cone is closed, and a leaf in which a foothold
 has no candidate left is empty: its bound is infinite, whatever the multipliers.
 
-*Slack.* An answer may break every constraint by ``SLACK``. Then a term moves by no more than: ‖r‖
+*Slack.* An answer may break every constraint by ``_SLACK``. Then a term moves by no more than: ‖r‖
 SLACK and so on for reach, steps and progress, each limit being widened; (‖r‖ + ‖b‖ of a toe and
 ‖ν_M‖ ‖f‖) times its distance from the pieces; ‖ν_F‖ SLACK + ‖ν_M‖ (1 + ‖c‖) SLACK for the balances,
 where the force that is left over acts at c. All of that is taken off, and nothing is proved unless
@@ -36,7 +36,7 @@ where the force that is left over acts at c. All of that is taken off, and nothi
 
 *Rounding.* ℓ is a sum of products of multipliers with numbers of the problem. Each frame adds to it
 some hundred rounded operations at most; each loses 1.1e-16 of the size of what it works on, so all
-of them lose less than 1e-13 M of the sum of these sizes over M frames. Ten times that, ``GUARD`` M
+of them lose less than 1e-13 M of the sum of these sizes over M frames. Ten times that, ``_GUARD`` M
 of the sum, is taken off.
 """
 
@@ -112,13 +112,13 @@ def multiplier_count(who: Schedule) -> int:
     return sum(math.prod(shape) for shape in multiplier_shapes(who).values())
 
 
-SLACK = 1e-6
+_SLACK = 1e-6
 """A certificate must also refute postures that break constraints by this much: ``check_plan``
 accepts those."""
 
 
 def least_works(
-    a: Array, lower: Array, upper: Array, friction: Array, slack: float = SLACK
+    a: Array, lower: Array, upper: Array, friction: Array, slack: float = _SLACK
 ) -> tuple[Array, Array]:
     """Proved lower bounds on min {a·f : lower ≤ f ≤ upper, ‖(f_y, f_z)‖ ≤ μ f_n} for each of V
     rows, shape (V,), and the same with every inequality widened by ``slack``.
@@ -172,18 +172,18 @@ def least_works(
 
 
 def _misses_cone(lower: Array, upper: Array, friction: Array) -> NDArray[np.bool_]:
-    """Tell where no force is within ``SLACK`` of both force box, shape (V, 3) each, and friction
+    """Tell where no force is within ``_SLACK`` of both force box, shape (V, 3) each, and friction
     cone; shape (V,).
     """
     shear = np.maximum(np.maximum(lower[:, 1:], -upper[:, 1:]), 0.0)
     nearest = np.sqrt((shear * shear).sum(axis=1))
-    most = friction * (upper[:, 0] + SLACK) + SLACK  # largest shear
-    return np.asarray((most < 0.0) | (nearest > most + 1.5 * SLACK))
+    most = friction * (upper[:, 0] + _SLACK) + _SLACK  # largest shear
+    return np.asarray((most < 0.0) | (nearest > most + 1.5 * _SLACK))
 
 
-GUARD = 1e-12
+_GUARD = 1e-12
 """Every leaf's bound is lowered by this share of its terms, times the number of frames."""
-MOST_ROWS = 2048
+_MOST_ROWS = 2048
 """So many forces (a vertex, a limb that carries) are looked at together: what fits in a processor's
 cache."""
 
@@ -272,7 +272,7 @@ def leaf_bounds(numbers: Numbers, leaves: Leaves) -> Array:
     """Proved lower bound on the moment residual at every leaf, shape (L,); 0 where nothing is
     proved, inf where empty.
 
-    Nothing is proved against answers within ``SLACK`` of the constraints, so that no problem has
+    Nothing is proved against answers within ``_SLACK`` of the constraints, so that no problem has
     both an accepted answer and an accepted certificate.
     """
     values, empty = least_lagrangians(numbers, leaves)
@@ -290,13 +290,13 @@ def least_lagrangians(numbers: Numbers, leaves: Leaves) -> tuple[Array, NDArray[
     """Least value ℓ of the left side (see the module) over every leaf, and which leaves are empty.
 
     Returns shapes (2, L), rounded down, as the problem is and with every constraint widened by
-    ``SLACK``, and (L,).
+    ``_SLACK``, and (L,).
     """
     sizes = np.append(np.diff(leaves.first), 0)[
         leaves.pieces
     ]  # vertices of each candidate; piece −1 has none
     rows = (sizes * np.maximum(numbers.schedule.borne, 1)[numbers.candidate]).sum(axis=1)
-    chunk = np.cumsum(rows) // MOST_ROWS
+    chunk = np.cumsum(rows) // _MOST_ROWS
     ends = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(rows)]
     with np.errstate(all="ignore"):
         bounds = [
@@ -331,9 +331,9 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         numbers.shoulders[q],
         numbers.tilt[q],
     )
-    far_com = length(com) + numbers.com_radius[q] + SLACK  # ‖c‖, (L, M)
+    far_com = length(com) + numbers.com_radius[q] + _SLACK  # ‖c‖, (L, M)
     most = (
-        length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * SLACK
+        length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * _SLACK
     )  # ‖f‖, (L, B)
     pushed, torque, pulled, stretch = length(m.nu_F), length(m.nu_M), length(pull), length(m.reach)
     reached, twisted = stretch.sum(axis=1), np.abs(twist).sum(axis=(1, 2))
@@ -342,7 +342,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     leverage = (
         torque[:, who.stance] * most
     ) @ who.on_foothold  # Σ ‖ν_M‖ ‖f‖ at each foothold, (L, P)
-    slack = np.array([0.0, SLACK])[:, None]  # as the problem is, and widened
+    slack = np.array([0.0, _SLACK])[:, None]  # as the problem is, and widened
     off_patch = leaves.sag[leaves.pieces] * (leaves.pieces >= 0) + slack[..., None]
     candidates -= (
         off_patch * (length(toes) + leverage)[:, numbers.candidate]
@@ -363,7 +363,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
             axis=1
         )  # both balances are off by slack
     )
-    arm = length(shoulders) * (1.0 + 2.0 * (tilt + SLACK))[:, None] + numbers.reach[q] + SLACK
+    arm = length(shoulders) * (1.0 + 2.0 * (tilt + _SLACK))[:, None] + numbers.reach[q] + _SLACK
     carried = (torque[:, who.stance] * far[:, who.foothold] + pushed[:, who.stance]) * most
     terms = (
         weight * (pushed + torque * far_com[:, who.frame]).sum(axis=1)
@@ -384,13 +384,13 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         value += m.progress @ numbers.progress - used @ numbers.steps  # d·(c' − c) ≥ progress, ≤ Δ
         loose += used.sum(axis=1) + gained
         terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
-        terms += used[:, 1] * 2.0 * (tilt + SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
+        terms += used[:, 1] * 2.0 * (tilt + _SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
         value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
     if who.linear:
         used, size = m.linear_step, np.abs(linear)  # (L, M − 1, R), (L, M − 1, R, 7)
         value -= (used * linear[..., 6]).sum(axis=(1, 2))  # a·(c' − c, Θ' − Θ) ≤ b
         loose += used.sum(axis=(1, 2))
-        weighed = size[..., 6] + 2.0 * length(size[..., 3:6]) * (1.0 + SLACK)
+        weighed = size[..., 6] + 2.0 * length(size[..., 3:6]) * (1.0 + _SLACK)
         terms += (used * weighed).sum(axis=(1, 2))
         terms += (used * length(size[..., :3])).sum(axis=(1, 2)) * 2.0 * far_com.max(axis=1)
         value = np.where((m.linear_step < 0.0).any(axis=(1, 2)), -np.inf, value)
@@ -415,7 +415,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         farthest = far.max(axis=1) + far_com.max(axis=1)
         terms += np.vecdot(used, np.abs(bounds)) + 3.0 * used.sum(axis=1) * farthest
         terms += 3.0 * np.vecdot(bent, arm)
-    value = value - GUARD * len(who.holds) * (1.0 + terms)
+    value = value - _GUARD * len(who.holds) * (1.0 + terms)
     return np.minimum.reduceat(candidates, numbers.first_candidate, axis=2).sum(
         axis=2
     ) + value - slack * loose, empty

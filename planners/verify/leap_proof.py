@@ -34,7 +34,7 @@ from ..problem.leap import Leap
 from .certificate import proof_report
 from .explain import Explanation, Relaxation
 
-MOST_GRIP = 3.0
+_MOST_GRIP = 3.0
 """An explanation looks no further."""
 GUARD = 1e-7
 """A leaf's bound has to be above this, for multipliers of at most 1: far more than rounding."""
@@ -265,7 +265,7 @@ class _Parts:
 
     def grip_needed(self, opened: list[list[int]], j: int) -> float:
         """The least friction of foothold ``j`` at which the leaf fails, inf where none up to
-        ``MOST_GRIP`` does.
+        ``_MOST_GRIP`` does.
         """
         rest = self.least(opened, but=j)
 
@@ -273,9 +273,9 @@ class _Parts:
             values = (self.bounds.candidate(self, j, r, grip) for r in opened[j])
             return rest + min(values, default=math.inf) > GUARD
 
-        if holds(MOST_GRIP):
+        if holds(_MOST_GRIP):
             return math.inf
-        low, high = 0.0, MOST_GRIP
+        low, high = 0.0, _MOST_GRIP
         for _ in range(16):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if holds(middle) else (low, middle)

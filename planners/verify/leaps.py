@@ -250,11 +250,11 @@ def with_body(
 
 
 _SUBSTEPS = 16
-TOLERANCE = 1e-3
+_TOLERANCE = 1e-3
 """Largest violation that is accepted, without unit."""
-UNJUDGED = "its legs are not judged: its robot has limbs alone"
+_UNJUDGED = "its legs are not judged: its robot has limbs alone"
 """Said of a leap whose robot has no legs of its own."""
-UNITS = {
+_UNITS = {
     "patch": ("m", 0.1),
     "idle_force": ("N", 1.0),
     "friction": ("N", 1.0),
@@ -292,17 +292,17 @@ def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
     defect = _defect(plan)
     if defect:
         broken = (
-            violation(name, math.inf, 1.0, TOLERANCE, unit=unit)
-            for name, (unit, _) in UNITS.items()
+            violation(name, math.inf, 1.0, _TOLERANCE, unit=unit)
+            for name, (unit, _) in _UNITS.items()
         )
-        return Report(groups=tuple(broken), answer=plan, tolerance=TOLERANCE, defect=defect)
+        return Report(groups=tuple(broken), answer=plan, tolerance=_TOLERANCE, defect=defect)
 
     judge = _Judge(plan)
     has_legs = plan.problem.robot.source.own
     report = Report(
-        groups=(*judge.groups(), *_unjudged("not asked for" if has_legs else UNJUDGED)),
+        groups=(*judge.groups(), *_unjudged("not asked for" if has_legs else _UNJUDGED)),
         answer=plan,
-        tolerance=TOLERANCE,
+        tolerance=_TOLERANCE,
         figures={"momentum_error": judge.momentum_error},
     )
     return with_body(report) if body and has_legs else report
@@ -359,8 +359,10 @@ class _Judge:
 
     def groups(self) -> Iterator[Group]:
         """The worst of every group."""
-        for name in UNITS:
-            self.found[name] = violation(name, 0.0, UNITS[name][1], TOLERANCE, unit=UNITS[name][0])
+        for name in _UNITS:
+            self.found[name] = violation(
+                name, 0.0, _UNITS[name][1], _TOLERANCE, unit=_UNITS[name][0]
+            )
         self._ends()
         self._claims()
         for k in range(self.leap.intervals):
@@ -438,11 +440,11 @@ class _Judge:
             scale: what 1 of it is in SI; 0 for the group's own.
         """
         value = float(np.max(by))
-        unit, scale_of_group = UNITS[group]
+        unit, scale_of_group = _UNITS[group]
         if not math.isfinite(value):
             value = math.inf
         violation_found = violation(
-            group, value, scale or scale_of_group, TOLERANCE, unit=unit, limb=limb, when=k
+            group, value, scale or scale_of_group, _TOLERANCE, unit=unit, limb=limb, when=k
         )
         if violation_found.worst > self.found[group].worst:
             self.found[group] = violation_found

@@ -34,14 +34,14 @@ from ..files.codec import Columns
 from ..problem.problem import Problem, Stance
 from .geometry import contact_frames, cross
 
-CLOSE = 0.02
+_CLOSE = 0.02
 """A distance is known well enough when its bounds are this close to each other, as a share."""
-DIRECTIONS = 32
+_DIRECTIONS = 32
 """Most directions that are tried for one distance."""
-SAME = 1e-5
+_SAME = 1e-5
 """Corners of a region this close to each other are one: what a solver leaves of a corner that it
 finds twice."""
-TINY = 1e-9
+_TINY = 1e-9
 """A part of the weight, or a length [m], that is none."""
 _FRICTION_STEPS = 5
 """Halvings of the interval in which the least share of the friction is sought."""
@@ -56,7 +56,7 @@ held the median is .14."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class StanceMargin:
+class _StanceMargin:
     """Margins of one stance beyond its own weight, for any forces that its contacts may have.
 
     Arguments:
@@ -191,7 +191,7 @@ def _shift(borne: Array) -> Array:
 
 def stance_margins(
     plan: Plan, *, pushes_alone: bool = False, yields_m: float = 0.0
-) -> tuple[StanceMargin, ...]:
+) -> tuple[_StanceMargin, ...]:
     """The margin of every stance of a plan, in the order of ``Problem.stances``.
 
     Arguments:
@@ -207,7 +207,7 @@ def stance_margins(
         program = programs[count] = programs.get(count) or _Program(count)
         push = _inner_distance(program.support(at, PUSH + yields_m * _shift(at.borne)))
         margins.append(
-            StanceMargin(
+            _StanceMargin(
                 frame=stance.frame,
                 limbs=tuple(plan.problem.robot.limb_names[limb] for limb in stance.limbs),
                 push_n=push * plan.problem.weight_n,
@@ -241,7 +241,7 @@ def verdict_yields_m(plan: Plan) -> float:
     return YIELDS * float(np.mean([limb.reach_m for limb in plan.problem.robot.limbs]))
 
 
-def least_margins(plan: Plan) -> dict[str, StanceMargin]:
+def least_margins(plan: Plan) -> dict[str, _StanceMargin]:
     """The margin of the stance that bears least, under each of "push_n", "support_m" and
     "friction_left"; the push is one that moves the body.
 
@@ -270,7 +270,7 @@ def least_margins(plan: Plan) -> dict[str, StanceMargin]:
                 least[name], weakest[name] = value, course.stances[index]
     least["push_n"] *= course.weight_n
     return {
-        name: StanceMargin(
+        name: _StanceMargin(
             frame=stance.frame,
             limbs=tuple(course.robot.limb_names[limb] for limb in stance.limbs),
             **{other: least[name] if other == name else math.nan for other in least},
@@ -402,7 +402,7 @@ def _sure_distances(every: Sequence[_Contacts], shifts: Sequence[Array]) -> Arra
         planned, borne = np.array([at.planned for at in same]), np.array([at.borne for at in same])
         low, high = np.array([at.low for at in same]), np.array([at.high for at in same])
         friction = np.array([at.friction for at in same])
-        scale = np.repeat(np.maximum(planned[:, :, 0], TINY), 3, axis=1)[:, :, None]
+        scale = np.repeat(np.maximum(planned[:, :, 0], _TINY), 3, axis=1)[:, :, None]
         across = scale * balance.transpose(0, 2, 1)
         answer = across @ np.linalg.pinv(balance @ across, hermitian=True)
         flat = planned.reshape(len(rows), -1, 1)
@@ -411,13 +411,13 @@ def _sure_distances(every: Sequence[_Contacts], shifts: Sequence[Array]) -> Arra
         off = np.abs(balance @ change - shift).max(axis=(1, 2))
         off = np.maximum(off, np.abs(balance @ flat - borne[:, :, None]).max(axis=(1, 2)))
         force, change = flat.reshape(planned.shape), change.reshape(*planned.shape, 2)
-        slope = np.maximum(np.linalg.norm(change, axis=3), TINY)
+        slope = np.maximum(np.linalg.norm(change, axis=3), _TINY)
         bounds = np.minimum((high - force) / slope, (force - low) / slope).min(axis=(1, 2))
         room = friction * force[:, :, 0] - np.linalg.norm(force[:, :, 1:], axis=2)
         used = np.linalg.norm(change[:, :, 1:], axis=(2, 3)) + friction * slope[:, :, 0]
-        cones = (room / np.maximum(used, TINY)).min(axis=1)
-        sure[rows] = np.where(off < TINY, np.minimum(bounds, cones), 0.0)
-    return (1.0 - CLOSE) * np.maximum(0.0, sure)
+        cones = (room / np.maximum(used, _TINY)).min(axis=1)
+        sure[rows] = np.where(off < _TINY, np.minimum(bounds, cones), 0.0)
+    return (1.0 - _CLOSE) * np.maximum(0.0, sure)
 
 
 def _inner_distance(farthest: Callable[[Array], Array | None], enough: float = math.inf) -> float:
@@ -444,7 +444,7 @@ def _inner_distance(farthest: Callable[[Array], Array | None], enough: float = m
         outer = min(outer, look(turn))
     while outer > 0.0:
         inner, turn = _nearest_side(directions)
-        if inner >= min(enough, (1.0 - CLOSE) * outer) or len(directions) >= DIRECTIONS:
+        if inner >= min(enough, (1.0 - _CLOSE) * outer) or len(directions) >= _DIRECTIONS:
             return max(0.0, inner)
         before = len(directions)
         outer = min(outer, look(turn))
@@ -462,7 +462,7 @@ def _nearest_side(found: Sequence[tuple[float, Array]]) -> tuple[float, float]:
     for (x, y), (then_x, then_y) in zip(points, [*points[1:], points[0]], strict=True):
         out_x, out_y = then_y - y, x - then_x
         length = math.hypot(out_x, out_y)
-        if length > SAME and (away := (out_x * x + out_y * y) / length) < nearest:
+        if length > _SAME and (away := (out_x * x + out_y * y) / length) < nearest:
             nearest, facing = away, math.atan2(out_y, out_x) % math.tau
     return (nearest, facing) if math.isfinite(nearest) else (0.0, 0.0)
 

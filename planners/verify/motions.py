@@ -2,7 +2,7 @@
 and nothing else.
 
 Feet, centre of mass and momentum are those of the robot's own file at the table's joints. Contacts
-are those of the table, or else of feet that are within ``GAP_M`` of the terrain and move neither to
+are those of the table, or else of feet that are within ``_GAP_M`` of the terrain and move neither to
 nor from it, nor fast along it; whether forces that carry the motion exist is a program per row: λ ≥
 0 over the edges of friction cones of eight sides, least distance from Newton and Euler for the
 whole robot. Forces of the table are judged, too, where it has some. A group of which the table, the
@@ -34,22 +34,22 @@ from ..terrain.obstacles import Ground, Obstacles
 from ..terrain.patch import Patch
 from .bodies import bodies_report, spaced
 
-GAP_M = 1e-3
+_GAP_M = 1e-3
 """A foot so near to the terrain touches it."""
-STILL_M_S = 0.02
+_STILL_M_S = 0.02
 """A foot that stands moves no faster to or from the terrain."""
-SLIDES_M_S = 0.15
+_SLIDES_M_S = 0.15
 """Nor along it, where the file does not say that it stands: a foot that skims over the ground
 swings."""
-WINDOW_S = 0.2
+_WINDOW_S = 0.2
 """Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
-EDGES = 8
+_EDGES = 8
 """Edges of the pyramid in a friction cone."""
-NARROW_M = 0.01
+_NARROW_M = 0.01
 """Under feet that are smaller, the nearest point of heights is looked for so far around."""
-OTHERWISE = 0.99
+_OTHERWISE = 0.99
 """Surfaces whose normals have a greater cosine than this between them lean alike."""
-UNITS = {
+_UNITS = {
     "joints": "rad",
     "joint_speed": "1",
     "torque": "1",
@@ -66,7 +66,7 @@ UNITS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionLimits:
+class _MotionLimits:
     """Tolerances for a motion; forces in units of the weight, moments of weight times stand height.
 
     Arguments:
@@ -75,7 +75,7 @@ class MotionLimits:
         contact_gap_m, penetration_m: of a foot that stands, of any foot.
         slip_m: of a standing foot since it came down, of its point of contact, rolling left out, or
             of its centre: whichever moved less.
-        balance: what no forces in the cones give, mean over ``WINDOW_S``.
+        balance: what no forces in the cones give, mean over ``_WINDOW_S``.
         forces: the same of the forces of the table, which may be those of a body at rest.
         cone, swing_force: of the table's forces, outside of cones, and on feet that do not stand.
         bodies_m: of a link in another or in the terrain.
@@ -98,7 +98,7 @@ def check_motion(
     table: MotionTable,
     robot: Robot,
     terrain: Sequence[Patch] | Ground,
-    limits: MotionLimits = MotionLimits(),
+    limits: _MotionLimits = _MotionLimits(),
     *,
     gravity_m_s2: float = GRAVITY_M_S2,
 ) -> Report[MotionTable]:
@@ -119,7 +119,7 @@ def check_motion(
     measured = _Measured(_ordered(table, kinematics), kinematics, terrain, limits)
     most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
     groups = []
-    for name, unit in UNITS.items():
+    for name, unit in _UNITS.items():
         why, worst = measured.missing.get(name, ""), _Worst()
         if not why:
             try:
@@ -207,7 +207,7 @@ class _Measured:
         table: MotionTable,
         kinematics: Kinematics,
         terrain: Sequence[Patch] | Ground,
-        limits: MotionLimits,
+        limits: _MotionLimits,
     ) -> None:
         self.table, self.kinematics, self.terrain, self.limits = table, kinematics, terrain, limits
         self.known, self.times_s = table.known(), table.time_s
@@ -415,7 +415,7 @@ class _Measured:
         normals, frictions = first.copy(), friction.reshape(-1).copy()
         for patch in () if isinstance(self.terrain, Ground) else self.terrain:
             away = np.abs(_from_polygon(patch, flat)[0] - radii)
-            better = (away <= GAP_M) & (away < second) & (first @ patch.normal < OTHERWISE)
+            better = (away <= _GAP_M) & (away < second) & (first @ patch.normal < _OTHERWISE)
             second = np.where(better, away, second)
             normals = np.where(better[:, None], patch.normal, normals)
             frictions = np.where(better, patch.friction, frictions)
@@ -431,10 +431,10 @@ class _Measured:
         if "contact" in self.known:
             return np.asarray(self.known["contact"])
         gap = self.surface[0]
-        slow = np.abs(np.gradient(gap, self.step_s, axis=0)) <= STILL_M_S
+        slow = np.abs(np.gradient(gap, self.step_s, axis=0)) <= _STILL_M_S
         speed, normals = np.gradient(self.feet[0], self.step_s, axis=0), self.surface[1]
         along = speed - np.sum(speed * normals, axis=-1, keepdims=True) * normals
-        return np.asarray((gap <= GAP_M) & slow & (np.linalg.norm(along, axis=-1) <= SLIDES_M_S))
+        return np.asarray((gap <= _GAP_M) & slow & (np.linalg.norm(along, axis=-1) <= _SLIDES_M_S))
 
     @cached_property
     def _points(self) -> Array:
@@ -503,8 +503,8 @@ class _Measured:
         return np.asarray(lacks)
 
     def _windowed(self, series: Array) -> Array:
-        """The mean over ``WINDOW_S`` about each row, shape (T − 2,)."""
-        count = max(1, min(len(series), round(WINDOW_S / self.step_s)))
+        """The mean over ``_WINDOW_S`` about each row, shape (T − 2,)."""
+        count = max(1, min(len(series), round(_WINDOW_S / self.step_s)))
         sums = np.convolve(series, np.ones(count), mode="valid") / count
         left = (len(series) - len(sums)) // 2
         return np.pad(sums, (left, len(series) - len(sums) - left), mode="edge")
@@ -547,7 +547,7 @@ def _nearest_on(heights: HeightField, centres: Array, radii: Array) -> tuple[Arr
     steps = np.linspace(-1.0, 1.0, 9)
     around = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
     flat = centres[:, :2]
-    grid = flat[:, None] + np.maximum(radii, NARROW_M)[:, None, None] * around
+    grid = flat[:, None] + np.maximum(radii, _NARROW_M)[:, None, None] * around
     rise = heights.height(grid.reshape(-1, 2)).reshape(grid.shape[:2]) - centres[:, None, 2]
     chosen = (np.sum((grid - flat[:, None]) ** 2, axis=-1) + rise**2).argmin(axis=1)
     at = grid[np.arange(len(grid)), chosen]
@@ -594,7 +594,7 @@ def _cones(normals: Array, friction: Array) -> Array:
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     second = cross(normals, first)
-    angle = 2.0 * np.pi * np.arange(EDGES) / EDGES
+    angle = 2.0 * np.pi * np.arange(_EDGES) / _EDGES
     around = (
         np.cos(angle)[:, None] * first[..., None, :] + np.sin(angle)[:, None] * second[..., None, :]
     )

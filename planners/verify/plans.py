@@ -57,7 +57,7 @@ from .postures import (
 )
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
-DRAWS = 200
+_DRAWS = 200
 SHARE = 0.95
 """Share of the grounds drawn, those on which every toe has to find its foothold."""
 SEED = 46
@@ -80,16 +80,16 @@ def ground_group(plan: Plan) -> Group | None:
     depths_m = touch_downs_m(plan)
     draws = np.random.default_rng(SEED)
     planes = dict[tuple[bytes, bytes], Array]()
-    missed, deviations = np.zeros((len(sure), DRAWS), dtype=bool), np.zeros(len(sure))
+    missed, deviations = np.zeros((len(sure), _DRAWS), dtype=bool), np.zeros(len(sure))
     for row, (p, certainty, from_edge) in enumerate(sure):
         key = certainty.covariance.tobytes(), certainty.about_m.tobytes()
         if key not in planes:
-            planes[key] = draws.standard_normal((DRAWS, 3)) @ _root(certainty).T
+            planes[key] = draws.standard_normal((_DRAWS, 3)) @ _root(certainty).T
         place, upward = plan.toes_m[p, :2], patches[p].normal[2]
-        local = certainty.rough_m * draws.standard_normal(DRAWS)
+        local = certainty.rough_m * draws.standard_normal(_DRAWS)
         off = upward * np.abs(planes[key] @ certainty.levers(place) + local)
         deviations[row] = upward * float(certainty.height_sd_m(place))
-        beyond = certainty.edge_sd_m * draws.standard_normal(DRAWS) > from_edge
+        beyond = certainty.edge_sd_m * draws.standard_normal(_DRAWS) > from_edge
         missed[row] = (off > depths_m[p]) | beyond
     share, worst = float(missed.any(axis=0).mean()), int(missed.sum(axis=1).argmax())
     foothold = course.footholds[sure[worst][0]]
@@ -105,7 +105,7 @@ def ground_group(plan: Plan) -> Group | None:
         message=f"{text}, expected {SHARE:.0%}" if share > 1.0 - SHARE else "",
         figures={
             "found_share": 1.0 - share,
-            "grounds": DRAWS,
+            "grounds": _DRAWS,
             "height_sd_m": float(deviations.max()),
             "touch_down_m": float(depths_m.max()),
         },

@@ -44,11 +44,11 @@ REACHED_M = 1e-5
 """A foot farther than this from its toe is not there."""
 LIMIT_RAD = 1e-6
 """Angles that a plan brings may be so far beyond a limit."""
-Place = tuple[int, str]
+_Place = tuple[int, str]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class JointReport:
+class _JointReport:
     """Can the joints do what a plan asks for?
 
     M frames, S stances, N limbs, J joints.
@@ -75,9 +75,9 @@ class JointReport:
     excess_nm: Array
     share: float
     shift_m: Array
-    worst_error: Place
-    worst_limit: Place
-    worst_torque: Place
+    worst_error: _Place
+    worst_limit: _Place
+    worst_torque: _Place
     postures_message: str
     torque_message: str
     unlimited: tuple[str, ...]
@@ -188,7 +188,7 @@ def joint_report(
     *,
     reached_m: float = REACHED_M,
     solver: Kinematics | None = None,
-) -> JointReport:
+) -> _JointReport:
     """Joints of every key frame, torques of every stance.
 
     Raises InvalidInput without pinocchio.
@@ -224,7 +224,7 @@ def joint_report(
             f"where {solver.joints[joint]} has {most[joint]:g}"
         )
     frames = list(range(course.frames))
-    return JointReport(
+    return _JointReport(
         angles=angles,
         error_m=error,
         limit_rad=limit,
@@ -302,12 +302,12 @@ def _by_leg(solver: Kinematics, values: Array) -> Array:
     )
 
 
-def _where(table: Array, frames: Sequence[int], course: Problem) -> Place:
+def _where(table: Array, frames: Sequence[int], course: Problem) -> _Place:
     row, limb = np.unravel_index(int(np.argmax(table)), table.shape)
     return frames[int(row)], course.robot.limb_names[int(limb)]
 
 
-def _place(at: Place) -> dict[str, Any]:
+def _place(at: _Place) -> dict[str, Any]:
     return {"frame": at[0], "limb": at[1]}
 
 
@@ -378,7 +378,7 @@ def _points_defect(plan: Plan) -> str:
     return ""
 
 
-PARTS = {
+_PARTS = {
     "force_balance": ("x", "y", "z"),
     "moment_balance": ("x", "y", "z"),
     "tilt": ("x", "y", "z"),
@@ -480,7 +480,7 @@ def worst_groups(
             tolerance,
             unit=unit,
             limb=names[limb[row]] if group in OF_CONTACTS else "",
-            part=PARTS[group][column] if group in PARTS else "",
+            part=_PARTS[group][column] if group in _PARTS else "",
             when=float(frame[stance] + share[stance]),
         )
     return worst

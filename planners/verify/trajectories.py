@@ -25,15 +25,15 @@ from .trajectory_measurements import GROUPS as GROUPS
 from .trajectory_measurements import Flags, Rows, Series, TrajectoryMeasurements
 from .trajectory_measurements import WalkLimits as WalkLimits
 
-APART_M = 0.01
+_APART_M = 0.01
 """Between samples a swinging foot is looked at this often along its way [m]."""
-MOST_PIECES = 10
+_MOST_PIECES = 10
 """Points between two samples at most: a foot that is faster than ``Limits.foot_speed_m_s`` is
 refused anyway."""
 
 
 @dataclass(frozen=True, slots=True)
-class FootPhase:
+class _FootPhase:
     """Samples first … last of one foot's stance or swing.
 
     Arguments:
@@ -46,7 +46,7 @@ class FootPhase:
     whole: bool = True
 
 
-class StepMeasurements:
+class _StepMeasurements:
     """Measurements of the steps of one trajectory; all series are shape (K, E) unless they say
     otherwise.
     """
@@ -131,7 +131,7 @@ class StepMeasurements:
     def _pieces(self) -> int:
         """Into how many pieces steps from sample to sample are cut."""
         longest = float(np.linalg.norm(np.diff(self.trajectory.feet_m, axis=0), axis=-1).max())
-        return int(np.clip(np.ceil(longest / APART_M), 2, MOST_PIECES))
+        return int(np.clip(np.ceil(longest / _APART_M), 2, _MOST_PIECES))
 
     def _between(self, number: int, pieces: int) -> tuple[Array, Array]:
         """Points of one foot between samples of which neither stands, shape (P, 3) [m], and their
@@ -152,10 +152,10 @@ class StepMeasurements:
         points = np.einsum("kwi,ws->ksi", near, weights).reshape(-1, 3)
         return points, (self.times_s[at][:, None] + shares * self.step_s).ravel()
 
-    def _heights(self, swing: FootPhase) -> Array:
+    def _heights(self, swing: _FootPhase) -> Array:
         return self._height_m[swing.first : swing.last + 1, swing.foot]
 
-    def _middle(self, swing: FootPhase) -> Array:
+    def _middle(self, swing: _FootPhase) -> Array:
         """Heights in the middle half; of a swing that is cut off all but a quarter beside the end
         at which it lands.
         """
@@ -164,14 +164,14 @@ class StepMeasurements:
         begins, ends = swing.first > 0, swing.last < len(self._height_m) - 1
         return heights[quarter * begins : len(heights) - quarter * ends]
 
-    def _dragged(self, swing: FootPhase, near_m: float) -> float:
+    def _dragged(self, swing: _FootPhase, near_m: float) -> float:
         first, last = max(swing.first - 1, 0), min(swing.last + 1, len(self._height_m) - 1)
         way = self.trajectory.feet_m[first : last + 1, swing.foot]
         stands = self.trajectory.contact[first : last + 1, swing.foot]
         low = stands | (self._height_m[first : last + 1, swing.foot] < near_m)
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1)[low[1:] & low[:-1]].sum())
 
-    def _marked(self, found: Iterator[tuple[FootPhase, float]]) -> Series:
+    def _marked(self, found: Iterator[tuple[_FootPhase, float]]) -> Series:
         """A value a phase, at the sample where the phase begins."""
         values = np.zeros(self.trajectory.contact.shape)
         for phase, value in found:
@@ -179,7 +179,7 @@ class StepMeasurements:
         return Series(values, self.feet, self.times_s)
 
 
-def _phases(holds: Flags) -> Iterator[FootPhase]:
+def _phases(holds: Flags) -> Iterator[_FootPhase]:
     """Runs of samples at which it holds, foot by foot; those that an end of the trajectory cuts off
     are not whole.
     """
@@ -187,13 +187,13 @@ def _phases(holds: Flags) -> Iterator[FootPhase]:
         changes = [0, *(np.flatnonzero(np.diff(holds[:, foot])) + 1).tolist(), len(holds)]
         for first, end in pairwise(changes):
             if holds[first, foot]:
-                yield FootPhase(foot, first, end - 1, whole=first > 0 and end < len(holds))
+                yield _FootPhase(foot, first, end - 1, whole=first > 0 and end < len(holds))
 
 
 _MOST_EDGES = 4000
 """Windows begin and end at every sample of trajectories up to so many, and at every so-manieth of
 longer ones."""
-EVEN = 1e-9
+_EVEN = 1e-9
 """Normal force of all feet below which there is none, in units of m·g."""
 
 
@@ -257,7 +257,7 @@ class MomentumMeasurements:
         forces = trajectory.forces_n[1:-1]
         presses = np.where(stands, np.maximum(np.sum(forces * normals, axis=-1), 0.0), 0.0)
         whole = presses.sum(axis=1)
-        carried = whole > EVEN * self._measured.weight_n
+        carried = whole > _EVEN * self._measured.weight_n
         shares = presses / np.where(carried, whole, 1.0)[:, None]
         supplied = forces + shares[..., None] * residual[:, None]
         beyond = self._measured.beyond_cone(supplied, normals, self._measured.suction_n)
@@ -363,7 +363,7 @@ class MomentumMeasurements:
         return [step] * starts + [last - step] * stops
 
 
-def defect_of(trajectory: Trajectory, step_s: float) -> str:
+def _defect_of(trajectory: Trajectory, step_s: float) -> str:
     """Defect that keeps a trajectory from being one at all, so that nothing can be measured; empty
     when nothing does.
 
@@ -414,7 +414,7 @@ def defect_of(trajectory: Trajectory, step_s: float) -> str:
     return ""
 
 
-TIME_S = 1e-9
+_TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
 _OVERFLOW = "the numbers overflow"
 __all__ = ["GROUPS", "WalkLimits", "check_trajectory", "with_body"]
@@ -431,7 +431,7 @@ def check_trajectory(
             the time.
     """
     with np.errstate(all="ignore"):
-        defect = defect_of(trajectory, limits.step_s)
+        defect = _defect_of(trajectory, limits.step_s)
         if defect:
             return _refused(trajectory, limits, defect)
         measured = TrajectoryMeasurements(trajectory)
@@ -557,7 +557,7 @@ def _balances(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
 
 def _contacts(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
     """Feet: what they press with, where they stand, and how they step."""
-    weight, steps = measured.weight_n, StepMeasurements(measured)
+    weight, steps = measured.weight_n, _StepMeasurements(measured)
     return {
         "cone": (measured.cone(), limits.cone * weight),
         "suction": (measured.suction(), limits.cone * weight),
@@ -567,8 +567,8 @@ def _contacts(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
         "slip": (measured.slip(), limits.slip_m),
         "foot_velocity": (steps.foot_velocity(), limits.foot_velocity_m_s),
         "touch_speed": (steps.touch_speed(), limits.touch_speed_m_s),
-        "stance_time": (steps.stance_time(limits.least_stance_s), TIME_S),
-        "swing_time": (steps.swing_time(limits.least_swing_s), TIME_S),
+        "stance_time": (steps.stance_time(limits.least_stance_s), _TIME_S),
+        "swing_time": (steps.swing_time(limits.least_swing_s), _TIME_S),
         "lift": (steps.lift(limits.least_lift_m), 0.0),
         "clearance": (steps.clearance(limits.least_clearance_m), 0.0),
         "drag": (steps.drag(limits.contact_gap_m), limits.drag_m),

@@ -190,7 +190,7 @@ class Series:
 
 Flags = NDArray[np.bool_]
 
-APART_M, _CLOSE_M, NEAR_M = 0.08, 0.02, 0.1
+_APART_M, _CLOSE_M, NEAR_M = 0.08, 0.02, 0.1
 """How far apart points of the trunk are, and where something is near; and what near is [m]."""
 _FEELER_M = 1e-5
 """Half the base over which the slope of the surface is felt [m]."""
@@ -381,7 +381,7 @@ class TrajectoryMeasurements:
         Where the map has something higher than that within NEAR_M of such a point, the face is
         looked at every CLOSE_M: a stone may come up between.
         """
-        points = self._placed(slice(None), APART_M)
+        points = self._placed(slice(None), _APART_M)
         depth = (self.trajectory.terrain.height(points[..., :2]) - points[..., 2]).max(axis=1)
         near = np.flatnonzero((self._tops(points[..., :2]) > points[..., 2]).any(axis=1))
         if len(near):

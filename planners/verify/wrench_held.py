@@ -31,15 +31,15 @@ from .geometry import cross, length
 from .lagrangian import Numbers
 from .stances import Index
 
-HALVINGS = 12
+_HALVINGS = 12
 """Halvings of the interval in which the largest multiple is sought."""
-LESS = 0.99
+_LESS = 0.99
 """A later stance is named only where it holds less than this share of what an earlier one does."""
-REFUSED = (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible)
+_REFUSED = (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible)
 
 
 @dataclass(frozen=True, kw_only=True)
-class WrenchHeld:
+class _WrenchHeld:
     """The stance that holds the least of its wrench.
 
     Arguments:
@@ -51,7 +51,7 @@ class WrenchHeld:
     share: float
 
 
-def least_held(numbers: Numbers, patches: Sequence[Array]) -> WrenchHeld | None:
+def least_held(numbers: Numbers, patches: Sequence[Array]) -> _WrenchHeld | None:
     """The stance that holds the least of its wrench; None where every stance might hold all of it.
 
     Stances that cannot even bear the weight alone are left out: it is not the wrench that they lack
@@ -63,17 +63,17 @@ def least_held(numbers: Numbers, patches: Sequence[Array]) -> WrenchHeld | None:
     """
     if numbers.wrench is None:
         return None
-    result: WrenchHeld | None = None
+    result: _WrenchHeld | None = None
     for stance in np.flatnonzero(length(numbers.wrench[0]) > 0.0).tolist():
         lift = _Lift(numbers, patches, stance)
-        most = 1.0 if result is None else LESS * result.share
+        most = 1.0 if result is None else _LESS * result.share
         if lift.might_hold(most) or not lift.might_hold(0.0):
             continue
         least = 0.0
-        for _ in range(HALVINGS):
+        for _ in range(_HALVINGS):
             middle = 0.5 * (least + most)
             least, most = (middle, most) if lift.might_hold(middle) else (least, middle)
-        result = WrenchHeld(stance=stance, share=most)
+        result = _WrenchHeld(stance=stance, share=most)
     return result
 
 
@@ -134,7 +134,7 @@ class _Lift:
         answer: Any = clarabel.DefaultSolver(
             nothing, np.zeros(size), matrix, right, self._cones, settings
         ).solve()
-        return answer.status not in REFUSED
+        return answer.status not in _REFUSED
 
     def _group(self, count: int, cones: Sequence[Any], right: Sequence[float] | Array) -> Index:
         """New rows A x + s = b with s in these cones, count of them."""

@@ -95,7 +95,7 @@ def _preconditioned(
     return way
 
 
-SHORTEST = 1e-6
+_SHORTEST = 1e-6
 _MOST_PRODUCTS = 80
 """Products with the normal matrix in one Gauss-Newton step."""
 
@@ -125,7 +125,7 @@ def gauss_newton(
         share = 1.0
         state = energy.at(psi + step)
         evaluations += 1
-        while not state.total <= now.total + 1e-4 * share * slope and share > SHORTEST:
+        while not state.total <= now.total + 1e-4 * share * slope and share > _SHORTEST:
             share *= 0.5
             state = energy.at(psi + share * step)
             evaluations += 1
@@ -235,7 +235,7 @@ def _conjugate_gradients(
 Method = Literal["fast", "local-global", "accelerated", "gauss-newton"]
 CELLS, HEIGHT_M = (24, 24, 6), 2.3
 """The grid of a domain of 8 m, and the band: five times ANYmal's height at rest (Pan et al. §V)."""
-MATCH_TOLERANCE_M = 0.0008
+_MATCH_TOLERANCE_M = 0.0008
 """Distance by which the ground may miss the terrain where it is measured; 1 mm anywhere."""
 _BARRIER = 0.01
 _PUBLISHED_BARRIER = 0.001
@@ -243,7 +243,7 @@ _MATCH_WEIGHT = 3.0
 """Weight of the fast path's E_match, in 1/m; the snap does the rest."""
 _SMOOTHINGS = (0.0, 0.6, 1.0, 1.5, 2.5)
 """Deviations of the Gaussian under which the terrain is matched, in cells."""
-STEEPEST = 1.9
+_STEEPEST = 1.9
 """Steepest slope of a matched surface: the ground of a map that follows a steeper one in cells of
 .3 m overhangs."""
 _SHORTEST_FADE_M = 0.4
@@ -251,12 +251,12 @@ _SHORTEST_FADE_M = 0.4
 slowly."""
 _LARGEST_FADE = 0.4
 """Share of a column's height that the snap may squeeze away where it fades the fastest."""
-MARGIN = 4
+_MARGIN = 4
 """Grid lines of the snap beyond the terrain: its error at its ends falls to a quarter with each."""
 DET_FLOOR = 0.1
 """Least min det J at which the fast path stops trying."""
-MOST_CONTROLS = 200_000
-_SEPARABLE, FEWEST_CELLS = ("gauss-newton", "accelerated"), 3
+_MOST_CONTROLS = 200_000
+_SEPARABLE, _FEWEST_CELLS = ("gauss-newton", "accelerated"), 3
 """Methods that solve axis by axis, and the cells along one: with fewer, two points a cell do not
 tell cells + 3 splines apart."""
 
@@ -330,9 +330,9 @@ def fit_map(
             can hold.
     """
     began = process_time()
-    if method in _SEPARABLE and min(_cells(cells)) < FEWEST_CELLS:
+    if method in _SEPARABLE and min(_cells(cells)) < _FEWEST_CELLS:
         raise InvalidInput(
-            f"cells: expected {FEWEST_CELLS} or more along each axis with {method}, got {cells}"
+            f"cells: expected {_FEWEST_CELLS} or more along each axis with {method}, got {cells}"
         )
     grid = QuadratureGrid.of_band(
         field.domain_m, checked(height_m, "height_m", above=0.0, most=100.0), _cells(cells), 2
@@ -391,7 +391,7 @@ def _targets(field: HeightField, grid: QuadratureGrid) -> Iterator[tuple[HeightF
             return
         target = field.smoothed(share * cell) if share else field
         nodes = np.stack(np.meshgrid(field.x_m, field.y_m, indexing="ij"), axis=-1)
-        if float(np.linalg.norm(target.gradient(nodes), axis=-1).max()) <= STEEPEST:
+        if float(np.linalg.norm(target.gradient(nodes), axis=-1).max()) <= _STEEPEST:
             yield target, share * cell
 
 
@@ -420,14 +420,14 @@ def _snapped(
         )
         warp = replace(bare, snap=_with_margin(x, y, delta), fade_m=fade)
         match = match_error(warp, field)
-        if match[0] <= MATCH_TOLERANCE_M:
+        if match[0] <= _MATCH_TOLERANCE_M:
             break
         x, y = (np.linspace(line[0], line[-1], 2 * len(line) - 1) for line in (x, y))
     else:
         raise PlanningFailed(
             f"{field.name or 'terrain'}: finer than a map of {bare.cells} cells can hold: its "
             "ground misses it by "
-            f"{1e3 * match[0]:.1f} mm, expected {1e3 * MATCH_TOLERANCE_M:g} mm or less"
+            f"{1e3 * match[0]:.1f} mm, expected {1e3 * _MATCH_TOLERANCE_M:g} mm or less"
         )
     report = _report("fast", field, warp, descent, match, began)
     message = "; ".join(part for part in (descent.message, message) if part)
@@ -441,19 +441,19 @@ def _with_margin(x: Array, y: Array, delta: Array) -> HeightField:
 
     The height field's spline is straight at its ends; so its error there stays off the terrain.
     """
-    k = np.arange(1.0, MARGIN + 1.0)[:, None]
+    k = np.arange(1.0, _MARGIN + 1.0)[:, None]
     parabola = np.concatenate(
         [0.5 * (k + 1.0) * (k + 2.0), -k * (k + 2.0), 0.5 * k * (k + 1.0)], axis=1
     )
     for _ in range(2):
         delta = np.concatenate([(parabola @ delta[:3])[::-1], delta, parabola @ delta[:-4:-1]]).T
-    steps = [MARGIN * np.array([line[1] - line[0], line[-1] - line[-2]]) for line in (x, y)]
+    steps = [_MARGIN * np.array([line[1] - line[0], line[-1] - line[-2]]) for line in (x, y)]
     lines = [
         np.concatenate(
             [
-                np.linspace(line[0] - before, line[0], MARGIN + 1)[:-1],
+                np.linspace(line[0] - before, line[0], _MARGIN + 1)[:-1],
                 line,
-                np.linspace(line[-1], line[-1] + after, MARGIN + 1)[1:],
+                np.linspace(line[-1], line[-1] + after, _MARGIN + 1)[1:],
             ]
         )
         for line, (before, after) in zip((x, y), steps, strict=True)
@@ -504,8 +504,8 @@ def _cells(cells: tuple[int, int, int]) -> tuple[int, int, int]:
     if len(cells) != 3 or not all(isinstance(n, int) and 2 <= n <= 200 for n in cells):
         raise InvalidInput(f"cells: expected three whole numbers in [2, 200], got {cells}")
     controls = int(np.prod([n + 3 for n in cells]))
-    if controls > MOST_CONTROLS:
+    if controls > _MOST_CONTROLS:
         raise InvalidInput(
-            f"cells: expected {MOST_CONTROLS} control points or fewer, got {controls}"
+            f"cells: expected {_MOST_CONTROLS} control points or fewer, got {controls}"
         )
     return cells

@@ -15,7 +15,7 @@ from ..files.arrays import Array
 from ..terrain.heightfield import HeightField
 from .quadrature import QuadratureGrid
 
-NEWTON_STEPS = 4
+_NEWTON_STEPS = 4
 """Enough for 1e-6 where singular values differ by a factor of 4 or less; each more step squares the
 error."""
 
@@ -40,7 +40,7 @@ def determinant(jacobian: Array, cof: Array | None = None) -> Array:
     )
 
 
-def rotation(jacobian: Array, steps: int = NEWTON_STEPS) -> Array:
+def rotation(jacobian: Array, steps: int = _NEWTON_STEPS) -> Array:
     """The rotation nearest to J, shape (3, 3, N…): Newton's R ← ½(γR + R⁻ᵀ/γ) with γ = |det
     R|^(−1/3).
 
@@ -94,7 +94,7 @@ def published_similarity(jacobian: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(target, 0, -1)).reshape(jacobian.shape)
 
 
-Scale = Literal["published", "nearest"]
+_Scale = Literal["published", "nearest"]
 """published: |Σ|^(1/3), the size in the paper's ρ. nearest: tr(Σ)/3, that of the similarity nearest
 to J."""
 
@@ -136,7 +136,7 @@ class MapEnergy:
     field: HeightField
     match_weight: float
     barrier: float = 0.0
-    scale: Scale = "nearest"
+    scale: _Scale = "nearest"
 
     @classmethod
     def published(cls, grid: QuadratureGrid, field: HeightField, barrier: float = 0.0) -> MapEnergy:

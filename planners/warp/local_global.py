@@ -21,7 +21,7 @@ from ..files.arrays import Array
 from .energy import Evaluation, MapEnergy, nearest_similarity, published_similarity
 from .quadrature import QuadratureGrid, SeparableSolver
 
-Solve = Callable[[Array], Array]
+_Solve = Callable[[Array], Array]
 """From the right side of the global step, shape (3, nx, ny, nz), to its displacement."""
 
 
@@ -71,7 +71,7 @@ def _iterate(
     psi: Array,
     iterations: int,
     tolerance: float,
-    solve: Solve,
+    solve: _Solve,
     target: Callable[[Array], Array],
     memory: int,
     began: float,
@@ -125,7 +125,7 @@ class _Anderson:
         )
 
 
-def _factorised(grid: QuadratureGrid, grip: float) -> Solve:
+def _factorised(grid: QuadratureGrid, grip: float) -> _Solve:
     """The global step's normal matrix of each component, factorised once."""
     x, y, z = grid.axes
     hold = np.outer(z.ends[0], z.ends[0])

@@ -14,7 +14,7 @@ from ..terrain.heightfield import HeightField
 from .energy import determinant, singular_values
 from .spline_map import SplineMap
 
-FINER = 6
+_FINER = 6
 """Lines a cell on which det J is checked; the quadrature has two or three."""
 _GROUND_LINES = 81
 TORSO_M = 0.5
@@ -102,7 +102,7 @@ def least_determinant(warp: SplineMap) -> tuple[float, Array]:
     [m].
     """
     lines = [
-        np.linspace(low, high, FINER * n + 1)
+        np.linspace(low, high, _FINER * n + 1)
         for (low, high), n in zip(warp.domain_m, warp.cells[:2], strict=True)
     ]
     near = min(warp.fade_m, warp.height_m)
@@ -127,7 +127,7 @@ def match_error(warp: SplineMap, field: HeightField) -> tuple[float, float]:
     for (low, high), cells, nodes in zip(
         warp.domain_m, warp.cells[:2], field.heights_m.shape, strict=True
     ):
-        count = max(FINER * cells, int(2.3 * nodes))
+        count = max(_FINER * cells, int(2.3 * nodes))
         lines.append(low + (high - low) * (np.arange(count) + 0.5) / count)
     ground = warp.ground_on_grid(lines[0], lines[1])
     miss = ground[2] - field.height(np.moveaxis(ground[:2], 0, -1))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 
-POLAR_STEPS = 8
+_POLAR_STEPS = 8
 """Exact to rounding for Jacobians whose singular values differ by a factor of up to 100."""
 
 
@@ -41,7 +41,7 @@ def nearest_rotation(jacobian: Array) -> Array:
     return np.asarray(u @ vt)
 
 
-def polar_function(steps: int = POLAR_STEPS) -> ca.Function:
+def polar_function(steps: int = _POLAR_STEPS) -> ca.Function:
     """CasADi function (J: 3 × 3) → (R: 3 × 3): 𝒫(J) (W12) for det J > 0 by Newton's R ← ½(γR +
     R⁻ᵀ/γ), γ = det(R)^(−⅓).
 
@@ -71,7 +71,7 @@ def _signed_svd(jacobian: Array) -> tuple[Array, Array, Array]:
     return u, sigma, vt
 
 
-NEWTON_STEPS = 30
+_NEWTON_STEPS = 30
 
 
 def surface(bases: Sequence[CubicBasis], control: Array, at: Array) -> tuple[Array, Array, Array]:
@@ -94,7 +94,7 @@ def surface(bases: Sequence[CubicBasis], control: Array, at: Array) -> tuple[Arr
     return value, along_x, along_y
 
 
-def inverted(
+def _inverted(
     function: Callable[[Array], tuple[Array, Array]], goal: Array, starts: Array, images: Array
 ) -> Array:
     """Newton's method for function(x) = goal, (N, k), from the start, (M, k), whose image is the
@@ -112,7 +112,7 @@ def inverted(
     points = starts[cKDTree(images).query(goal)[1]]
     at, jacobian = function(points)
     miss, share, left = np.linalg.norm(at - goal, axis=1), np.ones(len(goal)), np.arange(len(goal))
-    for _ in range(NEWTON_STEPS):
+    for _ in range(_NEWTON_STEPS):
         left = left[miss[left] > 1e-11]
         if not left.size:
             break
@@ -140,11 +140,11 @@ def inverted(
 
 
 FORMAT = "stancekit/warp/1"
-REACH_M = 20.0
+_REACH_M = 20.0
 """Distance beyond its band that a map goes on along straight lines [m]."""
 STEEPEST_FADE = 1.875
 """Fastest fading of the snap, times the height at which it has faded out."""
-TEXTS = ("name", "terrain_digest")
+_TEXTS = ("name", "terrain_digest")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,7 +198,7 @@ class SplineMap:
     def _bases(self) -> list[CubicBasis]:
         spans = (*self.domain_m, (0.0, self.height_m))
         return [
-            CubicBasis.over(np.linspace(low, high, n + 1), REACH_M)
+            CubicBasis.over(np.linspace(low, high, n + 1), _REACH_M)
             for (low, high), n in zip(spans, self.cells, strict=True)
         ]
 
@@ -309,7 +309,7 @@ class SplineMap:
             for (low, high), n in zip(spans, self.cells, strict=True)
         ]
         starts, images = np.stack(np.meshgrid(*lines, indexing="ij")), self.on_grid(*lines)[0]
-        result = inverted(
+        result = _inverted(
             self.points_and_jacobians,
             points.reshape(-1, 3),
             starts.reshape(3, -1).T,
@@ -340,7 +340,9 @@ class SplineMap:
             value, along_x, along_y = surface(bases, ground[:2], at)
             return value, np.stack([along_x, along_y], axis=-1)
 
-        points = inverted(plan, xy.reshape(-1, 2), starts.reshape(2, -1).T, images.reshape(2, -1).T)
+        points = _inverted(
+            plan, xy.reshape(-1, 2), starts.reshape(2, -1).T, images.reshape(2, -1).T
+        )
         return points.reshape(xy.shape), surface(bases, ground[2:], points)[0].reshape(
             xy.shape[:-1]
         )
@@ -365,7 +367,7 @@ class SplineMap:
         """Arrays that ``from_arrays`` reads."""
         arrays: dict[str, NDArray[Any]] = {"format": np.array(FORMAT), "control_m": self.control_m}
         arrays |= {
-            key: np.array(getattr(self, key)) for key in ("domain_m", "height_m", "fade_m", *TEXTS)
+            key: np.array(getattr(self, key)) for key in ("domain_m", "height_m", "fade_m", *_TEXTS)
         }
         return arrays | (
             {} if self.snap is None else {f"snap_{k}": v for k, v in self.snap.to_arrays().items()}
@@ -393,13 +395,13 @@ class SplineMap:
         if str(data.pop("format", "")) != FORMAT:
             raise InvalidInput(f"expected format {FORMAT}, got something else")
         snap = {key[5:]: data.pop(key) for key in list(data) if key.startswith("snap_")}
-        names = {"control_m", "domain_m", "height_m", "fade_m", *TEXTS}
+        names = {"control_m", "domain_m", "height_m", "fade_m", *_TEXTS}
         if set(data) != names:
             wrong = sorted(set(data) ^ names)
             raise InvalidInput(
                 f"expected the arrays {', '.join(sorted(names))}, wrong: {', '.join(wrong)}"
             )
-        texts = {key: str(data.pop(key)) for key in TEXTS}
+        texts = {key: str(data.pop(key)) for key in _TEXTS}
         return cls(**data, **texts, snap=HeightField.from_arrays(snap, "snap") if snap else None)  # type: ignore[arg-type]
 
 

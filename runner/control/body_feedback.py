@@ -33,11 +33,11 @@ EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
 _TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
-ROUNDS = 4
+_ROUNDS = 4
 """The least force holds others in hardly more rounds than two: then the program is asked."""
 _EVEN = EVEN * np.eye(6)
 WEIGHTS = read_only(np.repeat([1.0, _TURNING], 3), (6,), "weights")
-PLANNED = 0.95
+_PLANNED = 0.95
 """Share of μ that forces may use where the plan uses as much."""
 
 
@@ -182,7 +182,7 @@ class BodyController:
         """
         arms, planned, least = question.arms, question.planned, self._feedback.least_share
         free, start, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             lacks = np.linalg.solve(free @ free.T + _EVEN, question.wanted - arms @ start.ravel())
             force = planned + (lacks @ arms).reshape(planned.shape)
             light = force[:, 0] < least
@@ -204,7 +204,7 @@ class BodyController:
         used = sample.across_n / np.maximum(
             sample.along_n, self._feedback.least_share * self._weight
         )
-        share, most = self._feedback.cone_share * sample.friction, PLANNED * sample.friction
+        share, most = self._feedback.cone_share * sample.friction, _PLANNED * sample.friction
         return np.asarray(np.maximum(share, np.minimum(used, most)))
 
     def _program(self, count: int) -> Rows[_Asked]:

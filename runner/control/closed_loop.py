@@ -122,12 +122,12 @@ def _held_while(runner: Runner, work: Callable[[], Answer]) -> Answer:
         )  # the ending of a run that is stopped waits for no planner
 
 
-KNOTS = 31
+_KNOTS = 31
 _SLOWER = 2.0
 """The way back takes so many times as long as the way there: then nothing is faster than it was."""
 
 
-class Retreat:
+class _Retreat:
     """A ``Motion``: a stretch of a plan's motion backwards, from rest to rest.
 
     Arguments:
@@ -139,7 +139,7 @@ class Retreat:
         self.solids: tuple[Solid, ...] = motion.solids
 
     @classmethod
-    def of_step(cls, motion: PlanMotion, frame: int) -> Retreat:
+    def of_step(cls, motion: PlanMotion, frame: int) -> _Retreat:
         """Retreat along the step to this frame, all of it."""
         return cls(motion, *motion.step_s(frame))
 
@@ -151,7 +151,7 @@ class Retreat:
     @property
     def knots_s(self) -> Array:
         """Times of the knots, as in ``Motion`` [s]."""
-        return np.linspace(0.0, self.duration_s, KNOTS)
+        return np.linspace(0.0, self.duration_s, _KNOTS)
 
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times; the ends are held."""
@@ -179,19 +179,19 @@ def _step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state
         gravity_m_s2=kinematics.gravity_m_s2,
         near_rad=np.array(state.angles_rad),
     )
-    retreat, record = Retreat.of_step(prepared.motion, frame), Record()
+    retreat, record = _Retreat.of_step(prepared.motion, frame), Record()
     tracker = Tracker(retreat, near, world.rate_hz, runner.settings.feedback, drives=world.drives)
     tracked = Tracked(motion=retreat, tracker=tracker, first=tracker.start(), sees=prepared.sees)
     runner.follow(tracked, record)
     return record
 
 
-NEXT = 3
+_NEXT = 3
 """Key frames that are planned alone where not all that are left can be done; and then one."""
-OTHERWISE = (
+_OTHERWISE = (
     ("bend the plan", WholeBodyLimits(), 0),
-    ("the next key frames alone", None, NEXT),
-    ("bend the next key frames", WholeBodyLimits(), NEXT),
+    ("the next key frames alone", None, _NEXT),
+    ("bend the next key frames", WholeBodyLimits(), _NEXT),
     ("the next key frame alone", None, 1),
     ("bend the next key frame", WholeBodyLimits(), 1),
 )
@@ -446,7 +446,7 @@ class ClosedLoop:
             return _held_while(runner, partial(made, None, 0))
         except InvalidInput as error:
             failed: InvalidInput | PlanningFailed = error
-        for what, limits, horizon in OTHERWISE:
+        for what, limits, horizon in _OTHERWISE:
             runner.decide(what, str(failed))
             try:
                 return _held_while(runner, partial(made, limits, horizon))

@@ -49,7 +49,7 @@ from .estimation import nearest_on
 from .friction import FrictionEstimator
 from .loop_settings import LoopSettings
 
-NEAR = (0.94, 0.97)
+_NEAR = (0.94, 0.97)
 """More shares of the lower end, between the last two, once feet slid: every bit of reserve counts
 then."""
 
@@ -178,7 +178,7 @@ class Replanner:
         if (
             interval.planned_on < share
         ):  # the most likely comes last: where the lower end has no plan
-            nearer = (*shares[:-1], *NEAR, shares[-1])
+            nearer = (*shares[:-1], *_NEAR, shares[-1])
             shares = (*(cautious * interval.planned_on / share for cautious in nearer), 1.0)
         return share, shares
 
@@ -254,7 +254,7 @@ def _counts(outcome: Answer[Plan]) -> float:
     return float(outcome.solution.provenance.get("friction_share", 1.0))
 
 
-ROOM = 0.05
+_ROOM = 0.05
 """By which boxes are widened on every side, non-dimensional: they are learned for one stance, and
 the stances of a window share toes and a body that steps."""
 NODES = 20
@@ -364,7 +364,7 @@ class SelectorPlanner:
 def _within_chosen(
     selector: Predictor, learned: EnvelopeSet, course: Problem, programs: Programs
 ) -> TwoStagePlanner:
-    """A planner within the boxes that a selector chooses for a course, widened by ``ROOM``.
+    """A planner within the boxes that a selector chooses for a course, widened by ``_ROOM``.
 
     Raises InvalidInput for a course with legs or patches that nothing was learned of.
     """
@@ -375,7 +375,7 @@ def _within_chosen(
         raise InvalidInput(
             f"{course.name}: expected stances by {legs} or the legs opposite to them, got others"
         )
-    boxes = replace(boxes, boxes=tuple(box.widened(ROOM) for box in boxes.boxes))
+    boxes = replace(boxes, boxes=tuple(box.widened(_ROOM) for box in boxes.boxes))
     return TwoStagePlanner(boxes, max_nodes=NODES, programs=programs)
 
 
@@ -396,7 +396,7 @@ def chosen(selector: Predictor, learned: EnvelopeSet, course: Problem) -> Stance
         if not same_legs and set(standing) != set(image):
             return None
         action = np.asarray(
-            selector.predict(seen(course, stance, legs if same_legs else image, not same_legs))[0],
+            selector.predict(_seen(course, stance, legs if same_legs else image, not same_legs))[0],
             dtype=float,
         )
         boxes = [Envelope.from_vector(row) for row in action.reshape(-1, 12 * len(legs))]
@@ -415,7 +415,7 @@ def chosen(selector: Predictor, learned: EnvelopeSet, course: Problem) -> Stance
     return StanceBoxes(problem_class=learned.problem_class, boxes=tuple(each))
 
 
-def seen(
+def _seen(
     course: Problem, stance: Stance, legs: Sequence[str], mirror: bool
 ) -> dict[str, NDArray[np.float32]]:
     """The observation of a stance as ``EnvelopeSelection-v0`` has it, or of its mirror image.

@@ -110,7 +110,7 @@ def _body(feet: Array, places: Array, rotation: Array) -> tuple[Array, Array]:
     return goal - rotation @ middle, rotation
 
 
-ROUNDING_M = 1e-9
+_ROUNDING_M = 1e-9
 BORDER_M = 0.02
 """So far beyond its patch's border a foot may have slid and still be taken for standing on the
 border."""
@@ -174,7 +174,7 @@ def estimate_standing(
 def _along(patch: Patch, away_m: Array) -> float:
     """Part of a way that is along a patch [m]; 0 for rounding errors."""
     along = float(np.linalg.norm(away_m - (away_m @ patch.normal) * patch.normal))
-    return along if along > ROUNDING_M else 0.0
+    return along if along > _ROUNDING_M else 0.0
 
 
 def nearest_on(patch: Patch, point: Array) -> Array:

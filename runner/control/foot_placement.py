@@ -29,7 +29,7 @@ _SMOOTH_HZ = 60.0
 """Rate [1/s] at which a foot's target goes to where the foot was found to have landed."""
 _EARLY = 0.05
 """A foot that comes down and feels this share of the weight has landed."""
-QUIET, LISTEN_S = 4.0, 0.5
+_QUIET, _LISTEN_S = 4.0, 0.5
 """What a foot feels is a contact above so many standard deviations of what feet in the air felt,
 about for this time [s]. A surface does not pull: what they feel below zero is noise, and half of
 it."""
@@ -39,12 +39,12 @@ weight, about for this time [s]: what bears nothing pulls no body to its place, 
 LEVEL = 0.5
 """Feet that step aside come down between the heights that they should have under the body and in
 the world."""
-BEYOND = 1.15
+_BEYOND = 1.15
 """They step so much farther than where the body would come to rest over them: it comes back."""
 WITH_FEET = 0.5
 """A body over feet that stepped aside is pulled to its place, but for this share of what they
 did."""
-STEP = 0.2
+_STEP = 0.2
 """Feet step aside by no more than this share of the height at which the robot stands."""
 GIVES_M = 0.006
 """Way that legs and body give, beside what is not known of the ground [m]."""
@@ -117,7 +117,7 @@ class FootPlacement:
         self._kinematics, self._feedback, self._weight = kinematics, feedback, weight_n
         self._step_s, self._period_s = step_s, period_s
         self._left = np.exp(-_SMOOTH_HZ * period_s)
-        self._most_step = STEP * kinematics.model.stand_height_m
+        self._most_step = _STEP * kinematics.model.stand_height_m
         self._landed, self._planned = first.feet_m, first.feet_m
         self._stepped, self.moved_m, self._drift = (np.zeros_like(first.feet_m) for _ in range(3))
         self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
@@ -176,12 +176,12 @@ class FootPlacement:
     @property
     def _touch_n(self) -> float:
         """A foot that presses so hard touches."""
-        return max(self._feedback.touch_n, QUIET * sqrt(self._variance))
+        return max(self._feedback.touch_n, _QUIET * sqrt(self._variance))
 
     def _listen(self, below_n: Array) -> None:
         """Estimate the noise of the feet by what those in the air feel below zero, shape (K,)."""
         if below_n.size:
-            self._listened = min(self._listened + self._period_s, LISTEN_S)
+            self._listened = min(self._listened + self._period_s, _LISTEN_S)
             share = min(1.0, self._period_s / self._listened)
             self._variance += (2.0 * float(np.mean(below_n**2)) - self._variance) * share
 
@@ -311,6 +311,6 @@ class FootPlacement:
         to where it comes to rest over them, x + v √(h/g) of what it is off, and a little farther.
         """
         late, away = found.velocity[:3] - body.velocity[:3], found.position_m - body.origin_m
-        aside = BEYOND * self._step_s * late + (BEYOND - 1.0) * away
+        aside = _BEYOND * self._step_s * late + (_BEYOND - 1.0) * away
         aside = aside * min(1.0, self._most_step / max(float(np.linalg.norm(aside)), 1e-9))
         return np.asarray(aside - (sample.normals @ aside)[:, None] * sample.normals)

@@ -29,7 +29,7 @@ from ..log import TOUCH_N, Record
 from ..worlds.world import State
 from .tracker import Target
 
-BEARS, _OF_WEIGHT = 8.0, 0.2
+_BEARS, _OF_WEIGHT = 8.0, 0.2
 """A foot that should press with so many times what a touch is, or with this share of a light
 robot's weight,"""
 SILENT_S = 0.3
@@ -46,7 +46,7 @@ class SilentFeet:
 
     def __init__(self, rate_hz: float, weight_n: float, names: Sequence[str]) -> None:
         self._periods, self._names = SILENT_S * rate_hz, names
-        self._presses_n = min(BEARS * TOUCH_N, _OF_WEIGHT * weight_n)
+        self._presses_n = min(_BEARS * TOUCH_N, _OF_WEIGHT * weight_n)
         self._silent = np.zeros(len(names))
 
     def found(
@@ -75,12 +75,12 @@ class SilentFeet:
 
 _BLOCK_S = 0.05
 """What a foot feels is looked at in blocks of this length."""
-STOOD_S = 0.1
+_STOOD_S = 0.1
 """A foot that was put down less than this ago may still find its place."""
-SLIDES_M_S, _HELD_M_S = 0.01, 0.002
+_SLIDES_M_S, _HELD_M_S = 0.01, 0.002
 """A foot that should stand and moves faster than this slides, one that is slower than that
 holds."""
-LOADED_N = 3.0
+_LOADED_N = 3.0
 _CARRIED = 0.5
 """Share of what feet together should carry; where they carry less the body falls, and what they
 feel is no friction."""
@@ -91,7 +91,7 @@ _CHANGED = 3.0
 """Evidence so many standard deviations above a slide that comes after it was of other ground."""
 _NEWEST = 4
 """So many slides count, the newest: the same foot that slides again tells nothing new."""
-SHARES = np.linspace(0.005, 1.0, 200)
+_SHARES = np.linspace(0.005, 1.0, 200)
 _TAIL = 0.05
 
 
@@ -171,22 +171,22 @@ class FrictionEstimator:
         """
         slides = [felt for felt in self._felt if felt.slid][-_NEWEST:]
         held = [felt.ratio for felt in self._felt if not felt.slid]
-        likelihood = np.zeros(len(SHARES))
+        likelihood = np.zeros(len(_SHARES))
         if slides:
             ratios = np.array([felt.ratio for felt in slides])
             between = float(np.var(ratios, ddof=1)) if len(slides) > 1 else 0.0
             each = float(np.mean([felt.noise**2 for felt in slides])) + between
-            likelihood -= (SHARES - ratios.mean()) ** 2 / (
+            likelihood -= (_SHARES - ratios.mean()) ** 2 / (
                 2.0 * (_SHARED_NOISE**2 + each / len(slides))
             )
         if held:
-            likelihood += log_ndtr((SHARES - max(held)) / _HELD_NOISE)
-        best = len(SHARES) - 1 - int(np.argmax(likelihood[::-1]))
+            likelihood += log_ndtr((_SHARES - max(held)) / _HELD_NOISE)
+        best = len(_SHARES) - 1 - int(np.argmax(likelihood[::-1]))
         mass = np.cumsum(np.exp(likelihood - likelihood[best]))
         low, high = (
-            float(SHARES[np.searchsorted(mass, part * mass[-1])]) for part in (_TAIL, 1.0 - _TAIL)
+            float(_SHARES[np.searchsorted(mass, part * mass[-1])]) for part in (_TAIL, 1.0 - _TAIL)
         )
-        share = float(SHARES[best])
+        share = float(_SHARES[best])
         return FrictionInterval(
             share=share,
             low=min(low, share),
@@ -222,13 +222,13 @@ def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
     across = np.linalg.norm(forces - normal[:, :, None] * normals, axis=2)
     wanted = np.array([target.sample.forces_n[:, 2].sum() for target in targets])
     carried = forces[:, :, 2].sum(axis=1) >= _CARRIED * wanted
-    counts = (foothold >= 0) & (normal >= LOADED_N) & (friction > 0.0) & carried[:, None]
+    counts = (foothold >= 0) & (normal >= _LOADED_N) & (friction > 0.0) & carried[:, None]
     ratio = across / np.where(counts, normal * friction, np.inf)
     moved = np.diff(feet, axis=0, prepend=feet[:1])
     moved -= np.einsum("tij,tij->ti", moved, normals)[:, :, None] * normals
     result = list[tuple[int, _Felt]]()
     for limb in range(foothold.shape[1]):
-        for begin, end in _runs(foothold[:, limb], round(STOOD_S / period_s)):
+        for begin, end in _runs(foothold[:, limb], round(_STOOD_S / period_s)):
             rows = slice(begin, end)
             columns = ratio[rows, limb], moved[rows, limb], counts[rows, limb]
             felt = _stance(*columns, period_s)
@@ -257,8 +257,8 @@ def _stance(ratio: Array, moved: Array, counts: NDArray[np.bool_], period_s: flo
         if not counts[rows].all():
             continue
         speed = float(np.linalg.norm(moved[rows].sum(axis=0))) / (block * period_s)
-        if speed >= SLIDES_M_S:
-            slides = np.linalg.norm(moved[rows], axis=1) >= SLIDES_M_S * period_s
+        if speed >= _SLIDES_M_S:
+            slides = np.linalg.norm(moved[rows], axis=1) >= _SLIDES_M_S * period_s
             slid += ratio[rows][slides].tolist()
         elif speed < _HELD_M_S:
             held = max(held, float(np.median(ratio[rows])))

@@ -34,18 +34,18 @@ from .tracker import Target, Tracker
 
 Shares = tuple[float, ...]
 """Shares of the friction that a plan counts on, that there may be: the most cautious first."""
-Estimate = Callable[[Record, float], Shares]
-WINDOW_S = 0.05
+_Estimate = Callable[[Record, float], Shares]
+_WINDOW_S = 0.05
 _SLID_M = 0.0015
 """A loaded foot that moved so far along its surface within the window slides."""
-STOOD_S = 0.1
+_STOOD_S = 0.1
 """A foot that was put down less than this ago may still find its place."""
-LOADED_N = 3.0
+_LOADED_N = 3.0
 LAND_M_S = 0.3
 STAND_S = 0.3
 """Feet in the air come down with this mean speed; then everybody stands for a while."""
-KNOTS = 9
-ATTEMPTS = 8
+_KNOTS = 9
+_ATTEMPTS = 8
 """So often forces are chosen anew while feet slide on."""
 _GRIP_S = 0.1
 """So long new forces take to stop a foot."""
@@ -55,7 +55,7 @@ class SlipDetector:
     """Detector of feet that slide, from the measurements of every control period."""
 
     def __init__(self, rate_hz: float) -> None:
-        self._window, self._stood = max(1, round(WINDOW_S * rate_hz)), round(STOOD_S * rate_hz)
+        self._window, self._stood = max(1, round(_WINDOW_S * rate_hz)), round(_STOOD_S * rate_hz)
         self._feet = deque[Array](maxlen=self._window + 1)
         self._foothold: NDArray[np.int_] | None = None
         self._since = np.zeros(0, dtype=int)
@@ -72,7 +72,7 @@ class SlipDetector:
         self._feet.append(state.feet_m - target.rolled_m)
         moved = self._feet[-1] - self._feet[0]
         along = moved - np.einsum("ij,ij->i", moved, sample.normals)[:, None] * sample.normals
-        loaded = np.einsum("ij,ij->i", state.forces_n, sample.normals) > LOADED_N
+        loaded = np.einsum("ij,ij->i", state.forces_n, sample.normals) > _LOADED_N
         stands = sample.stands & (self._since >= self._stood)
         return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > _SLID_M))
 
@@ -121,7 +121,7 @@ class StandingMotion:
     @property
     def knots_s(self) -> Array:
         """Times of the knots, as in ``Motion`` [s]."""
-        return np.linspace(0.0, self.duration_s, KNOTS)
+        return np.linspace(0.0, self.duration_s, _KNOTS)
 
     def at(self, times_s: float | Array) -> Samples:
         """The samples at times; the ends are held."""
@@ -157,7 +157,7 @@ class SlipRecovery:
         self._distribution = ForceDistribution(len(kinematics.robot.limbs))
 
     def recover(
-        self, plan: Plan, record: Record, shares: Shares, estimate: Estimate
+        self, plan: Plan, record: Record, shares: Shares, estimate: _Estimate
     ) -> tuple[Target, State, float]:
         """Recover and return the last target, the last state and the time that it took [s].
 
@@ -169,7 +169,7 @@ class SlipRecovery:
         """
         target, state = record.pairs[-1]
         now, rate_hz, periods = target.sample, self._runner.world.rate_hz, 0
-        for _ in range(ATTEMPTS):
+        for _ in range(_ATTEMPTS):
             self._runner.decide(
                 "stand", f"feet slide, counting on {shares[0]:.2f} of the planned friction"
             )

@@ -27,7 +27,7 @@ from ..log import TOUCH_N
 from ..worlds.world import State
 from .tracker import Target
 
-BEARS = 4.0
+_BEARS = 4.0
 """A foot that should bear so many times what a touch is, and feels none, has found nothing,"""
 _EMPTY_S = 0.05
 """after this time; one that bore for so long since it came down has found something."""
@@ -35,7 +35,7 @@ MISSING_M = 0.08
 """So far around a foot that found nothing, along the shear axes, nothing is counted on."""
 _PLANE_M = 1e-3
 """Patches of the same normal less than this apart are of one plane."""
-MOVED_M = 0.004
+_MOVED_M = 0.004
 """A plane that feet find so far from where it should be is moved there; less is how feet and joints
 give way."""
 
@@ -62,7 +62,7 @@ class EmptyStep:
             self._foothold = foothold
         same = foothold == self._foothold
         felt = np.einsum("ij,ij->i", state.forces_n, sample.normals) >= TOUCH_N
-        wanted = np.einsum("ij,ij->i", sample.forces_n, sample.normals) >= BEARS * TOUCH_N
+        wanted = np.einsum("ij,ij->i", sample.forces_n, sample.normals) >= _BEARS * TOUCH_N
         self._bore = np.where(same, self._bore, 0) + felt
         self._empty = np.where(same & ~felt & wanted, self._empty + 1, 0)
         self._foothold = foothold
@@ -123,7 +123,7 @@ def coplanar(patch: Patch, other: Patch) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Offsets:
+class _Offsets:
     """Distances of planes from where a course has them: for every plane a patch in it, and its
     offset along n [m].
     """
@@ -165,7 +165,7 @@ def _shift(foothold: Foothold, moved: Callable[[Patch], Patch]) -> Array:
     return np.asarray(moved(patch).vertices_m[0] - patch.vertices_m[0])
 
 
-def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinematics) -> Offsets:
+def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinematics) -> _Offsets:
     """Find the planes of the patches under feet that bear: the mean of theirs.
 
     Arguments:
@@ -185,7 +185,7 @@ def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinemati
             planes.append(patch)
             offsets.append([offset])
     moved = [(plane, float(np.mean(each))) for plane, each in zip(planes, offsets, strict=True)]
-    moved = [(plane, offset) for plane, offset in moved if abs(offset) >= MOVED_M]
-    return Offsets(
+    moved = [(plane, offset) for plane, offset in moved if abs(offset) >= _MOVED_M]
+    return _Offsets(
         planes=tuple(plane for plane, _ in moved), offsets_m=tuple(offset for _, offset in moved)
     )

@@ -190,11 +190,11 @@ def command(
 _AHEAD = 64
 """The most periods that are looked up together."""
 
-Expected = tuple[Samples, Array]
+_Expected = tuple[Samples, Array]
 """A sample, and the posture that joints are drawn to then, shape (J,) [rad]."""
 
 
-class Coming:
+class _Coming:
     """Samples of one motion at the times that its tracker asks for.
 
     The next periods are looked up with the one that is asked for, twice as many each time as long
@@ -204,10 +204,10 @@ class Coming:
 
     def __init__(self, motion: Motion, wished: RedundancyResolution, period_s: float) -> None:
         self._motion, self._wished, self._period_s = motion, wished, period_s
-        self._known, self._count = dict[float, Expected](), 1
+        self._known, self._count = dict[float, _Expected](), 1
         self._asked = self._last = -1.0
 
-    def at(self, time_s: float, pace: float = 1.0) -> Expected:
+    def at(self, time_s: float, pace: float = 1.0) -> _Expected:
         """Sample that is expected at a time [s].
 
         Arguments:
@@ -330,7 +330,7 @@ class Tracker:
             touch_downs_m=touch_downs_m,
         )
         wished = wished or resolved(motion, kinematics)
-        self._coming = Coming(motion, wished, self._period_s)
+        self._coming = _Coming(motion, wished, self._period_s)
         self._time_s, self._swing = (
             0.0,
             SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s),
@@ -377,7 +377,7 @@ class Tracker:
         return self._next[0]
 
     @property
-    def _next(self) -> Expected:
+    def _next(self) -> _Expected:
         return self._coming.at(self._time_s + self._swing.pace * self._period_s, self._swing.pace)
 
     def next(self, forces_n: Array, state: State | None = None) -> Target | None:

@@ -261,7 +261,7 @@ def _reference_bytes(moved: Moved) -> bytes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Format:
+class _Format:
     """A format: how its files end, whether it is of joints, and who writes it to a path."""
 
     suffixes: tuple[str, ...]
@@ -289,27 +289,27 @@ def _foxglove(moved: Moved, path: Path) -> None:
     write_bytes(layout, layout_of(moved).encode())
 
 
-FORMATS: Mapping[str, Format] = {
-    "csv": Format(
+FORMATS: Mapping[str, _Format] = {
+    "csv": _Format(
         suffixes=(".csv",),
         joints=False,
         write=lambda moved, path: write_bytes(path, csv_of(moved.table)),
     ),
-    "npz": Format(
+    "npz": _Format(
         suffixes=(".npz",),
         joints=False,
         write=lambda moved, path: write_bytes(path, npz_of(moved.table)),
     ),
-    "jointtrajectory": Format(
+    "jointtrajectory": _Format(
         suffixes=(".json", ".yaml", ".yml"),
         joints=True,
         write=lambda moved, path: write_bytes(
             path, joint_trajectory_bytes(moved.table, path.suffix)
         ),
     ),
-    "mujoco": Format(suffixes=(".xml",), joints=True, write=_mujoco),
-    "reference": Format(suffixes=(".npz",), joints=True, write=_reference),
-    "foxglove": Format(suffixes=(".mcap",), joints=False, write=_foxglove),
+    "mujoco": _Format(suffixes=(".xml",), joints=True, write=_mujoco),
+    "reference": _Format(suffixes=(".npz",), joints=True, write=_reference),
+    "foxglove": _Format(suffixes=(".mcap",), joints=False, write=_foxglove),
 }
 """By the name that ``export --to`` takes."""
 

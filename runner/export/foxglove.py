@@ -21,8 +21,8 @@ from stancekit.planners.files.arrays import Array
 if TYPE_CHECKING:
     from .formats import Moved
 
-NANO = 1_000_000_000
-JOINT_STATE = "sensor_msgs/msg/JointState"
+_NANO = 1_000_000_000
+_JOINT_STATE = "sensor_msgs/msg/JointState"
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 """Beginning of CDR: plain, little-endian."""
 _DEFINITION = """std_msgs/Header header
@@ -41,7 +41,7 @@ uint32 nanosec
 """
 _FORCE_M_PER_N = 1e-3
 """Length of the arrows of forces."""
-FRAME = "world"
+_FRAME = "world"
 
 
 def write_mcap(moved: Moved, path: Path) -> None:
@@ -62,13 +62,13 @@ def write_mcap(moved: Moved, path: Path) -> None:
             topic: writer.register_channel(
                 topic, "json", writer.register_schema(name, "jsonschema", _schema(keys))
             )
-            for topic, (name, keys) in TOPICS.items()
+            for topic, (name, keys) in _TOPICS.items()
         }
         if "angles_rad" in known:
-            schema = writer.register_schema(JOINT_STATE, "ros2msg", _DEFINITION.encode())
+            schema = writer.register_schema(_JOINT_STATE, "ros2msg", _DEFINITION.encode())
             channels["/joint_states"] = writer.register_channel("/joint_states", "cdr", schema)
         for row, time_s in enumerate(table.time_s.tolist()):
-            now = round(time_s * NANO)
+            now = round(time_s * _NANO)
             for topic, content in _messages(moved, known, row, now).items():
                 writer.add_message(channels[topic], now, json.dumps(content).encode(), now, row)
             if "angles_rad" in known:
@@ -90,8 +90,8 @@ def _joint_state(names: Sequence[str], rows: Sequence[Array], stamp_ns: int) -> 
         rows: positions, velocities and efforts, shape (J,) each.
     """
     message = _Cdr()
-    message.number("i", stamp_ns // NANO)
-    message.number("I", stamp_ns % NANO)
+    message.number("i", stamp_ns // _NANO)
+    message.number("I", stamp_ns % _NANO)
     message.text("")
     message.number("I", len(names))
     for name in names:
@@ -119,7 +119,7 @@ class _Cdr:
         self.content += content
 
 
-TOPICS: Mapping[str, tuple[str, Mapping[str, str]]] = {
+_TOPICS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "/tf": (
         "foxglove.FrameTransform",
         {
@@ -144,7 +144,7 @@ def _schema(keys: Mapping[str, str]) -> bytes:
 
 def _messages(moved: Moved, known: Mapping[str, Any], row: int, now: int) -> dict[str, Any]:
     """Messages of each topic in JSON at a row."""
-    stamp = {"sec": now // NANO, "nsec": now % NANO}
+    stamp = {"sec": now // _NANO, "nsec": now % _NANO}
     w, x, y, z = known["quaternion"][row].tolist()
     limbs = moved.table.limbs
     arrows = [
@@ -162,7 +162,7 @@ def _messages(moved: Moved, known: Mapping[str, Any], row: int, now: int) -> dic
     ]
     entity = {
         "timestamp": stamp,
-        "frame_id": FRAME,
+        "frame_id": _FRAME,
         "id": "limbs",
         "lifetime": {"sec": 0, "nsec": 0},
         "frame_locked": False,
@@ -179,7 +179,7 @@ def _messages(moved: Moved, known: Mapping[str, Any], row: int, now: int) -> dic
     return {
         "/tf": {
             "timestamp": stamp,
-            "parent_frame_id": FRAME,
+            "parent_frame_id": _FRAME,
             "child_frame_id": "body",
             "translation": _xyz(known.get("origin_m", known["com_m"])[row]),
             "rotation": {"x": x, "y": y, "z": z, "w": w},
@@ -247,7 +247,7 @@ def layout_of(moved: Moved) -> str:
             {
                 "configById": {
                     "3D!stance": {
-                        "followTf": FRAME,
+                        "followTf": _FRAME,
                         "topics": {"/forces": {"visible": True}},
                         "scene": {},
                     },

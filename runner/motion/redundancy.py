@@ -113,7 +113,7 @@ TURNED = 100.0
 knot."""
 LEFT = 60.0
 """The same for the first posture, as far as it is from where the robot is."""
-ENDS = 1e4
+_ENDS = 1e4
 """The same for the last posture of a swing: the one that the plan stands in comes next."""
 _SMOOTHED = 2.0
 """Standard deviation of the smoothing over the family's steps, in knots; what it moves of a foot
@@ -329,7 +329,7 @@ def _cheapest(table: Table, near: Array | None, then: Array | None = None) -> Ar
         back.append(np.argmin(through, axis=0))
         total = through.min(axis=0) + cost
     if then is not None:
-        total = total + ENDS * np.sum((families[-1] - then) ** 2, axis=1)
+        total = total + _ENDS * np.sum((families[-1] - then) ** 2, axis=1)
     index = [int(np.argmin(total))]
     for row in reversed(back):
         index.append(int(row[index[-1]]))

@@ -42,15 +42,15 @@ from ..worlds.world import Ground, Solids, Terrain, WorldCapabilities
 from .actuator_limits import check_actuators
 from .redundancy import RedundancyResolution, resolved
 
-SLACK_M = 0.006
+_SLACK_M = 0.006
 """So deep a foot may be in a surface on the path: what it stands on, and what it is off by, is no
 collision."""
-_TOUCHING_M, RISES = 0.001, 40
+_TOUCHING_M, _RISES = 0.001, 40
 """A foot that is no deeper in the terrain touches it; and how often a robot is put higher."""
 LEVEL = 0.5
 """Upward part of the normal of a surface that a robot is put higher for; none is lifted out of a wall."""
-SAMPLES = 40
-STILL_RAD = 1e-4
+_SAMPLES = 40
+_STILL_RAD = 1e-4
 PEAK = 1.875
 """Greatest velocity of a quintic from 0 to 1 in unit time."""
 
@@ -63,7 +63,7 @@ def soft_motion(
     """
     change = np.asarray(goal_rad) - start_rad
     longest = float(np.abs(change).max())
-    if longest <= STILL_RAD:
+    if longest <= _STILL_RAD:
         return
     periods = max(1, int(np.ceil(PEAK * longest / speed_rad_s * rate_hz)))
     for k in range(1, periods + 1):
@@ -91,12 +91,12 @@ def soft_start(
         InvalidInput: with the limb's name where both paths are blocked.
     """
     depth, limb = _deepest(kinematics, solids, pose, [measured_rad, first_rad])
-    if depth <= SLACK_M:
+    if depth <= _SLACK_M:
         return [first_rad]
     above = kinematics.feet(first_rad) + clearance_m * normals @ pose[1]
     off, _ = kinematics.reach(above, first_rad, first_rad)
     around, _ = _deepest(kinematics, solids, pose, [measured_rad, off, first_rad])
-    if around <= SLACK_M:
+    if around <= _SLACK_M:
         return [off, first_rad]
     raise InvalidInput(
         f"soft start: limb {limb}: its foot would go {1e3 * depth:.0f} mm into a surface on the "
@@ -118,7 +118,7 @@ def rise_m(terrain: Terrain, feet_m: Array, radii_m: Array) -> float:
         else [each.solid for each in terrain if each.normal[2] > LEVEL]
     )
     rise = 0.0
-    for _ in range(RISES if solids else 0):
+    for _ in range(_RISES if solids else 0):
         feet = feet_m + np.array([0.0, 0.0, rise])
         deepest = max(float((radii_m - solid.distance(feet)).max()) for solid in solids)
         if deepest <= _TOUCHING_M:
@@ -134,7 +134,7 @@ def _deepest(
     position, rotation = pose
     worst = np.full(len(kinematics.robot.limbs), -np.inf)
     for start, goal in pairwise(path):
-        for s in np.linspace(0.0, 1.0, SAMPLES):
+        for s in np.linspace(0.0, 1.0, _SAMPLES):
             feet = position + kinematics.feet(start + s * (goal - start)) @ rotation.T
             for solid in solids:
                 worst = np.maximum(worst, kinematics.radii_m - solid.distance(feet))
@@ -150,7 +150,7 @@ RATE_HZ = 100.0
 _LEAST_PACE = 0.1
 """Phases last as long as their joints need (``unhurried``): what still wants a tenth of the pace
 jumps."""
-ROUNDS = 4
+_ROUNDS = 4
 LINEAR = ("velocity", "torque at speed")
 """Uses of limits that fall with the pace, or faster; the others do with its square."""
 
@@ -293,7 +293,7 @@ def parametrize(
             too large: no pace helps there.
     """
     pace, bound_by = 1.0, ""
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         motion = PlanMotion(plan, timing.at_pace(pace), forces_n, longer, standing_n)
         wished = resolved(motion, kinematics) if wished is None else wished.retimed(motion.knots_s)
         profile = joint_profile(motion, kinematics, hung=hung, drives=drives, wished=wished)

@@ -21,7 +21,7 @@ from .guard import SafeWorld
 from .latch import Stopped
 
 Ending = Literal["hold", "home", "torque-off"]
-Left = Literal["held", "home", "torque off", "left to the device", "as it was"]
+_Left = Literal["held", "home", "torque off", "left to the device", "as it was"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class Ended:
         seconds: from the stop, or from the end of the motion, until then.
     """
 
-    left: Left
+    left: _Left
     message: str
     seconds: float
 
@@ -55,7 +55,7 @@ def end(
     """
     stopped = world.latch.tripped
     begin = world.latch.time_s if stopped else time.monotonic()
-    left: Left
+    left: _Left
     if world.dry:
         left, message = "as it was", "dry run: nothing was sent"
     elif ending == "torque-off":
@@ -91,7 +91,7 @@ def _homeward(world: SafeWorld, home: Sequence[Array], speed_rad_s: float) -> st
     return ""
 
 
-def _held(world: SafeWorld, message: str) -> tuple[Left, str]:
+def _held(world: SafeWorld, message: str) -> tuple[_Left, str]:
     device = world.world
     if isinstance(device, Stoppable):
         wrong = _done(device.hold)
@@ -101,7 +101,7 @@ def _held(world: SafeWorld, message: str) -> tuple[Left, str]:
     return "held", message
 
 
-def _relaxed(world: SafeWorld) -> tuple[Left, str]:
+def _relaxed(world: SafeWorld) -> tuple[_Left, str]:
     device = world.world
     if not isinstance(device, Stoppable):
         return "held", f"world {world.name} has no switch for its torque"

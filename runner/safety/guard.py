@@ -125,9 +125,9 @@ class Watchdog:
                 self._pulse = self._clock()
 
 
-FORGIVEN = 0.5
+_FORGIVEN = 0.5
 """So many periods in which a joint was away are made up for by one in which it was not."""
-STILL_RAD, _SENT_RAD = 0.02, 0.1
+_STILL_RAD, _SENT_RAD = 0.02, 0.1
 """A robot has not moved where none of its joints has turned by STILL_RAD, of several that were sent
 SENT_RAD away."""
 _SATURATED = 1.5
@@ -419,7 +419,7 @@ class SafeWorld:
         """
         away = np.abs(state.angles_rad - state.sent_rad + self._lean)
         self._away = np.where(
-            away > self._path, self._away + 1.0, np.maximum(self._away - FORGIVEN, 0.0)
+            away > self._path, self._away + 1.0, np.maximum(self._away - _FORGIVEN, 0.0)
         )
         worst = int(self._away.argmax())
         if self._away[worst] > self.limits.path_s * self.rate_hz + 1e-6:
@@ -438,7 +438,7 @@ class SafeWorld:
         """Tell whether joints were sent away from where they were measured first, and none has
         moved.
         """
-        if self._first is None or np.abs(state.angles_rad - self._first).max() > STILL_RAD:
+        if self._first is None or np.abs(state.angles_rad - self._first).max() > _STILL_RAD:
             return False
         return bool(np.count_nonzero(np.abs(state.sent_rad - self._first) > _SENT_RAD) > 1)
 

@@ -30,7 +30,7 @@ from ..worlds.ros.follow import AGAIN_S
 from ..worlds.ros.goal import cancel_all, ready_to_cancel
 from ..worlds.ros.setup import RosSetup
 
-_BEAT, REST, CLOSE = b".", b"-", b"q"
+_BEAT, _REST, _CLOSE = b".", b"-", b"q"
 ROUNDS = 3
 """A cancel is sent so often: one that comes before its goal is lost, and one that waits in a queue
 needs time."""
@@ -77,7 +77,7 @@ class HeartbeatMonitor:
     def rest(self) -> None:
         """Expect no beat until the next one."""
         self._asked_s = None
-        self._say(REST)
+        self._say(_REST)
 
     def gone(self) -> str | None:
         """A source of stops: a robot is not moved without its monitor."""
@@ -125,7 +125,7 @@ class HeartbeatMonitor:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._end(kill=self._unresponsive or not self._say(CLOSE))
+        self._end(kill=self._unresponsive or not self._say(_CLOSE))
 
     def _end(self, *, kill: bool) -> None:
         """Let it end.
@@ -161,7 +161,7 @@ class HeartbeatMonitor:
         return bool(_pipes(self._child)[1].read(65536))
 
 
-def watch(stream: int, limit_s: float, answers: int) -> str:
+def _watch(stream: int, limit_s: float, answers: int) -> str:
     """Read beats until they stop; why, empty after a farewell.
 
     Whatever is heard is answered, as long as there is room in the pipe.
@@ -175,7 +175,7 @@ def watch(stream: int, limit_s: float, answers: int) -> str:
         if not select.select([stream], [], [], limit_s if beating else None)[0]:
             return f"the host was silent for {limit_s:g} s"
         words = os.read(stream, 4096)
-        if CLOSE in words:
+        if _CLOSE in words:
             return ""
         if not words:
             return "the host is gone"
@@ -200,7 +200,7 @@ def main() -> int:
             return 1
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    why = watch(0, orders["limit_s"], 1)
+    why = _watch(0, orders["limit_s"], 1)
     if why:
         done = BUS if setup is None or link is None else _cancelled(setup, link)
         sys.stderr.write(f"stancekit: heartbeat monitor: {why}: {done}\n")

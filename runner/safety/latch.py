@@ -15,7 +15,7 @@ from stancekit.planners.errors import StancekitError
 
 Source = Callable[[], str | None]
 """Asked again and again; says why to stop, or None."""
-PATIENCE_S = 0.25
+_PATIENCE_S = 0.25
 """A source that answers no faster is none."""
 
 
@@ -95,9 +95,9 @@ class StopLatch:
         if self._first or not self._sources:
             return
         if not self._asking.acquire(
-            timeout=PATIENCE_S
+            timeout=_PATIENCE_S
         ):  # another thread asks, and waits for an answer
-            self.trip(f"a source of stops did not answer for {PATIENCE_S:g} s")
+            self.trip(f"a source of stops did not answer for {_PATIENCE_S:g} s")
             return
         try:
             for source in self._sources:

@@ -19,11 +19,11 @@ from .world import Ground, State, Terrain
 
 _CONTACT_S, _CONTACT_DAMPING = 0.004, 1.0
 """Time constant and damping ratio of a contact (solref)."""
-SHAPE = 0.001, 0.5, 2.0
+_SHAPE = 0.001, 0.5, 2.0
 """Growth of a contact's impedance with its depth (the rest of solimp)."""
 _STIFF = 100.0
 """Friction rows are this much harder than normal ones (impratio): feet under load creep less."""
-UNDER_M = 0.5
+_UNDER_M = 0.5
 """Depth of a field of heights below its lowest place."""
 _NET_FORCE = 3
 """Kind of contact sensor that adds forces up, in the world's axes."""
@@ -229,7 +229,7 @@ class MujocoWorld(SimulatedWorld):
         unit, damped = (1.0 - impedance) * light, damping + PHYSICS_S * stiffness
         for geom in spec.worldbody.geoms:
             geom.solref = [-unit * stiffness, -unit * damped]
-            geom.solimp = [impedance, impedance, *SHAPE]
+            geom.solimp = [impedance, impedance, *_SHAPE]
         spec.option.impratio = max(_STIFF, 1.0 / (_CREEP * damped))
         model = spec.compile()
         model.body_invweight0[feet, 0] = light
@@ -263,7 +263,7 @@ class MujocoWorld(SimulatedWorld):
             "conaffinity": TERRAIN,
             "priority": 1,
             "solref": [_CONTACT_S, _CONTACT_DAMPING],
-            "solimp": [0.95, 0.99, *SHAPE],
+            "solimp": [0.95, 0.99, *_SHAPE],
         }
         if isinstance(terrain, Ground):
             x, y, heights = terrain.even(SPACING_M)
@@ -272,7 +272,7 @@ class MujocoWorld(SimulatedWorld):
                 name="ground",
                 nrow=len(y),
                 ncol=len(x),
-                size=[np.ptp(x) / 2, np.ptp(y) / 2, high - low, UNDER_M],
+                size=[np.ptp(x) / 2, np.ptp(y) / 2, high - low, _UNDER_M],
                 userdata=((heights.T - low) / (high - low)).ravel().tolist(),
             )
             middle = [float(x.mean()), float(y.mean()), low]

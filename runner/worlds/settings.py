@@ -23,7 +23,7 @@ from .drives import Imperfections
 FORMAT: Literal["stancekit/simulation/1"] = "stancekit/simulation/1"
 _MOST_N_M = 1e7
 """The stiffest ground that is asked for; a world's own is about as hard."""
-DEEP_M = 0.04
+_DEEP_M = 0.04
 """No foot sinks deeper under the whole weight: PyBullet pushes what is deeper out by other
 rules."""
 
@@ -73,12 +73,12 @@ class SoftContact:
 
     def check_bears(self, weight_n: float) -> None:
         """Raise InvalidInput where a foot that carries the whole weight would sink too deep."""
-        least = weight_n / DEEP_M
+        least = weight_n / _DEEP_M
         if self.stiffness_n_m < least:
             raise InvalidInput(
                 f"contact_stiffness_n_m: expected {least:.3g} N/m or more, or one foot sinks more "
                 "than "
-                f"{1e3 * DEEP_M:.0f} mm under all of the weight, got {self.stiffness_n_m:.4g}"
+                f"{1e3 * _DEEP_M:.0f} mm under all of the weight, got {self.stiffness_n_m:.4g}"
             )
 
 

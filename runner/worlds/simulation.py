@@ -39,7 +39,7 @@ _SPECK_M = 0.1
 LEAST = 1e-6
 """Share of a link's largest principal moment: the smallest that it may have."""
 _ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-NEAR = 2
+_NEAR = 2
 """Joints between two links of a leg whose shapes, where no SRDF says anything of them, are taken to
 overlap."""
 
@@ -143,7 +143,7 @@ def _apart(model: RobotModel, links: set[str]) -> tuple[tuple[str, str], ...]:
             (a, b)
             for a, b in combinations(sorted(place), 2)
             if (place[a][0] == place[b][0] or None in (place[a][0], place[b][0]))
-            and abs(place[a][1] - place[b][1]) <= NEAR
+            and abs(place[a][1] - place[b][1]) <= _NEAR
         }
     return tuple(sorted(pairs))
 
@@ -284,7 +284,7 @@ def _set_inertia(element: Element, inertia: Array) -> None:
 
 
 PHYSICS_S = 1e-3
-RATE_HZ = 200.0
+_RATE_HZ = 200.0
 SPACING_M = 0.025
 """Spacing of the grid that simulators get of heights."""
 
@@ -304,7 +304,7 @@ class SimulatedWorld(LatchedWorld):
         robot: Robot,
         servo: Servo | None = None,
         *,
-        rate_hz: float = RATE_HZ,
+        rate_hz: float = _RATE_HZ,
         gravity_m_s2: float = GRAVITY_M_S2,
         imperfections: Imperfections = Imperfections(),
         actuators: Actuators | None = None,
@@ -351,7 +351,7 @@ class SimulatedWorld(LatchedWorld):
                     "option, got both"
                 )
             contact = SimulationSetup.from_yaml(settings.setup).contact
-        rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
+        rate_hz = _RATE_HZ if settings.rate_hz is None else settings.rate_hz
         options = {} if contact is None else {"contact": contact}
         return cls(
             settings.robot,

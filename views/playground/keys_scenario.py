@@ -26,7 +26,7 @@ from stancekit.planners.robot.robot_file import named_robot
 
 from .scenario import SURFACE, Grip, Slider
 
-OURS = ("stance", "gait", "robot", "mass_kg")
+_OURS = ("stance", "gait", "robot", "mass_kg")
 """Keys that say how the robot before stood."""
 
 
@@ -38,7 +38,7 @@ def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> tuple[dict[
     On ground its path is as much higher as it stands higher; between walls it stays.
     """
     name = str(Path(robot).resolve()) if Path(robot).suffix else robot
-    changed = {key: value for key, value in keys.items() if key not in OURS} | {"robot": name}
+    changed = {key: value for key, value in keys.items() if key not in _OURS} | {"robot": name}
     model = named_robot(robot)
     down = _stands_m(keys, folder)
     if robot == "hexapod":
@@ -83,7 +83,7 @@ def _raised(place: Any, by_m: float) -> Any:
     return place if len(place) == 2 else [place[0], place[1], round(float(place[2]) + by_m, 4)]
 
 
-MOST_FRAMES = 40
+_MOST_FRAMES = 40
 """Key frames that follow a goal that is dragged away; more are asked for by hand."""
 _DEGREES = 180.0 / math.pi
 _OF_TERRAIN: Mapping[
@@ -108,7 +108,7 @@ _OF_TERRAIN: Mapping[
 """By kind of terrain its keys that are slid: path of the key, label, unit, from, to, step, and the
 default."""
 _LIKE = {"icy-walls": "walls", "ground-to-wall": "walls"}
-SIDES = ("left wall", "right wall")
+_SIDES = ("left wall", "right wall")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -209,7 +209,7 @@ class KeysScenario:
                 label="key frames",
                 unit="",
                 low=min(2, frames),
-                high=max(MOST_FRAMES, frames),
+                high=max(_MOST_FRAMES, frames),
                 step=1,
                 value=frames,
                 whole=True,
@@ -254,7 +254,7 @@ class KeysScenario:
         middle = course.com_nominal_m.mean(axis=0)
         if _LIKE.get(self.kind, self.kind) == "walls":
             terrain = self.keys["terrain"]
-            for side, name in enumerate(SIDES):
+            for side, name in enumerate(_SIDES):
                 away = _at(terrain, ("apart_m",), 0.38) + _at(terrain, ("offset_m", str(side)), 0.0)
                 at = np.array([middle[0], (1.0, -1.0)[side] * away, course.com_nominal_m[0, 2]])
                 result.append(Grip(key=name, label=name, position_m=at, axes=(False, True, False)))
@@ -303,8 +303,8 @@ class KeysScenario:
         if key in ("goal", "start"):
             return self._led({**self.keys, f"{key}_m": place})
         terrain = dict(self.keys["terrain"])
-        if key in SIDES:
-            side = SIDES.index(key)
+        if key in _SIDES:
+            side = _SIDES.index(key)
             away = (1.0, -1.0)[side] * place[1] - _at(terrain, ("apart_m",), 0.38)
             _put(terrain, ("offset_m", str(side)), round(away, 4), 0.0)
         elif self.chosen is not None:
@@ -329,7 +329,7 @@ class KeysScenario:
             way = np.array([start, *via, keys["goal_m"]], dtype=np.float64)
             length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
             keys["frames"] = int(
-                min(math.ceil(length / self.stride_m - 1e-6) + 1, max(MOST_FRAMES, keys["frames"]))
+                min(math.ceil(length / self.stride_m - 1e-6) + 1, max(_MOST_FRAMES, keys["frames"]))
             )
             keys["frames"] = max(keys["frames"], 2)
         return self._with(keys)

@@ -33,7 +33,7 @@ from ..plans import between
 from ..sheet import leg_colour
 from .scenario import BetweenScenario, Grip, Scenario, Slider
 
-SHARES = (0.8, 1.0)
+_SHARES = (0.8, 1.0)
 """Shares of the friction, that a plan is looked for with while the scene is changed."""
 _QUICK_S, _QUICK_NODES, _QUICK_STEPS = 0.15, 20, 6
 """Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
@@ -87,7 +87,7 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
         partial(
             plan_course,
             planner=planner,
-            shares=SHARES,
+            shares=_SHARES,
             presses=(),
             limits=None,
             stated=not isinstance(scenario, BetweenScenario),
@@ -282,7 +282,7 @@ GOOD, UNSURE, BAD = (
 )
 """Colours of good news, of what nobody knows yet, and of bad news, on light and on dark; each is at
 least 4.5 : 1."""
-QUIET, RULE, TROUGH = (
+_QUIET, _RULE, _TROUGH = (
     f"light-dark({pair})" for pair in ("#5b6672, #a9b4c0", "#d5dae0, #4a525b", "#e3e7eb, #3d454e")
 )
 """Colours of what is read last, of lines, and of the empty part of a bar. Text has the page's own
@@ -329,7 +329,7 @@ def said(colour: str, title: str, text: str, below: str, *, change: int, patient
         f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
         f'<div style="font-size:15px;font-weight:700;color:{colour}">{html.escape(title)}</div>'
         f"<div>{html.escape(text)}</div>"
-        f'<div style="color:{QUIET};font-size:11.5px">{html.escape(below)}</div></div>'
+        f'<div style="color:{_QUIET};font-size:11.5px">{html.escape(below)}</div></div>'
     )
 
 
@@ -516,7 +516,7 @@ def limb_table(rows: list[LimbLoad], title: str) -> str:
     """Forces, shares of cones, and torques of limbs as HTML, with bars against the limits."""
     cell = 'style="text-align:right;white-space:nowrap;padding:1px 4px"'
     head = "".join(
-        f'<th style="text-align:{side};font-weight:600;padding:1px 4px;color:{QUIET}">{words}</th>'
+        f'<th style="text-align:{side};font-weight:600;padding:1px 4px;color:{_QUIET}">{words}</th>'
         for side, words in (
             ("left", "limb"),
             ("right", "force [N]"),
@@ -539,21 +539,24 @@ def limb_table(rows: list[LimbLoad], title: str) -> str:
     return (
         f'<div id="limbs" style="font:12px/1.5 system-ui,sans-serif;margin:4px 2px;'
         f'font-variant-numeric:tabular-nums"><b>{html.escape(title)}</b>'
-        f'<table style="border-collapse:collapse;width:100%"><tr style="border-bottom:1px solid {RULE}">{head}</tr>'
+        f'<table style="border-collapse:collapse;width:100%"><tr style="border-bottom:1px solid {_RULE}">{head}</tr>'
         f"{''.join(lines)}</table>"
-        f'<div style="color:{QUIET};font-size:11.5px">{html.escape(explained([row.name for row in rows]))}</div></div>'
+        f'<div style="color:{_QUIET};font-size:11.5px">{html.escape(explained([row.name for row in rows]))}</div></div>'
     )
 
 
-SIDES, PLACES = {"L": "left", "R": "right"}, {"F": "front", "M": "middle", "R": "rear", "H": "hind"}
+_SIDES, _PLACES = (
+    {"L": "left", "R": "right"},
+    {"F": "front", "M": "middle", "R": "rear", "H": "hind"},
+)
 
 
 def explained(limbs: list[str]) -> str:
     """The names of limbs in words, seen by the robot, and what the shares of the table are of."""
     names = [
-        f"{name} {SIDES[name[0]]} {PLACES[name[1]]}"
+        f"{name} {_SIDES[name[0]]} {_PLACES[name[1]]}"
         for name in limbs
-        if len(name) == 2 and name[0] in SIDES and name[1] in PLACES
+        if len(name) == 2 and name[0] in _SIDES and name[1] in _PLACES
     ]
     seen = f"{', '.join(names)}, as the robot looks. " if names else ""
     return f"{seen}Cone: share of the friction that its force may use. Limit: of the joint with the least torque left."
@@ -589,7 +592,7 @@ def key_values(rows: list[tuple[str, str]]) -> str:
     return (
         '<table id="summary" style="font:12px/1.55 system-ui,sans-serif;margin:2px">'
         + "".join(
-            f'<tr><td style="color:{QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
+            f'<tr><td style="color:{_QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
             f"<td>{html.escape(words)}</td></tr>"
             for name, words in rows
         )
@@ -600,11 +603,11 @@ def key_values(rows: list[tuple[str, str]]) -> str:
 def _bar(share: float) -> str:
     """A share of a limit as a bar with its number; NaN is a dash."""
     if np.isnan(share):
-        return f'<span style="color:{QUIET}">–</span>'
+        return f'<span style="color:{_QUIET}">–</span>'
     colour = BAD if share > 1.0 + 1e-6 else UNSURE if share > _TIGHT else GOOD
     return (
         f'<div style="display:flex;align-items:center;gap:5px"><div style="flex:1;min-width:34px;height:8px;'
-        f'background:{TROUGH};border-radius:4px;overflow:hidden"><div style="width:{100 * min(share, 1.0):.0f}%;'
+        f'background:{_TROUGH};border-radius:4px;overflow:hidden"><div style="width:{100 * min(share, 1.0):.0f}%;'
         f'height:100%;background:{colour}"></div></div><span style="width:34px;text-align:right">{100 * share:.0f} %'
         "</span></div>"
     )

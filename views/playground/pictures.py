@@ -31,17 +31,17 @@ from ..terrain import Piece, pieces_within, surfaces
 from .page_parts import SceneAnswer, patient_answer, quick_answer
 from .scenario import Scenario
 
-Told = Callable[[int, SceneAnswer], None]
+_Told = Callable[[int, SceneAnswer], None]
 
 
-class Judge:
+class _Judge:
     """Judges one scene after another; of those that wait only the newest is kept.
 
     on_answer(number, answer) is called in a thread of its own. The process starts with the first
     scene.
     """
 
-    def __init__(self, on_answer: Told) -> None:
+    def __init__(self, on_answer: _Told) -> None:
         self._on_answer = on_answer
         self._lock = threading.Lock()
         self._pipe: Any = None
@@ -112,7 +112,7 @@ def _serve(pipe: Any) -> None:
             pipe.send(patient_answer(pipe.recv()))
 
 
-REST_S = 0.35
+_REST_S = 0.35
 """A scene that was not changed for so long is judged."""
 log = logging.getLogger(__name__)
 
@@ -128,14 +128,14 @@ class Session:
         on_answer: Callable[[int, Scenario, SceneAnswer, float], None],
         *,
         judges: bool = True,
-        rest_s: float = REST_S,
+        rest_s: float = _REST_S,
     ) -> None:
         self._on_answer, self._rest_s = on_answer, rest_s
         self._news = threading.Condition()
         self._scenario, self._number, self._since = scenario, 0, time.perf_counter()
         self._answered, self._judged = -1, -1
         self._verdict: tuple[int, SceneAnswer] | None = None
-        self._judge = Judge(self._told) if judges else None
+        self._judge = _Judge(self._told) if judges else None
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="playground", daemon=True)
 
@@ -231,10 +231,10 @@ class Session:
             log.exception("an answer could not be drawn")
 
 
-STEP_M = 0.25
-AROUND_M = 0.75
+_STEP_M = 0.25
+_AROUND_M = 0.75
 """Terrain is shown so far beyond the nominal path, at least."""
-WAY = "#73808d"
+_WAY = "#73808d"
 """Colour of what is in ink on paper: a page is white or nearly black."""
 
 
@@ -310,8 +310,8 @@ def _between(scene: Scene) -> Scene:
     """The scene with everything that is drawn in the ink colour drawn in the colour of ways
     instead.
     """
-    bodies = [replace(each, colour=WAY) if each.colour == INK else each for each in scene.bodies]
-    paths = [replace(each, colour=WAY) if each.colour == INK else each for each in scene.paths]
+    bodies = [replace(each, colour=_WAY) if each.colour == INK else each for each in scene.bodies]
+    paths = [replace(each, colour=_WAY) if each.colour == INK else each for each in scene.paths]
     return replace(scene, bodies=bodies, paths=paths)
 
 
@@ -322,7 +322,7 @@ def bounds_m(course: Problem) -> Array:
     reach = max(
         limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs
     )
-    around = max(AROUND_M, 1.2 * reach)
+    around = max(_AROUND_M, 1.2 * reach)
     com = np.vstack([course.com_nominal_m, course.goal_m[None]])
     low, high = com.min(axis=0) - around, com.max(axis=0) + around
-    return STEP_M * np.array([np.floor(low / STEP_M), np.ceil(high / STEP_M)])
+    return _STEP_M * np.array([np.floor(low / _STEP_M), np.ceil(high / _STEP_M)])

@@ -44,7 +44,7 @@ from .page_parts import (
 from .pictures import Pictures, Session
 from .scenario import Scenario
 
-FPS = 15.0
+_FPS = 15.0
 
 
 class Player:
@@ -109,9 +109,9 @@ class Player:
                 self._go(min(max(float(event.target.value), 0.0), self.last))
 
     def _play(self, stop: threading.Event) -> None:
-        while not stop.wait(1.0 / FPS):
+        while not stop.wait(1.0 / _FPS):
             with self._lock:
-                if self._go(0.0 if self.at >= self.last else min(self.at + 1.0 / FPS, self.last)):
+                if self._go(0.0 if self.at >= self.last else min(self.at + 1.0 / _FPS, self.last)):
                     self.show(self.at, self.last)
 
     def _go(self, at: float) -> bool:
@@ -208,7 +208,7 @@ class Files:
         )
 
 
-TITLE, _PICK = "Stancekit playground", "pick a surface"
+_TITLE, _PICK = "Stancekit playground", "pick a surface"
 
 
 class Playground:
@@ -267,7 +267,7 @@ class Playground:
     def _lay_out(self, scenario: Scenario, robots: Sequence[str], folder: Path) -> None:
         """Panels: what may be changed on the left, what comes of it on the right."""
         gui = self._server.gui
-        gui.set_panel_label(f"{TITLE}: {scenario.name}")
+        gui.set_panel_label(f"{_TITLE}: {scenario.name}")
         gui.main_panel.dock_left()
         self._robots = called(list(dict.fromkeys(filter(None, (scenario.robot, *robots)))))
         self._menu: Any = None

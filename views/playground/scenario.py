@@ -135,7 +135,7 @@ class Scenario(Protocol):
         ...
 
 
-MOST_FRAMES = 60
+_MOST_FRAMES = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,7 +179,7 @@ class BetweenScenario:
                 label="key frames",
                 unit="",
                 low=2,
-                high=max(MOST_FRAMES, frames),
+                high=max(_MOST_FRAMES, frames),
                 step=1,
                 value=frames,
                 whole=True,
@@ -271,7 +271,7 @@ def _whole(keys: Mapping[str, Any]) -> dict[str, Any]:
     return whole
 
 
-ON_M = 1e-6
+_ON_M = 1e-6
 """A candidate so near to a surface, facing as it does, is a piece of it [m]."""
 
 
@@ -436,9 +436,9 @@ def _is_piece(patch: Patch, surface: Patch) -> bool:
         return True
     if float(patch.normal @ surface.normal) < 1.0 - 1e-9:
         return False
-    if np.abs((patch.vertices_m - surface.vertices_m[0]) @ surface.normal).max() > ON_M:
+    if np.abs((patch.vertices_m - surface.vertices_m[0]) @ surface.normal).max() > _ON_M:
         return False
-    low, high = surface.vertices_m.min(axis=0) - ON_M, surface.vertices_m.max(axis=0) + ON_M
+    low, high = surface.vertices_m.min(axis=0) - _ON_M, surface.vertices_m.max(axis=0) + _ON_M
     return bool(np.all((patch.vertices_m >= low) & (patch.vertices_m <= high)))
 
 
@@ -453,7 +453,7 @@ def _moved(
 
 _PACE_M_S = 0.25
 """A walk takes as long as this speed asks for, until its duration is slid."""
-SHORTEST_S = 2.0
+_SHORTEST_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -492,7 +492,7 @@ class WalkScenario:
         if self.duration_s is not None:
             return self.duration_s
         way = float(np.hypot(self.goal_m[0] - self.start_m[0], self.goal_m[1] - self.start_m[1]))
-        return round(float(np.clip(way / _PACE_M_S, SHORTEST_S, 60.0)), 1)
+        return round(float(np.clip(way / _PACE_M_S, _SHORTEST_S, 60.0)), 1)
 
     def sliders(self) -> tuple[Slider, ...]:
         """Friction and duration."""

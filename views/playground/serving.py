@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .walk_page import WalkPage
 
 
-ADDED = """
+_ADDED = """
 <style>
 :root[data-mantine-color-scheme] { --mantine-color-dimmed: #5b6672 !important; }
 :root[data-mantine-color-scheme="dark"] { --mantine-color-dimmed: #a9b4c0 !important; }
@@ -112,7 +112,7 @@ def _finished_page(request: Any, response: Any) -> Any:
         return response
     zipped = response.headers.get("Content-Encoding") == "gzip"
     text = (gzip.decompress(response.body) if zipped else response.body).decode()
-    text = text.replace("<title>Viser</title>", f"<title>Stancekit playground</title>{ADDED}", 1)
+    text = text.replace("<title>Viser</title>", f"<title>Stancekit playground</title>{_ADDED}", 1)
     body = gzip.compress(text.encode()) if zipped else text.encode()
     del response.headers["Content-Length"]
     response.headers["Content-Length"] = str(len(body))

@@ -60,7 +60,7 @@ _ITERATIONS, _TOTAL_S = 80, 120.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WalkAnswer:
+class _WalkAnswer:
     """Answer about a walk: how far its planning is, or what came of it.
 
     Arguments:
@@ -79,7 +79,7 @@ class WalkAnswer:
         return self.report is not None and self.report.accepted
 
 
-Told = Callable[[int, WalkAnswer], None]
+_Told = Callable[[int, _WalkAnswer], None]
 
 
 class WalkPlanning:
@@ -87,7 +87,7 @@ class WalkPlanning:
     and at the end.
     """
 
-    def __init__(self, on_answer: Told) -> None:
+    def __init__(self, on_answer: _Told) -> None:
         self._on_answer = on_answer
         self._process: Any = None
         self._lock = threading.Lock()
@@ -123,7 +123,7 @@ class WalkPlanning:
                 took_s = time.monotonic() - begun_s
                 self._on_answer(
                     number,
-                    WalkAnswer(
+                    _WalkAnswer(
                         done=done,
                         message=message,
                         seconds=took_s,
@@ -136,7 +136,7 @@ class WalkPlanning:
         ):  # nobody ended it: it was killed, or there was no memory left
             message = "the process that planned it ended without an answer"
             self._on_answer(
-                number, WalkAnswer(done=True, message=message, seconds=time.monotonic() - begun_s)
+                number, _WalkAnswer(done=True, message=message, seconds=time.monotonic() - begun_s)
             )
 
 
@@ -169,7 +169,7 @@ def _serve(pipe: Any, task: Walk) -> None:
         pipe.send(answer)
 
 
-REST_S = 0.6
+_REST_S = 0.6
 """A walk that nobody changed for so long is planned."""
 
 
@@ -187,7 +187,7 @@ class WalkPage:
         scenario.task()  # says what is wrong with it
         self._server, self._folder, self._lock = server, folder, threading.RLock()
         self.scenario, self.number = scenario, 0
-        self.answer: WalkAnswer | None = None
+        self.answer: _WalkAnswer | None = None
         self._view: GaitView | None = None
         self._timer = threading.Timer(0.0, lambda: None)
         size = scenario.walker.stand_height_m
@@ -283,7 +283,7 @@ class WalkPage:
             self._say(BAD, "No walk to plan", str(error), "")
         else:
             self._say(UNSURE, "To be planned", "The walk is planned once nothing is changed.", "")
-            self._timer = threading.Timer(REST_S, self._begin, (self.number,))
+            self._timer = threading.Timer(_REST_S, self._begin, (self.number,))
             self._timer.daemon = True
             self._timer.start()
         with self._server.atomic():
@@ -298,7 +298,7 @@ class WalkPage:
             if number == self.number:
                 self._planning.begin(number, self.scenario.task())
 
-    def _told(self, number: int, answer: WalkAnswer) -> None:
+    def _told(self, number: int, answer: _WalkAnswer) -> None:
         with self._lock:
             if number != self.number:
                 return

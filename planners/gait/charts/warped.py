@@ -126,11 +126,11 @@ def shear_rotation(slope: cs.SX) -> cs.SX:
 def _surface_frame(slope: cs.SX) -> cs.SX:
     """R_WC: columns t₁ (over the world's x), t₂ = n × t₁ and the true normal n, shape (3, 3)."""
     first = cs.vertcat(1.0, 0.0, slope[0]) / cs.sqrt(1.0 + slope[0] ** 2)
-    normal = surface_normal(slope)
+    normal = _surface_normal(slope)
     return cs.horzcat(first, cs.cross(normal, first), normal)
 
 
-def surface_normal(slope: cs.SX) -> cs.SX:
+def _surface_normal(slope: cs.SX) -> cs.SX:
     """(−∇h, 1) / ‖·‖ (Pan et al., after W5), shape (3, 1)."""
     return cs.vertcat(-slope[0], -slope[1], 1.0) / cs.sqrt(1.0 + cs.sumsqr(slope))
 
@@ -161,7 +161,7 @@ class Ambient(Chart):
     ) -> tuple[cs.SX, cs.SX]:
         """Normal and tangential part by the true normal at the foot (W5)."""
         assert expansion is not None
-        normal = surface_normal(expansion.here[1].T)
+        normal = _surface_normal(expansion.here[1].T)
         pressing = cs.dot(normal, bar)
         return pressing, bar - pressing * normal
 
@@ -283,7 +283,7 @@ class Pushforward:
         return self._factor * jets if chart_map.homogeneous else jets
 
 
-POLAR_STEPS = 5
+_POLAR_STEPS = 5
 """Newton steps of P(J); J is near a rotation times a scale, where four give ten digits."""
 
 
@@ -297,7 +297,7 @@ class Warped(Chart):
         warp.check_fits(terrain)
         self._warp = warp
         self.torso_map = self.foot_map = SnappedMap(warp)
-        self._polar = polar_function(POLAR_STEPS)
+        self._polar = polar_function(_POLAR_STEPS)
 
     @classmethod
     def of(

@@ -105,7 +105,7 @@ def _constants(v: cs.SX, constants: cs.SX) -> cs.SX:
     return constants
 
 
-UP = (0.0, 0.0, 1.0)
+_UP = (0.0, 0.0, 1.0)
 
 
 def dynamics(structure: Structure) -> Constraint:
@@ -173,8 +173,8 @@ def centred(chart: Chart, robot: Robot, step_s: float) -> Kernel:
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (p_old, r_old), (p, r), (p_new, r_new) = _torsos(chart, features, expansions)
-        felt = (p_new - 2.0 * p + p_old) / (step_s**2 * GRAVITY_M_S2) + cs.DM(UP)
-        spun = axial(r @ cs.DM(_moment(robot, step_s)) @ (r_new + r_old).T)
+        felt = (p_new - 2.0 * p + p_old) / (step_s**2 * GRAVITY_M_S2) + cs.DM(_UP)
+        spun = _axial(r @ cs.DM(_moment(robot, step_s)) @ (r_new + r_old).T)
         return -cs.vertcat(felt, spun)
 
     return kernel
@@ -185,8 +185,8 @@ def printed(chart: Chart, robot: Robot, step_s: float) -> Kernel:
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (p_older, r_older), (p_old, r_old), (p, r) = _torsos(chart, features, expansions)
-        felt = (p - 2.0 * p_old + p_older) / (step_s**2 * GRAVITY_M_S2) + cs.DM(UP)
-        spun = axial((2.0 * r_old - r_older) @ cs.DM(_moment(robot, step_s)) @ r.T)
+        felt = (p - 2.0 * p_old + p_older) / (step_s**2 * GRAVITY_M_S2) + cs.DM(_UP)
+        spun = _axial((2.0 * r_old - r_older) @ cs.DM(_moment(robot, step_s)) @ r.T)
         return -cs.vertcat(felt, spun)
 
     return kernel
@@ -211,7 +211,7 @@ def newton_euler(chart: Chart, robot: Robot) -> Kernel:
         inertia = cs.DM(np.asarray(robot.inertia_kgm2))
         moment = r_0 @ (inertia @ alpha + cs.cross(omega, inertia @ omega))
         scale = robot.mass_kg * GRAVITY_M_S2 * robot.stand_height_m
-        return -cs.vertcat(acceleration / GRAVITY_M_S2 + cs.DM(UP), moment / scale)
+        return -cs.vertcat(acceleration / GRAVITY_M_S2 + cs.DM(_UP), moment / scale)
 
     return kernel
 
@@ -244,7 +244,7 @@ def _vee(m: cs.SX) -> cs.SX:
     return 0.5 * cs.vertcat(m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1])
 
 
-def axial(m: cs.SX) -> cs.SX:
+def _axial(m: cs.SX) -> cs.SX:
     """ε_ijk M_jk: ∫ ρ (A x) × (R x) dv for M = A C Rᵀ with C = ∫ ρ x xᵀ dv, shape (3, 1)."""
     return cs.vertcat(m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0])
 
@@ -256,7 +256,7 @@ def acceleration(structure: Structure) -> Block:
     step_s = structure.settings.step_s
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
-        felt = -inner.kernel(features, expansions) - cs.DM([*UP, 0.0, 0.0, 0.0])
+        felt = -inner.kernel(features, expansions) - cs.DM([*_UP, 0.0, 0.0, 0.0])
         return step_s * cs.sumsqr(felt)
 
     return Block(kernel, inner.selections, inner.scatter, inner.order)
@@ -366,7 +366,7 @@ def _still(structure: Structure, name: str, coefficients: Index) -> Constraint:
     return Constraint(name, zeros, zeros, (), csr_array(vstack(rows)))
 
 
-SHORTEST_S = 0.1
+_SHORTEST_S = 0.1
 """No phase gets shorter than this [s]."""
 
 
@@ -383,7 +383,7 @@ def durations(structure: Structure) -> Constraint | None:
         entry_rows = layout.entry_rows(foot.switches)
         rows += [entry_rows, csr_array(entry_rows[1:] - entry_rows[:-1])]
         lasting = np.diff(foot.phases.switches_s)
-        lower += [foot.phases.switches_s - slack, np.minimum(SHORTEST_S, lasting)]
+        lower += [foot.phases.switches_s - slack, np.minimum(_SHORTEST_S, lasting)]
         upper += [foot.phases.switches_s + slack, np.full(len(lasting), np.inf)]
     return Constraint(
         "durations", np.concatenate(lower), np.concatenate(upper), (), csr_array(vstack(rows))
@@ -418,12 +418,12 @@ def cone(structure: Structure) -> Constraint:
 
     variables = replace(plain, features=features, constants=np.concatenate(suctions)[:, None])
     rows = np.arange(variables.count)
-    block = Block(pressing(structure.chart, task.friction), ((variables, rows),), rows[:, None])
+    block = Block(_pressing(structure.chart, task.friction), ((variables, rows),), rows[:, None])
     inside = np.full(variables.count, structure.settings.tolerance)
     return Constraint("cone", inside, np.full(variables.count, np.inf), (block,))
 
 
-def pressing(chart: Chart, friction: float) -> Kernel:
+def _pressing(chart: Chart, friction: float) -> Kernel:
     """ν (f_n + s) − √(‖f_t‖² + ε²) of (p̄_i, f̄_i, s)."""
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
@@ -455,7 +455,7 @@ def above(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.
     return foot[2] - expansion.here[0]
 
 
-SPACING_M = 0.09
+_SPACING_M = 0.09
 """Points of the lower face are at most this far apart along the trunk, and twice as far across."""
 NEAR_M = 0.15
 """A point that stays higher over the ground than this in the guess, and all about it, gets no
@@ -463,7 +463,7 @@ row."""
 _SINKING = 0.8
 """Share of the height which the guess gains on slopes, where it stands off along the normal, that
 walks may give up."""
-AROUND_M = 0.2
+_AROUND_M = 0.2
 """Distance about a point of the guess at which the ground is looked at: a solution moves about as
 far."""
 
@@ -512,7 +512,7 @@ def lower_face(half_m: Array) -> Array:
     """Points of the lower face of a box with these half sides, shape (P, 3) [m]."""
     along, across = (
         np.linspace(-side, side, max(2, 1 + int(np.ceil(2.0 * side / spacing))))
-        for side, spacing in zip(half_m, (SPACING_M, 2.0 * SPACING_M), strict=False)
+        for side, spacing in zip(half_m, (_SPACING_M, 2.0 * _SPACING_M), strict=False)
     )
     return np.array([(x, y, -half_m[2]) for x, y in product(along, across)])
 
@@ -527,7 +527,7 @@ def near(structure: Structure, points: Array) -> tuple[Rows, Rows]:
     face = p[:, None] + np.einsum("kij,nj->kni", rotation, points)
     turns = np.arange(8) * np.pi / 4.0
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    about = AROUND_M * np.concatenate([np.zeros((1, 2)), 0.5 * ring, ring])
+    about = _AROUND_M * np.concatenate([np.zeros((1, 2)), 0.5 * ring, ring])
     normal = rotation[:, :, 2]
     rise = -(normal[:, :2] @ about.T) / normal[:, 2:]
     above = (

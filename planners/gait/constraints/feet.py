@@ -71,27 +71,27 @@ def within(chart: Chart) -> Kernel:
 def swing(structure: Structure) -> tuple[Constraint, ...]:
     """Swinging feet on or above the terrain, rows of all swings [m] (W3, W8)."""
     if structure.chart.flat:
-        return flat_swing(structure)
-    return (curved_swing(structure),)
+        return _flat_swing(structure)
+    return (_curved_swing(structure),)
 
 
-def flat_swing(structure: Structure) -> tuple[Constraint, ...]:
+def _flat_swing(structure: Structure) -> tuple[Constraint, ...]:
     """W8: z̄_m ≥ clearance and 3 z̄_m ± v̄_z T/2 ≥ 0 for each swing."""
     variables, count = swings(structure)
     rows = np.arange(count)
-    block = Block(half_way, ((variables, rows),), 3 * rows[:, None] + np.arange(3))
+    block = Block(_half_way, ((variables, rows),), 3 * rows[:, None] + np.arange(3))
     lower = np.tile([structure.settings.clearance_m, 0.0, 0.0], count)
     return (Constraint("swing", lower, np.full(3 * count, np.inf), (block,)),)
 
 
-def half_way(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+def _half_way(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
     """(z̄_m, 3 z̄_m + v̄_z T/2, 3 z̄_m − v̄_z T/2) of one swing."""
     (at,) = features
     height, rise = at[8], 0.5 * at[12] * at[11]
     return cs.vertcat(height, 3.0 * height + rise, 3.0 * height - rise)
 
 
-def curved_swing(structure: Structure) -> Constraint:
+def _curved_swing(structure: Structure) -> Constraint:
     """W3: z − h(x, y) ≥ 0 at the settings' number of nodes in each half of a swing, and
     half-way.
     """
@@ -265,10 +265,10 @@ def _constants(v: cs.SX, constants: cs.SX) -> cs.SX:
 
 SHARE = 0.6
 """The usual share of the slope on which friction holds that ground about feet may have."""
-NEAREST_M, FINE_M = 0.12, 0.01
+_NEAREST_M, _FINE_M = 0.12, 0.01
 """Distance that a guess's foot may move to where it has sure footing, and how finely places are
 looked at."""
-AROUND = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+_AROUND = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
 
 
 def footing(structure: Structure) -> Constraint | None:
@@ -285,7 +285,7 @@ def footing(structure: Structure) -> Constraint | None:
         return None
     limit = structure.settings.footing * task.friction
     entries = np.concatenate(feet)
-    every, ground = np.tile(entries, (len(AROUND), 1)), TaylorMap.of_heights(task.terrain)
+    every, ground = np.tile(entries, (len(_AROUND), 1)), TaylorMap.of_heights(task.terrain)
     plain = structure.entries("footing", every, True)
 
     def features(v: cs.SX, off_m: cs.SX) -> cs.SX:
@@ -305,7 +305,7 @@ def footing(structure: Structure) -> Constraint | None:
         inner=chart.foot_map,
         place=place,
         features=features,
-        constants=np.repeat(OFF_M * AROUND, len(entries), axis=0),
+        constants=np.repeat(OFF_M * _AROUND, len(entries), axis=0),
     )
     rows = np.arange(there.count)
     block = Block(kernel, ((there, rows),), rows[:, None])
@@ -321,7 +321,7 @@ def sure_xy(task: Walk, share: float, xy: Array) -> Array:
     limit, domain = share * task.friction, np.transpose(task.terrain.domain_m)
     places = np.clip(xy, *domain)
     unsure = np.flatnonzero(slope_about(task.terrain, places) > limit)
-    line = FINE_M * np.arange(-round(NEAREST_M / FINE_M), round(NEAREST_M / FINE_M) + 1)
+    line = _FINE_M * np.arange(-round(_NEAREST_M / _FINE_M), round(_NEAREST_M / _FINE_M) + 1)
     offs = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     offs = offs[np.argsort(np.linalg.norm(offs, axis=1), kind="stable")]
     near = np.clip(xy[unsure, None] + offs, *domain)
@@ -332,5 +332,5 @@ def sure_xy(task: Walk, share: float, xy: Array) -> Array:
 
 def slope_about(terrain: HeightField, xy: Array) -> Array:
     """‖∇h‖ where it is largest in a place and those about it, shape (…, 2) [m] → (…)."""
-    about = np.clip(xy[..., None, :] + OFF_M * AROUND, *np.transpose(terrain.domain_m))
+    about = np.clip(xy[..., None, :] + OFF_M * _AROUND, *np.transpose(terrain.domain_m))
     return np.asarray(np.linalg.norm(terrain.gradient(about), axis=-1).max(axis=-1))

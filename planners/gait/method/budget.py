@@ -163,11 +163,11 @@ def _digest(
 
 
 LOG = logging.getLogger(__name__)
-FIRST_S, LEAST_S = 1.0, 0.1
+_FIRST_S, _LEAST_S = 1.0, 0.1
 """The first solve, and each one that is begun after it, has at least this time [s]."""
 _VERDICT_S = 0.5
 """Time that is left for the verdict on the point that the last solve ends at [s]."""
-PATIENCE = 10.0
+_PATIENCE = 10.0
 """A child process may take this many times the CPU time of a solve by the clock."""
 
 
@@ -258,7 +258,7 @@ class SolveBudget:
         """Solve within what is left; a solver that hangs or dies has found nothing."""
         program.build(**options)
         limit_s = min(
-            self._solve_s, max(self.left_s - _VERDICT_S, LEAST_S if self.solves else FIRST_S)
+            self._solve_s, max(self.left_s - _VERDICT_S, _LEAST_S if self.solves else _FIRST_S)
         )
         if self._in_subprocess:
             solution = self._in_child(program, guess, limit_s, options)
@@ -286,7 +286,7 @@ class SolveBudget:
             return solve_in_subprocess(
                 program,
                 guess,
-                time_limit_s=PATIENCE * limit_s,
+                time_limit_s=_PATIENCE * limit_s,
                 on_iterate=self._on_iterate,
                 callback=_TimeLimit(limit_s),
                 **options,  # the clock of a child begins at 0

@@ -51,7 +51,7 @@ GENTLE = 1.0
 GROWTH = 1.7
 """By how much the steepest gradient grows from one stage to the next; 3 → 6 → 10 → 14 → 20 on the
 pit of 87°."""
-WIDEST_M = 1.6
+_WIDEST_M = 1.6
 """No Gaussian is wider [m]."""
 LEAST = 0.04
 """Steps in the factor below this are not tried: what separates the stages is then no longer the
@@ -89,7 +89,7 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
         return terrain.smoothed(sigma_m).steepest - goal
 
     widest_m = 0.05
-    while above(widest_m) > 0.0 and widest_m < WIDEST_M:
+    while above(widest_m) > 0.0 and widest_m < _WIDEST_M:
         widest_m *= 2.0
     if above(widest_m) > 0.0:  # a plane, or nearly: no Gaussian makes it gentler
         return terrain.smoothed(widest_m)
@@ -97,7 +97,7 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HomotopyPath:
+class _HomotopyPath:
     """Result of a homotopy.
 
     Arguments:
@@ -127,7 +127,7 @@ def follow_homotopy(
     max_iterations: int | None = None,
     most_stages: int = 12,
     stop: Callable[[], bool] = lambda: False,
-) -> HomotopyPath:
+) -> _HomotopyPath:
     """Solve at one of an attempt's heights after another, each from the last solution; half-way
     where one fails.
 
@@ -163,7 +163,7 @@ def follow_homotopy(
             break
         else:
             ahead.insert(0, 0.5 * (reached + factor))
-    return HomotopyPath(solutions=tuple(solutions), factors=tuple(factors))
+    return _HomotopyPath(solutions=tuple(solutions), factors=tuple(factors))
 
 
 def stage_program(
@@ -181,9 +181,9 @@ def stage_program(
     return Workbench(lower, bench.settings).program(chart), 1.0
 
 
-STEP = 2e-3
+_STEP = 2e-3
 """Between postures whose depths are compared [m, rad]."""
-_CLEAR_M, TRIES = 2e-3, 21
+_CLEAR_M, _TRIES = 2e-3, 21
 """Links are apart when they are so far off each other; steps of the way of feet to where they
 stand."""
 
@@ -245,7 +245,7 @@ class _Slopes:
         a tangent leads nowhere.
         """
         home = np.array([self._walk.robot.feet[leg].nominal_m for leg in legs]) - at[: len(legs)]
-        for share in np.linspace(0.0, 1.0, TRIES):
+        for share in np.linspace(0.0, 1.0, _TRIES):
             moved = posture
             for leg, way in zip(legs, home, strict=True):
                 moved = self._reaching(moved, leg, share * way)
@@ -260,7 +260,7 @@ class _Slopes:
         self, overlap: Overlap, posture: WholeBody, legs: list[int]
     ) -> tuple[Array, Array]:
         """The depth's derivatives in the foot and in the torso, by differences."""
-        axes = STEP * np.concatenate([np.eye(3), -np.eye(3)])
+        axes = _STEP * np.concatenate([np.eye(3), -np.eye(3)])
         ways: tuple[Callable[[Array], WholeBody], ...] = (
             lambda step: self._reaching(posture, legs[0], step),
             lambda step: replace(posture, origin_m=posture.origin_m + step),
@@ -269,7 +269,7 @@ class _Slopes:
         depths = np.array(
             [[self._bodies.depth(overlap, way(step)) for step in axes] for way in ways]
         )
-        slopes = (depths[:, :3] - depths[:, 3:]) / (2.0 * STEP)
+        slopes = (depths[:, :3] - depths[:, 3:]) / (2.0 * _STEP)
         return np.stack([slopes[0], np.zeros(3)]), slopes[1:].ravel()
 
     def _reaching(self, posture: WholeBody, leg: int, by_m: Array) -> WholeBody:
@@ -291,16 +291,16 @@ class _Slopes:
         )
 
 
-STEP_M = 1e-4
+_STEP_M = 1e-4
 """Between feet whose levers are compared."""
-NEAR = 0.7
+_NEAR = 0.7
 """A joint gets a row where it gives this share of what it may."""
-ROOM = 0.01
+_ROOM = 0.01
 """Share of the limit, between what the verifier allows and what rows ask for, besides what a joint
 gives more between a node and the next than at it."""
 
 
-def leg_loads(structure: Structure, report: Report[Trajectory], room: float = ROOM) -> LegLoads:
+def leg_loads(structure: Structure, report: Report[Trajectory], room: float = _ROOM) -> LegLoads:
     """Rows for the joints of standing legs that give much, at the program's nodes, about a report's
     trajectory.
     """
@@ -326,7 +326,7 @@ def leg_loads(structure: Structure, report: Report[Trajectory], room: float = RO
         levers, slopes = _levers(leg, angles[:, joints])
         rest = torques[:, joints] + np.einsum("kij,ki->kj", levers, felt[:, i])
         wanted = trajectory.contact[sample, i][:, None] & (
-            np.abs(torques[:, joints]) > NEAR * most[:, joints]
+            np.abs(torques[:, joints]) > _NEAR * most[:, joints]
         )
         node, joint = np.nonzero(wanted & np.isfinite(most[:, joints]))
         triplets.append(
@@ -357,18 +357,18 @@ def _levers(leg: Leg, angles: Array) -> tuple[Array, Array]:
     slopes = np.empty((*jacobian.shape, 3))
     for axis in range(3):
         sides = [
-            descend(leg, feet + step * np.eye(3)[axis], angles)[0] for step in (STEP_M, -STEP_M)
+            descend(leg, feet + step * np.eye(3)[axis], angles)[0] for step in (_STEP_M, -_STEP_M)
         ]
         ahead, behind = (leg.chain.feet_and_jacobian(q)[1] for q in sides)
-        slopes[..., axis] = (ahead - behind) / (2.0 * STEP_M)
+        slopes[..., axis] = (ahead - behind) / (2.0 * _STEP_M)
     return jacobian, slopes
 
 
-Flags = NDArray[np.bool_]
-BAND = 0.06
+_Flags = NDArray[np.bool_]
+_BAND = 0.06
 """What a balance may be off half-way between nodes where it is asked for [m·g, m·g·stand height];
 shrinks each time."""
-BALANCES = frozenset(
+_BALANCES = frozenset(
     (
         "force_balance",
         "force_peak",
@@ -384,13 +384,13 @@ BALANCES = frozenset(
     )
 )
 """Groups that are kept by the balances half-way between nodes."""
-WINDOWS = frozenset(
+_WINDOWS = frozenset(
     ("impulse", "angular_impulse", "traction_impulse", "traction_way", "traction_turn")
 )
 """Groups that add up over time."""
 _LEAST_BAND = 0.01
 """Nothing narrower is asked for where no balance is off by more."""
-APART_M = 0.003
+_APART_M = 0.003
 """Links that went through something are asked to be so far off it."""
 _FLAW = 1.5
 """A balance is asked for where it is off by this many bands."""
@@ -408,9 +408,9 @@ class Checks:
         overlaps: of links there that have to come apart.
     """
 
-    balance: Flags
-    reach: Flags
-    band: float = BAND
+    balance: _Flags
+    reach: _Flags
+    band: float = _BAND
     loads: LegLoads | None = None
     overlaps: Overlaps | None = None
 
@@ -447,10 +447,10 @@ class DenseProgram(GaitProgram):
 def densified(program: GaitProgram, report: Report[Trajectory]) -> DenseProgram | None:
     """The program with what a refused trajectory asks for; None where no more rows would help."""
     settings = tightened(program.settings, report)
-    band = BAND
+    band = _BAND
     checks = dense = flaws(program, report, band)
     while (
-        BALANCES & {group.name for group in report.refused}
+        _BALANCES & {group.name for group in report.refused}
         and not dense.balance.any()
         and band > _LEAST_BAND
     ):
@@ -474,7 +474,7 @@ def tightened(settings: GaitSettings, report: Report[Trajectory]) -> GaitSetting
         settings = replace(settings, swing_nodes=settings.swing_nodes + 4)
     if missed.keys() & {"lift", "clearance", "drag"}:
         settings = replace(settings, clearance_m=settings.clearance_m + 0.01)
-    if missed.keys() & WINDOWS and settings.dynamics == "centred":
+    if missed.keys() & _WINDOWS and settings.dynamics == "centred":
         settings = replace(settings, mean_forces=True)
     if "reach" in missed:
         settings = replace(
@@ -483,7 +483,7 @@ def tightened(settings: GaitSettings, report: Report[Trajectory]) -> GaitSetting
     return settings
 
 
-def flaws(program: GaitProgram, report: Report[Trajectory], band: float = BAND) -> Checks:
+def flaws(program: GaitProgram, report: Report[Trajectory], band: float = _BAND) -> Checks:
     """In which steps of the program's grid a trajectory's balances and reach are off."""
     measured, broken = (
         TrajectoryMeasurements(report.answer),
@@ -491,7 +491,7 @@ def flaws(program: GaitProgram, report: Report[Trajectory], band: float = BAND) 
     )
     steps, feet = program.structure.nodes - 1, program.structure.feet
     balance, arms = np.zeros(steps, dtype=bool), np.zeros((steps, feet), dtype=bool)
-    if broken & BALANCES:
+    if broken & _BALANCES:
         for series, scale in (
             (measured.force_residual(), measured.weight_n),
             (measured.moment_residual(), measured.moment_scale_nm),
@@ -543,13 +543,13 @@ def half_way(structure: Structure, checks: Checks) -> list[Constraint]:
         constraints.append(rows)
     if (
         checks.overlaps is not None
-        and (rows := apart(structure, checks.overlaps, APART_M)) is not None
+        and (rows := apart(structure, checks.overlaps, _APART_M)) is not None
     ):
         constraints.append(rows)
     return constraints
 
 
-def restricted(constraint: Constraint, kept: Flags) -> Constraint:
+def restricted(constraint: Constraint, kept: _Flags) -> Constraint:
     """Some rows of a constraint without a linear part, shape of ``kept``: (rows,); blocks without
     rows are gone.
     """
@@ -567,10 +567,10 @@ def restricted(constraint: Constraint, kept: Flags) -> Constraint:
     )
 
 
-STEEP = 6.0
+_STEEP = 6.0
 """Gradient (81°) beyond which walls are widened first, and feet swing in the world's own
 coordinates."""
-WIDENED = 4.0
+_WIDENED = 4.0
 """Gradient of the first stage then."""
 
 
@@ -723,7 +723,7 @@ def plan_gait(
     todo = default_attempts(task) if attempts is None else list(attempts)
     caps = caps or Caps()
     checkpoint = checkpoint or Checkpoint(None, task, settings, todo)
-    run = PortfolioRun(Workbench(task, settings), caps, progress, checkpoint)
+    run = _PortfolioRun(Workbench(task, settings), caps, progress, checkpoint)
     walks, failures = list[Attempted](), list[str]()
     for index, attempt in enumerate(todo):
         if any(one.verified for one in walks) and _unperturbed(attempt) != _unperturbed(
@@ -752,8 +752,8 @@ def plan_gait(
 
 def default_attempts(task: Walk) -> list[Attempt]:
     """The charts in the order in which they are worth trying on a task's terrain."""
-    if task.terrain.steepest > STEEP and task.terrain.even:
-        widened = heights_for(task.terrain, gentle=WIDENED)
+    if task.terrain.steepest > _STEEP and task.terrain.even:
+        widened = heights_for(task.terrain, gentle=_WIDENED)
         return [
             Attempt(chart="ambient", heights=widened, by="smoothing"),
             Attempt(chart="decoupled", heights=widened, by="smoothing"),
@@ -766,7 +766,7 @@ def default_attempts(task: Walk) -> list[Attempt]:
     ]
 
 
-class PortfolioRun:
+class _PortfolioRun:
     """Attempts at one task on one budget. feasible: the verifier's word on the first feasible point
     of each.
     """

@@ -61,7 +61,7 @@ class Smoothing:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Round:
+class _Round:
     """One round: the solve on the cost, what made its point feasible again, and the verifier's
     word.
 
@@ -97,7 +97,7 @@ def smoothed(
     report: Report[Trajectory] | None = None,
     solve: Solver = GaitProgram.solve,
     stop: Callable[[], bool] = lambda: False,
-) -> Iterator[Round]:
+) -> Iterator[_Round]:
     """Rounds from a feasible solution on, each from the last that ended feasible.
 
     A round that ends infeasible is the last, and so is one that gains too little to be worth
@@ -126,7 +126,7 @@ def smoothed(
             if lowered.success
             else solve(program, lowered.x, max_iterations=settings.repair)
         )
-        stage = Round(
+        stage = _Round(
             lowered=lowered,
             solution=solution,
             report=check_trajectory(solution.trajectory(), body=False),

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     Pair = Connection[Any, Any]
 
-FIELDS = (
+_FIELDS = (
     "success",
     "iterations",
     "violations",
@@ -102,7 +102,7 @@ def _answer(
         ):  # come to the whole group; the parent decides
             signal.signal(number, signal.SIG_IGN)
         solution = program.solve(guess, on_iterate, **options)
-        header = {name: getattr(solution, name) for name in FIELDS}
+        header = {name: getattr(solution, name) for name in _FIELDS}
         content = io.BytesIO()
         np.savez(
             content,

@@ -35,21 +35,21 @@ from .portfolio import Attempts, Caps, default_attempts, plan_gait
 LOG = logging.getLogger(__name__)
 FAR_M = 6.0
 """Longer walks are planned in pieces, whatever is in their way."""
-WALL = 2.0
+_WALL = 2.0
 """Terrain that is nowhere steeper has no walls, only slopes."""
 PIECE_M = 1.6
 """Length of a piece, about."""
 TURN_RAD = 0.02
 """A path that turns by less goes straight on."""
-LEAST_S = 3.0
+_LEAST_S = 3.0
 """Least duration of a piece [s]."""
 _EVEN_S = 0.5
 """Pieces last a whole number of these, which spacings of knots and nodes divide [s]."""
-AGAIN = 2
+_AGAIN = 2
 """So often a piece without a walk is cut in two."""
-DETOURS = 2
+_DETOURS = 2
 """Other ways that are tried, all pieces together."""
-PATIENCE = 4.0
+_PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
 
@@ -63,7 +63,7 @@ def guided(task: Walk) -> GuidePath | None:
     """
     length = float(np.linalg.norm(task.goal_xy_m - task.start_xy_m))
     turns = task.yaws()[0] != task.yaws()[1]
-    if any(task.adhesive) or turns or (length < FAR_M and task.terrain.steepest < WALL):
+    if any(task.adhesive) or turns or (length < FAR_M and task.terrain.steepest < _WALL):
         return None
     footprint = Footprint.of_walker(task.robot, task.start_yaw_rad)
     ends = np.array([task.start_xy_m, task.goal_xy_m])
@@ -91,7 +91,7 @@ def guided(task: Walk) -> GuidePath | None:
 
 def pieces_of(task: Walk, path: GuidePath) -> list[Walk]:
     """Walks straight from place to place along a path, as fast as the whole is asked to be, and no
-    shorter than ``LEAST_S``.
+    shorter than ``_LEAST_S``.
     """
     places = _spread(path.points_m[:, :2])
     legs = np.linalg.norm(np.diff(places, axis=0), axis=1)
@@ -103,7 +103,7 @@ def pieces_of(task: Walk, path: GuidePath) -> list[Walk]:
 
 def _lasting(seconds: float) -> float:
     """Duration, rounded to ``_EVEN_S`` and no shorter than a piece may be [s]."""
-    return max(LEAST_S, _EVEN_S * round(seconds / _EVEN_S))
+    return max(_LEAST_S, _EVEN_S * round(seconds / _EVEN_S))
 
 
 def _between(task: Walk, start: Array, goal: Array, duration_s: float) -> Walk:
@@ -182,7 +182,7 @@ def plan_walk(
     while way.left:
         piece, cut = way.left[0]
         remains_s = caps.total_s - (cpu_s() - begun)
-        share_s = min(remains_s, PATIENCE * remains_s / len(way.left))
+        share_s = min(remains_s, _PATIENCE * remains_s / len(way.left))
         if share_s <= 0.0:
             count = way.outcomes.count(DONE)
             return _ended(
@@ -212,7 +212,7 @@ def plan_walk(
             done.append(attempts_of_piece.best)
             outcome = DONE
         else:
-            outcome = CUT if cut < AGAIN else ROUND
+            outcome = CUT if cut < _AGAIN else ROUND
         try:
             way.go(outcome)
         except (InvalidInput, PlanningFailed) as error:
@@ -280,7 +280,7 @@ class _Way:
         """
         piece, cut = self.left[0]
         if outcome == ROUND:
-            if len(self._avoid_m) >= DETOURS:
+            if len(self._avoid_m) >= _DETOURS:
                 raise PlanningFailed("")
             place = 0.5 * (piece.start_xy_m + piece.goal_xy_m)
             ends = np.array([piece.start_xy_m, self._task.goal_xy_m])

@@ -200,7 +200,7 @@ def _diagonal(kernel: cs.Function, found: cs.MX, count: int) -> cs.MX:
 Callback = Callable[[int, float, float], "bool | None"]
 """Called at every iterate with its number, the largest violation and the cost; may return True to
 stop."""
-OPTIONS: dict[str, Any] = {
+_OPTIONS: dict[str, Any] = {
     "ipopt.linear_solver": "mumps",
     "ipopt.mumps_pivot_order": 0,  # approximate minimum degree, the quickest on these patterns
     "ipopt.mumps_permuting_scaling": 0,  # half of a factorisation, for nothing
@@ -211,7 +211,7 @@ OPTIONS: dict[str, Any] = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class IpoptResult:
+class _IpoptResult:
     """Result of a solve.
 
     Arguments:
@@ -242,7 +242,7 @@ class Ipopt:
 
     def __init__(self, program: Program, *, exact: bool, tolerance: float) -> None:
         self._program, self._exact, self._tolerance = program, exact, tolerance
-        self._solvers: dict[Any, tuple[Any, IterateRecorder]] = {}
+        self._solvers: dict[Any, tuple[Any, _IterateRecorder]] = {}
 
     def solve(
         self,
@@ -254,7 +254,7 @@ class Ipopt:
         callback: Callback | None = None,
         stop_when_feasible: bool = True,
         options: Mapping[str, Any] | None = None,
-    ) -> IpoptResult:
+    ) -> _IpoptResult:
         """Solve from a point, shape (size,).
 
         An interrupt, or whatever else is raised on the way, ends the solve and is raised.
@@ -277,7 +277,7 @@ class Ipopt:
         seconds = time.process_time() - began
         stats = solver.stats()
         x, iterations, success = recorder.result()
-        return IpoptResult(
+        return _IpoptResult(
             x=x,
             success=success,
             iterations=iterations,
@@ -297,14 +297,14 @@ class Ipopt:
 
     def _solver(
         self, costs: bool, limit: int, options: dict[str, Any]
-    ) -> tuple[Any, IterateRecorder]:
+    ) -> tuple[Any, _IterateRecorder]:
         """IPOPT on the program, and what looks at its iterates; built once for each kind of
         objective and options.
         """
         key = (costs, limit, tuple(sorted(options.items())))
         if key not in self._solvers:
             nlp = self._program
-            recorder = IterateRecorder(nlp, self._tolerance)
+            recorder = _IterateRecorder(nlp, self._tolerance)
             defaults = {
                 "ipopt.max_iter": limit,
                 "ipopt.print_level": 0,
@@ -313,7 +313,7 @@ class Ipopt:
                 "no_nlp_grad": True,
                 "calc_lam_p": False,
                 "ipopt.hessian_approximation": "exact" if self._exact else "limited-memory",
-                **OPTIONS,
+                **_OPTIONS,
                 **{f"ipopt.{name}": value for name, value in options.items()},
                 "iteration_callback": recorder,
                 "jac_g": nlp.jacobian,
@@ -327,7 +327,7 @@ class Ipopt:
         return self._solvers[key]
 
 
-class IterateRecorder(cs.Callback):
+class _IterateRecorder(cs.Callback):
     """Looks at every iterate: records its violation and cost, keeps the first feasible one, and
     stops there.
     """

@@ -218,7 +218,7 @@ Rows = NDArray[np.intp]
 
 
 Features = Callable[[cs.SX, cs.SX], cs.SX]
-Place = Callable[[cs.SX, ExpansionPoint | None], cs.SX]
+_Place = Callable[[cs.SX, ExpansionPoint | None], cs.SX]
 
 
 def identity(v: cs.SX, constants: cs.SX) -> cs.SX:
@@ -246,7 +246,7 @@ class VariableGroup:
     features: Features = identity
     constants: Array = field(default_factory=lambda: np.zeros((0, 0)))
     inner: TaylorMap | None = None
-    place: Place | None = None
+    place: _Place | None = None
 
     @property
     def count(self) -> int:

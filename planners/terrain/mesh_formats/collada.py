@@ -28,8 +28,8 @@ from .numbers import (
 )
 from .ply import checked_matrix, moved
 
-DEEPEST = 60
-MOST_NODES = 20_000
+_DEEPEST = 60
+_MOST_NODES = 20_000
 _POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
@@ -38,7 +38,7 @@ def read_collada(content: bytes, most: int) -> Surface:
 
     Raises InvalidInput.
     """
-    root = parse_xml(content, "COLLADA", deepest=DEEPEST)
+    root = parse_xml(content, "COLLADA", deepest=_DEEPEST)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     return _Scene(root, most).surface()
@@ -66,9 +66,9 @@ class _Scene:
         while stack:
             node, above = stack.pop()
             visits += 1
-            if visits > MOST_NODES:
+            if visits > _MOST_NODES:
                 raise broken(
-                    f"expected {MOST_NODES} nodes or fewer, got more, or one that is within itself"
+                    f"expected {_MOST_NODES} nodes or fewer, got more, or one that is within itself"
                 )
             here = above @ _matrix(node)
             for each in node:

@@ -17,10 +17,10 @@ from ...files.documents import decoded, parse_json, shown
 from .numbers import Surface, broken, check_count, fans, joined, strip
 from .ply import checked_matrix, moved, turn_of
 
-COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
-MOST_NODES = 20_000
-PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
+_MOST_NODES = 20_000
+_PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 """Extensions that keep corners as no reader here has them."""
 
 
@@ -101,9 +101,9 @@ class _Scene:
         while stack:
             number, above = stack.pop()
             visits += 1
-            if visits > MOST_NODES:
+            if visits > _MOST_NODES:
                 raise broken(
-                    f"expected {MOST_NODES} nodes or fewer, got more, or one that is within itself"
+                    f"expected {_MOST_NODES} nodes or fewer, got more, or one that is within itself"
                 )
             node = self._nodes[number]
             here = above @ _matrix(node)
@@ -144,7 +144,7 @@ class _Scene:
             return None
         attributes, extensions = part.get("attributes"), part.get("extensions", {})
         if isinstance(extensions, dict) and (
-            packed := [name for name in PACKED if name in extensions]
+            packed := [name for name in _PACKED if name in extensions]
         ):
             raise broken(f"expected meshes that are not compressed, got {packed[0]}")
         if not isinstance(attributes, dict) or "POSITION" not in attributes:
@@ -176,7 +176,7 @@ class _Scene:
         if (
             accessor.get("type") != kind
             or not isinstance(component, int)
-            or component not in COMPONENTS
+            or component not in _COMPONENTS
         ):
             raise broken(
                 f"accessors[{number}]: expected numbers as {kind}, got "
@@ -186,9 +186,9 @@ class _Scene:
             raise broken(f"accessors[{number}]: expected a bufferView, and nothing sparse")
         view = self._views[_whole(accessor, "bufferView", len(self._views))]
         extensions = view.get("extensions", {})
-        if isinstance(extensions, dict) and PACKED[1] in extensions:
-            raise broken(f"expected meshes that are not compressed, got {PACKED[1]}")
-        dtype = np.dtype(COMPONENTS[component])
+        if isinstance(extensions, dict) and _PACKED[1] in extensions:
+            raise broken(f"expected meshes that are not compressed, got {_PACKED[1]}")
+        dtype = np.dtype(_COMPONENTS[component])
         if kind == "SCALAR" and dtype.kind == "f":
             raise broken(f"accessors[{number}]: expected whole numbers")
         _whole(view, "buffer", 1)

@@ -25,7 +25,7 @@ MOST_TRIANGLES = 3_000_000
 """Most triangles of any mesh, a robot's or a terrain's, unless fewer are wanted."""
 BLOCK = 1 << 20
 """Bytes of text that become objects of Python at once."""
-LONGEST = 400
+_LONGEST = 400
 """Letters of a number at most."""
 
 
@@ -131,7 +131,7 @@ def joined(pieces: Iterable[Surface]) -> Surface:
 
 def _real(token: bytes) -> float:
     try:
-        if len(token) <= LONGEST:
+        if len(token) <= _LONGEST:
             return float(token)
     except ValueError:
         pass

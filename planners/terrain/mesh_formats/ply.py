@@ -181,8 +181,8 @@ def turn_of(quaternion: Array) -> Array:
 HEAD_BYTES = 65_536
 """Bytes within which a header ends."""
 _MOST_PROPERTIES = 200
-ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
-KINDS = {
+_ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
+_KINDS = {
     b"char": "i1",
     b"int8": "i1",
     b"uchar": "u1",
@@ -201,8 +201,8 @@ KINDS = {
     b"float64": "f8",
 }
 _REALS = (b"float", b"float32", b"double", b"float64")
-FACES = (b"vertex_indices", b"vertex_index")
-ROWS = 50_000
+_FACES = (b"vertex_indices", b"vertex_index")
+_ROWS = 50_000
 """Lines of text that become objects of Python at once."""
 
 
@@ -246,7 +246,7 @@ class _Element:
         Raises InvalidInput where there is none.
         """
         columns = [
-            k for k, each in enumerate(self.properties) if each.name in FACES and each.length
+            k for k, each in enumerate(self.properties) if each.name in _FACES and each.length
         ]
         if len(columns) != 1 or self.properties[columns[0]].kind[0] == "f":
             raise broken("expected faces with a list of vertex_indices")
@@ -304,8 +304,8 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
         parts = line.split()
         if not parts or parts[0] in (b"comment", b"obj_info"):
             continue
-        if parts[0] == b"format" and len(parts) > 1 and parts[1] in ORDERS:
-            order = ORDERS[parts[1]]
+        if parts[0] == b"format" and len(parts) > 1 and parts[1] in _ORDERS:
+            order = _ORDERS[parts[1]]
         elif parts[0] == b"element" and len(parts) == 3 and re.fullmatch(rb"\d{1,18}", parts[2]):
             elements.append(_Element(name=parts[1], count=int(parts[2])))
         elif (
@@ -327,16 +327,16 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _property(parts: list[bytes]) -> _Property:
-    if len(parts) == 2 and parts[0] in KINDS:
-        return _Property(name=parts[1], kind=KINDS[parts[0]])
+    if len(parts) == 2 and parts[0] in _KINDS:
+        return _Property(name=parts[1], kind=_KINDS[parts[0]])
     if (
         len(parts) == 4
         and parts[0] == b"list"
-        and parts[1] in KINDS
-        and parts[2] in KINDS
+        and parts[1] in _KINDS
+        and parts[2] in _KINDS
         and parts[1] not in _REALS
     ):
-        return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
+        return _Property(name=parts[3], kind=_KINDS[parts[2]], length=_KINDS[parts[1]])
     raise broken(
         "its header has a property that is none of PLY's: "
         f"{b' '.join(parts)[:40].decode(errors='replace')!r}"
@@ -438,8 +438,8 @@ def _even_lists(
 
 def _text_rows(lines: list[bytes], element: _Element) -> Array:
     columns, parts = element.xyz, [np.zeros((0, 3))]
-    for k in range(0, len(lines), ROWS):
-        rows = [line.split() for line in lines[k : k + ROWS]]
+    for k in range(0, len(lines), _ROWS):
+        rows = [line.split() for line in lines[k : k + _ROWS]]
         if any(len(row) < len(element.properties) for row in rows):
             raise broken(f"expected {len(element.properties)} numbers per vertex")
         parts.append(reals(row[column] for row in rows for column in columns).reshape(-1, 3))
@@ -450,9 +450,9 @@ def _text_lists(
     lines: list[bytes], element: _Element, wanted: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     counts, values = list[int](), [np.zeros(0, dtype=np.int64)]
-    for k in range(0, len(lines), ROWS):
+    for k in range(0, len(lines), _ROWS):
         result = list[bytes]()
-        for line in lines[k : k + ROWS]:
+        for line in lines[k : k + _ROWS]:
             row, at = line.split(), 0
             for column, each in enumerate(element.properties):
                 stop = at + 1

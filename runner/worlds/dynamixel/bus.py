@@ -24,9 +24,9 @@ from stancekit.planners.errors import HardwareFault, InvalidInput, not_installed
 from ...safety.latch import StopLatch
 from .control_table import HARDWARE_ERROR, LATENCY_MS, SHUTDOWN, Register, hardware_errors
 
-Bytes = NDArray[np.uint8]
-ALERT = 0x80
-SOUND, SILENT, CORRUPT = 0, -3001, -3002
+_Bytes = NDArray[np.uint8]
+_ALERT = 0x80
+SOUND, _SILENT, CORRUPT = 0, -3001, -3002
 """Results of the SDK: an answer that is whole, none at all, and one that is damaged."""
 PATIENCE = 2
 _Blame = Callable[["ServoBus", int, int], NoReturn]
@@ -198,9 +198,9 @@ class ServoBus:
             self._again()
         else:
             raise HardwareFault(f"{self.label(index)}: no answer to a write of {register.name}")
-        if error & ~ALERT:
+        if error & ~_ALERT:
             raise HardwareFault(
-                f"{self.label(index)}: refused {value} for {register.name} (error {error & ~ALERT})"
+                f"{self.label(index)}: refused {value} for {register.name} (error {error & ~_ALERT})"
             )
 
     def write_all(
@@ -221,7 +221,7 @@ class ServoBus:
         )
         self.write_rows(register.address, rows, stopping=stopping)
 
-    def write_rows(self, address: int, rows: Bytes, *, stopping: bool = False) -> None:
+    def write_rows(self, address: int, rows: _Bytes, *, stopping: bool = False) -> None:
         """Write rows to one address of all servos, shape (S, any), in as many packets as their
         length asks for.
         """
@@ -239,7 +239,7 @@ class ServoBus:
                     f"port {self.port}: a packet could not be sent (result {result})"
                 )
 
-    def read_all(self, address: int, size: int, *, alerts: bool = True) -> Bytes:
+    def read_all(self, address: int, size: int, *, alerts: bool = True) -> _Bytes:
         """Read one address of all servos, shape (S, size).
 
         Raises HardwareFault that names who is silent or in error.
@@ -263,7 +263,7 @@ class ServoBus:
             self._raise_alert(raised)
         return table
 
-    def peek(self, address: int, size: int) -> Bytes | None:
+    def peek(self, address: int, size: int) -> _Bytes | None:
         """Read as ``read_all`` does, but with two attempts at most; None if an answer is missing or
         damaged.
         """
@@ -282,7 +282,7 @@ class ServoBus:
 
     def _read_some(
         self, address: int, size: int, times: int
-    ) -> tuple[Bytes | None, NDArray[np.bool_]]:
+    ) -> tuple[_Bytes | None, NDArray[np.bool_]]:
         """Read as ``_read_once`` does, with a limited number of attempts."""
         for _ in range(times):
             table, raised = self._read_once(address, size)
@@ -291,7 +291,7 @@ class ServoBus:
             self._again()
         return table, raised
 
-    def _read_once(self, address: int, size: int) -> tuple[Bytes | None, NDArray[np.bool_]]:
+    def _read_once(self, address: int, size: int) -> tuple[_Bytes | None, NDArray[np.bool_]]:
         """The bytes, None where an answer is missing or damaged; and who raised the alert bit."""
         count, handler, packets = len(self.ids), self._handler, self._packets
         table, alerts = np.zeros((count, size), np.uint8), np.zeros(count, bool)
@@ -305,12 +305,12 @@ class ServoBus:
                 parts = np.array(data, np.uint8).reshape(count, size + 4)  # error, id, data, CRC
                 if parts[:, 1].tolist() != self.ids:
                     return None, alerts
-                return parts[:, 2:-2].copy(), (parts[:, 0] & ALERT) > 0
+                return parts[:, 2:-2].copy(), (parts[:, 0] & _ALERT) > 0
             for index, servo in enumerate(self.ids):
                 data, result, error = packets.readRx(handler, servo, size)
                 if result != 0 or len(data) != size:
                     return None, alerts
-                table[index], alerts[index] = data, bool(error & ALERT)
+                table[index], alerts[index] = data, bool(error & _ALERT)
         return table, alerts
 
     def _raise_alert(self, alerts: NDArray[np.bool_]) -> None:
@@ -363,12 +363,12 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def unsigned(rows: Bytes) -> NDArray[np.int64]:
+def unsigned(rows: _Bytes) -> NDArray[np.int64]:
     """Little-endian numbers, one a row."""
     return np.asarray(rows.astype(np.int64) @ (256 ** np.arange(rows.shape[1])), dtype=np.int64)
 
 
-def signed(rows: Bytes) -> NDArray[np.int64]:
+def signed(rows: _Bytes) -> NDArray[np.int64]:
     """Little-endian numbers in two's complement, one a row."""
     values, span = unsigned(rows), 256 ** rows.shape[1]
     return np.where(values >= span // 2, values - span, values)

@@ -46,7 +46,7 @@ GOAL_CURRENT = Register("Goal Current", 102, 2)
 PROFILE_ACCELERATION = Register("Profile Acceleration", 108, 4)
 PROFILE_VELOCITY = Register("Profile Velocity", 112, 4)
 GOAL_POSITION = Register("Goal Position", 116, 4)
-REALTIME_TICK = Register("Realtime Tick", 120, 2)
+_REALTIME_TICK = Register("Realtime Tick", 120, 2)
 _PRESENT_CURRENT = Register("Present Current", 126, 2)
 _PRESENT_VELOCITY = Register("Present Velocity", 128, 4)
 _PRESENT_POSITION = Register("Present Position", 132, 4)
@@ -60,7 +60,7 @@ WATCHED = (
     _PRESENT_CURRENT,
     _PRESENT_VELOCITY,
     _PRESENT_POSITION,
-    REALTIME_TICK,
+    _REALTIME_TICK,
 )
 """Fields that are read in every control period, gathered in the indirect data: 15 bytes per servo
 in one answer."""
@@ -75,7 +75,7 @@ AMPERE = 2.69e-3
 """One unit of a current."""
 LATENCY_MS = 16.0
 """Latency of the usual USB adapter, between a byte and the host."""
-WATCHDOG_S = 0.02
+_WATCHDOG_S = 0.02
 """One unit of the bus watchdog."""
 TRIPPED = 0xFF
 """Bus Watchdog reads −1: the servo heard nothing for too long, stopped, and takes no goals until
@@ -93,7 +93,7 @@ SHUTDOWN_ON = 0x34
 WATCHDOG_FIRMWARE, FAST_FIRMWARE = 38, 45
 """The first firmware with a bus watchdog, and with Fast Sync Read."""
 
-ERRORS = {
+_ERRORS = {
     0x01: "input voltage",
     0x04: "overheating",
     0x08: "motor encoder",
@@ -133,7 +133,7 @@ MODELS = {
 
 def hardware_errors(status: int) -> str:
     """Names of a Hardware Error Status, e.g. ``overload``."""
-    named = [name for bit, name in ERRORS.items() if status & bit]
+    named = [name for bit, name in _ERRORS.items() if status & bit]
     return ", ".join(named) or f"unknown error 0x{status:02X}"
 
 
@@ -224,7 +224,7 @@ class Calibration(SetupFile):
     @property
     def watchdog_units(self) -> int:
         """Value for Bus Watchdog; never longer than asked for."""
-        return int(self.watchdog_s / WATCHDOG_S + 1e-9)
+        return int(self.watchdog_s / _WATCHDOG_S + 1e-9)
 
     def ordered(self, joints: Sequence[str]) -> list[JointServo]:
         """The servos of these joints."""

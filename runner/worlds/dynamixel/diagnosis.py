@@ -17,7 +17,7 @@ from .control_table import RAD, RAD_S, Baud
 
 _FASTER = 1.5
 """A joint may be pushed so many times as fast as its servo turns without load."""
-SLACK_RAD = 0.06
+_SLACK_RAD = 0.06
 """Position that the time between a measurement and its arrival may hide."""
 _OLD_S = 0.06
 """A measurement may be older than the last one by so much before it is asked for again."""
@@ -102,7 +102,7 @@ class MeasurementJudge:
         then_s, before, ticked = self._last
         passed_s = now_s - then_s
         moved = RAD * np.abs(position - before)
-        for index in np.flatnonzero(moved > self._fastest * passed_s + SLACK_RAD):
+        for index in np.flatnonzero(moved > self._fastest * passed_s + _SLACK_RAD):
             return Doubt(
                 f"{self._name(index)}: measured to jump {moved[index]:.2f} rad in "
                 f"{1e3 * passed_s:.0f} ms, which it "
@@ -144,9 +144,9 @@ _BLAMED = 3
 """So many silent servos are named before the search for more ends: each takes 34 ms."""
 _LATE_MS = 125.0
 """Latency for which an answer is waited, twice over, when it is asked whether answers are late."""
-CALM_S = 0.15
+_CALM_S = 0.15
 """So long nothing may come before a servo is asked how long it takes to answer."""
-BACK = "no answers came for a while, and now they do: did the adapter, or its cable, hang?"
+_BACK = "no answers came for a while, and now they do: did the adapter, or its cable, hang?"
 BABBLE = "bytes come without end, though nobody was asked: is another program, or a faulty servo, on the bus?"
 
 
@@ -173,7 +173,7 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
             break
     if silent:
         if late(bus, silent[0]) is not None:
-            raise HardwareFault(f"port {bus.port}: {BACK}")
+            raise HardwareFault(f"port {bus.port}: {_BACK}")
         names = ", ".join(bus.label(i) for i in silent)
         many = "maybe more of them; has the bus power?"
         why = (
@@ -184,7 +184,7 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
         raise HardwareFault(f"{names}: {why}")
     _one_by_one(bus, address, size)
     if bus.peek(address, size) is not None:
-        raise HardwareFault(f"port {bus.port}: {BACK}")
+        raise HardwareFault(f"port {bus.port}: {_BACK}")
     raise HardwareFault(
         f"port {bus.port}: every servo answers alone, and not with the others by Sync Read: is the "
         "Return Delay Time "
@@ -249,7 +249,7 @@ def late(bus: ServoBus, index: int) -> int | None:
     To be asked before many more pings wait for their answers. Raises HardwareFault where it answers
     later than the port waits.
     """
-    bus.calm(CALM_S)
+    bus.calm(_CALM_S)
     number, result, took_s = bus.reach(index, _LATE_MS)
     took_ms, allowed_ms = 1e3 * took_s, 2.0 * bus.latency_ms
     if result == SOUND and took_ms > allowed_ms:

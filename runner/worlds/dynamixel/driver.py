@@ -33,7 +33,7 @@ from .bus import ServoBus, listed, signed, unsigned
 from .control_table import Calibration, ServoTicks
 from .diagnosis import BABBLE, Doubt, MeasurementJudge, blame, late, unanswered
 
-ROUNDS = 3
+_ROUNDS = 3
 """Number of times that a setting that did not arrive is written."""
 
 
@@ -79,7 +79,7 @@ def _check_servos(bus: ServoBus, model: table.ServoModel) -> None:
     bus.fast = bool((firmware >= table.FAST_FIRMWARE).all())
 
 
-def configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
+def _configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
     """Bring what the driver relies on into every servo; the EEPROM is written only where it
     differs.
 
@@ -115,7 +115,7 @@ def _settle(
     Looked at by a reading of all servos, whose length says that it is no late answer to something
     else; the SDK takes any answer of a servo for that to its last question.
     """
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         values = unsigned(bus.read_all(register.address, register.size))
         wrong = np.flatnonzero(values != wanted).tolist()
         if not wrong:
@@ -134,17 +134,17 @@ def _settle(
     )
 
 
-REST_RAD = 0.35
+_REST_RAD = 0.35
 """A robot at rest, its torque off, has its joints this near to where the calibration says."""
 OFF = "its torque went off: did it restart, was its power gone?"
-AGAIN_S = 0.02
+_AGAIN_S = 0.02
 """Two measurements before a robot is believed to be where it says are so far apart."""
-CALM_S = 0.12
+_CALM_S = 0.12
 """After a measurement that may have come late the bus is quiet for so long before the next is asked
 for."""
 _STANDS_RAD_S, _STANDING_S = 0.05, 0.2
 """Servos stand that turn no faster; a hold waits so long for them to."""
-SLACK_RAD = 0.05
+_SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is at its stop; one that is farther beyond is
 calibrated wrong."""
 
@@ -350,11 +350,11 @@ class DynamixelWorld(HardwareWorld):
         """
         with self.bus.patient():
             _check_servos(self.bus, self._kind)
-            configure(self.bus, self._current)
+            _configure(self.bus, self._current)
             self._begin(position_m, rotation)
             self._judge.begin()
             before = self._watched()
-            time.sleep(AGAIN_S)
+            time.sleep(_AGAIN_S)
             rows = self._watched()
             why = self._judge.clocks(unsigned(before[:, 13:15]), unsigned(rows[:, 13:15]))
             if why:
@@ -383,7 +383,7 @@ class DynamixelWorld(HardwareWorld):
                 if rates[turning] <= _STANDS_RAD_S:
                     self._driven = False
                     return
-            time.sleep(0.5 * AGAIN_S)
+            time.sleep(0.5 * _AGAIN_S)
         raise HardwareFault(f"{seen}; {within}")
 
     def _capable(self) -> WorldCapabilities:
@@ -455,7 +455,7 @@ class DynamixelWorld(HardwareWorld):
     def _check_angles(self, angles: Array) -> None:
         can = self.capabilities
         for index in np.flatnonzero(
-            (angles < can.lower_rad - SLACK_RAD) | (angles > can.upper_rad + SLACK_RAD)
+            (angles < can.lower_rad - _SLACK_RAD) | (angles > can.upper_rad + _SLACK_RAD)
         ):
             raise InvalidInput(
                 f"{self.bus.label(int(index))}: expected an angle in [{can.lower_rad[index]:.2f}, "
@@ -465,7 +465,7 @@ class DynamixelWorld(HardwareWorld):
 
     def _check_rest(self, angles: Array) -> None:
         for index, each in enumerate(self._servos):
-            if each.rest_rad is not None and abs(angles[index] - each.rest_rad) > REST_RAD:
+            if each.rest_rad is not None and abs(angles[index] - each.rest_rad) > _REST_RAD:
                 raise InvalidInput(
                     f"{self.bus.label(index)}: expected its rest at {each.rest_rad:.2f} rad, "
                     "measured "
@@ -491,7 +491,7 @@ class DynamixelWorld(HardwareWorld):
         )  # no question is open whose answer may have been taken for this one
         if (doubt := self._doubt(rows, calm=once)).why:
             self.bus.retried += 1
-            self.bus.calm(CALM_S if doubt.late else 1e-3 * self.bus.latency_ms)
+            self.bus.calm(_CALM_S if doubt.late else 1e-3 * self.bus.latency_ms)
             rows = self.bus.read_all(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
             if why := self._doubt(rows, calm=True).why:
                 if self.armed:  # one that restarted has lost its indirect addresses, too

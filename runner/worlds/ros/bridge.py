@@ -21,7 +21,7 @@ from ...safety.latch import StopLatch
 
 Answer = TypeVar("Answer")
 Message = dict[str, Any]
-SILENT = logging.NullHandler()
+_SILENT = logging.NullHandler()
 """roslibpy logs what ``Connection`` tells, too; that is not for standard error."""
 
 
@@ -62,7 +62,7 @@ class RosLink:
                 f"rosbridge {self.url}: expected a rosbridge, got no answer: {error}"
             ) from None
         for name in ("roslibpy", "autobahn"):
-            logging.getLogger(name).addHandler(SILENT)
+            logging.getLogger(name).addHandler(_SILENT)
         from .connection import Connection
 
         self.ros = Connection(*self._address, self.complain, self._lost.set)
@@ -215,7 +215,7 @@ class RosLink:
             self._wrong.append(what)
 
 
-TRIES = 2
+_TRIES = 2
 """A rosapi that does not answer in time is asked once more."""
 
 
@@ -254,7 +254,7 @@ class RosGraph:
         self._link.ask("/rosapi/publishers", "rosapi/Publishers", {"topic": topic}, answered)
 
     def _ask(self, service: str, kind: str, request: Message) -> Message | None:
-        for _ in range(TRIES):
+        for _ in range(_TRIES):
             if self._missing or self._link.trouble() is not None:
                 break
             begin = time.monotonic()

@@ -25,10 +25,10 @@ many."""
 _FOREIGN_RAD, FOREIGN = 0.05, 3
 """A controller that wants a joint so far from all of them, so many times in a row, follows somebody
 else."""
-_APART_RAD, _APART_S, APART = 0.05, 0.1, 5
+_APART_RAD, _APART_S, _APART = 0.05, 0.1, 5
 """Two measurements of a joint may differ by so much, and by what it turns in this time; not so
 often."""
-FORGIVEN = 0.2
+_FORGIVEN = 0.2
 """One that does not differ makes up for so many that do: every other one may be nonsense."""
 _BUSY_RAD_S = 0.02
 _HEARD_RAD = 3e-7
@@ -140,7 +140,7 @@ class ControllerState:
                     "which was not sent: "
                     "another client?"
                 )
-            if self._apart.max() >= APART:
+            if self._apart.max() >= _APART:
                 index = int(np.argmax(self._apart))
                 wanted, measured = self._differ[:, index]
                 return (
@@ -182,9 +182,9 @@ class ControllerState:
             allowed = np.nan_to_num(_APART_RAD + (_APART_S + between_s) * speed, nan=_APART_RAD)
         off = np.abs(wanted - self._actual) > allowed
         off &= np.isfinite(seen_s)
-        worse = off & (self._apart + 1.0 >= APART)
+        worse = off & (self._apart + 1.0 >= _APART)
         self._differ[:, worse] = np.stack([wanted, self._actual])[:, worse]
-        self._apart = np.where(off, self._apart + 1.0, np.maximum(self._apart - FORGIVEN, 0.0))
+        self._apart = np.where(off, self._apart + 1.0, np.maximum(self._apart - _FORGIVEN, 0.0))
 
 
 def _point(

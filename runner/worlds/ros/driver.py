@@ -33,7 +33,7 @@ from .follow import Follower
 from .robot import POLL_S, RosRobot
 from .setup import RosSetup
 
-SLACK_RAD = 0.05
+_SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is taken for one at its stop, farther for one that is
 mapped wrong."""
 
@@ -117,7 +117,7 @@ class RosWorld(HardwareWorld):
         self._open = True
         self._begin(position_m, rotation)
         self._sent = self._robot.states.read()[0]
-        self._check_angles(self._sent, "measured", SLACK_RAD, ": is its name or offset right?")
+        self._check_angles(self._sent, "measured", _SLACK_RAD, ": is its name or offset right?")
         return self._state()
 
     def torque(self, on: bool) -> None:

@@ -15,15 +15,15 @@ from ..settings import EstopCheck
 from .bridge import RosGraph, RosLink
 
 BOOL = "std_msgs/Bool"
-LISTEN_S = 3.0
-TRY_S, _RELEASED_S = 60.0, 5.0
+_LISTEN_S = 3.0
+_TRY_S, _RELEASED_S = 60.0, 5.0
 """So long is waited for somebody to press it; one that was not heard of for RELEASED_S since is
 released."""
 _ASK_S = 1.0
 """So often its publishers are asked for while the robot moves."""
-MISSED, _REGULAR, _QUIET_S = 5.0, 5, 1.0
+_MISSED, _REGULAR, _QUIET_S = 5.0, 5, 1.0
 """One that came REGULAR times is missed after MISSED of its periods, and not before QUIET_S."""
-POLL_S = 0.01
+_POLL_S = 0.01
 
 
 class Estop:
@@ -61,9 +61,9 @@ class Estop:
             return self._tried()
         publishers = self._graph.publishers(self.topic)
         kind = self._graph.type_of(self.topic) if publishers else None
-        end = time.monotonic() + (0.0 if publishers and kind == BOOL else LISTEN_S)
+        end = time.monotonic() + (0.0 if publishers and kind == BOOL else _LISTEN_S)
         while not self._times and time.monotonic() < end and self._link.trouble() is None:
-            time.sleep(POLL_S)
+            time.sleep(_POLL_S)
         if self.pressed:
             raise InvalidInput(f"e-stop pressed on {self.topic}")
         if publishers and (kind == BOOL or self._times):
@@ -84,13 +84,13 @@ class Estop:
         times = self._times
         if len(times) > _REGULAR:
             period_s = max(b - a for a, b in pairwise(times))
-            if (quiet_s := now - times[-1]) > max(MISSED * period_s, _QUIET_S):
+            if (quiet_s := now - times[-1]) > max(_MISSED * period_s, _QUIET_S):
                 return f"e-stop {self.topic}: not heard for {quiet_s:.1f} s, it came every {period_s:.2f} s"
         return None
 
     def _tried(self) -> str:
         """Wait until it was pressed and released."""
-        self._trying, end = True, time.monotonic() + TRY_S
+        self._trying, end = True, time.monotonic() + _TRY_S
         try:
             while self._now is not True:
                 self._wait("pressed", end)
@@ -103,10 +103,10 @@ class Estop:
 
     def _wait(self, what: str, end_s: float) -> None:
         if time.monotonic() > end_s:
-            raise InvalidInput(f"e-stop {self.topic}: expected it to be {what} within {TRY_S:g} s")
+            raise InvalidInput(f"e-stop {self.topic}: expected it to be {what} within {_TRY_S:g} s")
         if (trouble := self._link.trouble()) is not None:
             raise InvalidInput(trouble)
-        time.sleep(POLL_S)
+        time.sleep(_POLL_S)
 
     def _missing(self, publishers: list[str] | None, kind: str | None) -> str:
         """Fault of a missing e-stop, and what can be done."""

@@ -18,7 +18,7 @@ from .robot import POLL_S, RosRobot
 
 _PROBE_S = 3.0
 """Length of the goal that is cancelled before any other is sent."""
-TRIES = 3
+_TRIES = 3
 """So often it is sent before a robot is refused that acts on none."""
 _ACTIVE_S = 0.3
 """So long is waited for a sign that a goal of ROS 2 is acted on: its feedback, which some
@@ -91,7 +91,7 @@ class Follower:
         hears no earlier one.
         """
         setup = self._robot.setup
-        for _ in range(TRIES if setup.ros == 1 else 1):
+        for _ in range(_TRIES if setup.ros == 1 else 1):
             goal = self._send(
                 np.array([_PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad)))
             )

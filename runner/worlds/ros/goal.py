@@ -16,7 +16,7 @@ from stancekit.planners.files.arrays import Array
 
 from .bridge import Message, RosLink, roslibpy
 
-ERRORS = {
+_ERRORS = {
     -1: "invalid goal",
     -2: "invalid joints",
     -3: "old header timestamp",
@@ -56,7 +56,7 @@ class Goal(ABC):
         detail = result.get("error_string") if isinstance(result, dict) else result
         if how == "succeeded" and isinstance(code, int) and code < 0:
             how = "aborted"
-        why = ERRORS.get(code, "") if isinstance(code, int) else ""
+        why = _ERRORS.get(code, "") if isinstance(code, int) else ""
         message = detail if isinstance(detail, str) else ""
         self.ended = (
             how
@@ -71,7 +71,7 @@ class Goal(ABC):
         on_feedback(dict(message))
 
 
-class Ros2Goal(Goal):
+class _Ros2Goal(Goal):
     """A goal of the operations ``send_action_goal`` and ``cancel_action_goal``."""
 
     def __init__(
@@ -105,7 +105,7 @@ class Ros2Goal(Goal):
         self._end("rejected", message["values"])
 
 
-class Ros1Goal(Goal):
+class _Ros1Goal(Goal):
     """A goal of actionlib.
 
     It ends with its result and a final status: the result of a rejected goal looks like one.
@@ -174,8 +174,8 @@ class Goals:
             on_feedback: gets its feedback, in roslibpy's thread.
         """
         if self._ros == 1:
-            return Ros1Goal(self._client, goal, on_feedback)
-        return Ros2Goal(self._link, self._action, goal, on_feedback)
+            return _Ros1Goal(self._client, goal, on_feedback)
+        return _Ros2Goal(self._link, self._action, goal, on_feedback)
 
 
 def ready_to_cancel(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:

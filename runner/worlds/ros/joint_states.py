@@ -20,9 +20,9 @@ from stancekit.planners.files.documents import shown
 
 from .setup import Mapping
 
-KEPT = 100
+_KEPT = 100
 """Messages that are remembered: two seconds of 50 Hz."""
-FEW = 5
+_FEW = 5
 """Fewer messages say nothing of a clock."""
 _DRIFT = 0.05
 """A clock that goes so much faster or slower than ours is that of a simulation, and no time can be
@@ -35,8 +35,8 @@ class RobotClock:
     """
 
     def __init__(self) -> None:
-        self._heard: deque[tuple[float, float]] = deque(maxlen=KEPT)  # arrival, and stamp
-        self._arrivals: deque[float] = deque(maxlen=KEPT)
+        self._heard: deque[tuple[float, float]] = deque(maxlen=_KEPT)  # arrival, and stamp
+        self._arrivals: deque[float] = deque(maxlen=_KEPT)
         self._lock = threading.Lock()
 
     def take(self, stamp_s: float | None, arrival_s: float) -> float:
@@ -58,7 +58,7 @@ class RobotClock:
     def at(self, time_s: float) -> float | None:
         """The robot's time [s] at a time of ours, a little early; None where it cannot be told."""
         with self._lock:
-            if len(self._heard) < FEW or not self._steady():
+            if len(self._heard) < _FEW or not self._steady():
                 return None
             return time_s - self._offset_s()
 
@@ -77,7 +77,7 @@ class RobotClock:
         """
         heard = list(self._heard)
         half = len(heard) // 2
-        if half < FEW:
+        if half < _FEW:
             return True
         early, late = (
             min(part, key=lambda each: each[0] - each[1]) for part in (heard[:half], heard[half:])
@@ -108,13 +108,13 @@ def _stamp(message: Any) -> dict[str, Any]:
     return stamp if isinstance(stamp, dict) else {}
 
 
-SLACK_RAD, SLACK = 0.05, 1.5
+_SLACK_RAD, _SLACK = 0.05, 1.5
 _STAMPED_S, _UNSTAMPED_S = 0.02, 0.1
 """A joint is believed to have turned by SLACK times its greatest velocity, for so much longer than
 is known, and by SLACK_RAD more; what is measured farther away is nonsense."""
-LATE_S = 0.25
+_LATE_S = 0.25
 """Two messages are taken to be measured no longer apart than this more than they came."""
-REST_RAD = 0.004
+_REST_RAD = 0.004
 """A joint that moves less is at rest."""
 _PUBLISHERS = 64
 """Groups of joints of which the clock is remembered."""
@@ -131,7 +131,7 @@ class JointStates:
     def __init__(self, mapping: Mapping, joints: Sequence[str], velocity_rad_s: Array) -> None:
         self._mapping, self._joints = mapping, tuple(joints)
         self._index = {name: i for i, name in enumerate(mapping.names)}
-        self._fastest = SLACK * velocity_rad_s
+        self._fastest = _SLACK * velocity_rad_s
         self._lock = threading.Lock()
         self._table = np.zeros((3, len(self._joints)))
         self._seen_s = np.full(len(self._joints), -np.inf)  # when measured
@@ -175,7 +175,7 @@ class JointStates:
             self._table = table
             self._seen_s[indices] = np.maximum(self._seen_s[indices], measured_s)
             self._came_s[indices] = now
-            if np.any(np.abs(table[0, indices] - self._rest[indices]) > REST_RAD):
+            if np.any(np.abs(table[0, indices] - self._rest[indices]) > _REST_RAD):
                 self._rest[indices], self._moved_s = table[0, indices], measured_s
 
     def actual(self, feedback: Any) -> None:
@@ -237,16 +237,16 @@ class JointStates:
         known = np.isfinite(seen_s)
         apart_s = np.where(known, np.abs(measured_s - np.where(known, seen_s, 0.0)), np.inf)
         came_s = np.where(known, now_s - np.where(known, self._came_s[indices], 0.0), np.inf)
-        apart_s = np.minimum(apart_s, came_s + LATE_S)
+        apart_s = np.minimum(apart_s, came_s + _LATE_S)
         jump = np.abs(positions[indices] - before)
-        far = known & (jump > SLACK_RAD + self._fastest[indices] * (apart_s + slack_s))
+        far = known & (jump > _SLACK_RAD + self._fastest[indices] * (apart_s + slack_s))
         if far.any():
             k = int(np.argmax(np.where(far, jump, 0.0)))
             index = int(indices[k])
             raise InvalidInput(
                 f"{self._joints[index]}: measured {positions[index]:.3f} rad {1e3 * came_s[k]:.0f} "
                 "ms after "
-                f"{before[k]:.3f}, faster than it can turn ({self._fastest[index] / SLACK:.1f} "
+                f"{before[k]:.3f}, faster than it can turn ({self._fastest[index] / _SLACK:.1f} "
                 "rad/s): two publishers?"
             )
 

@@ -29,7 +29,7 @@ _DEFAULT = "/controller_manager"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Listed:
+class _Listed:
     """A controller as its manager lists it.
 
     Arguments:
@@ -46,14 +46,14 @@ class Listed:
         return self.state in _RUNNING
 
 
-class ControllerManager:
+class _ControllerManager:
     """The manager that a setup names, over a connection."""
 
     def __init__(self, link: RosLink, setup: RosSetup) -> None:
         self._link, self._setup = link, setup
         self._controller = setup.controller.rsplit("/", 1)[-1]
 
-    def listed(self, manager: str | None = None) -> Listed | None:
+    def listed(self, manager: str | None = None) -> _Listed | None:
         """Entry of the setup's controller; None where nobody answers, or does not know it.
 
         Arguments:
@@ -66,7 +66,7 @@ class ControllerManager:
             return None
         for each in answer.get("controller") or []:
             if isinstance(each, dict) and each.get("name") == self._controller:
-                return Listed(state=str(each.get("state")), joints=_joints(each))
+                return _Listed(state=str(each.get("state")), joints=_joints(each))
         return None
 
     def switch(self, on: bool, sending: AbstractContextManager[None] | None = None) -> None:
@@ -117,27 +117,27 @@ def _joints(controller: dict[str, Any]) -> frozenset[str]:
 
 
 POLL_S = 0.01
-LOOK_S = 0.5
+_LOOK_S = 0.5
 """So long is listened at least, for nonsense between what makes sense."""
-PATIENCE = 3.0
+_PATIENCE = 3.0
 """A controller is waited for so many times as long where joint states are heard: its topic is
 subscribed to later."""
-FEW = 3
+_FEW = 3
 """Joint states are late after so many of their periods, where that is more than ``stale_s``."""
-PERIODS = 2
+_PERIODS = 2
 """Nothing is sent while the newest joint states are older than so many periods, of theirs and of
 the commands."""
-ANSWER_S = 0.1
+_ANSWER_S = 0.1
 """So long a rosbridge may take to answer before it is asked again."""
-STILL_S, REST_S = 0.15, 1.0
+_STILL_S, _REST_S = 0.15, 1.0
 """A robot that did not move for STILL_S is at rest; so long is waited for that after a stop."""
-AGAIN_S = 0.5
+_AGAIN_S = 0.5
 """A command that arms it is sent again so long after it should have been acted on."""
 _FORGOTTEN_S = 10.5
 """A rosbridge goes on publishing what nobody advertises any more for 10 s."""
 _NOTICED_RAD = 9e-7
 """A controller says that it wants a joint so far away, and no joint turns by so little."""
-JOINT_STATE, STATE = (
+_JOINT_STATE, _STATE = (
     ("sensor_msgs", "JointState"),
     ("control_msgs", "JointTrajectoryControllerState"),
 )
@@ -167,7 +167,7 @@ class RosRobot:
         )
         self.link = RosLink(setup.host, setup.port, setup.timeout_s)
         self.estop = None if setup.estop is None else Estop(self.link, setup.estop)
-        self.manager = ControllerManager(self.link, setup)
+        self.manager = _ControllerManager(self.link, setup)
         self.stopped = False
         self._goals: Goals | None = None
         self._joints = tuple(joints)
@@ -180,12 +180,12 @@ class RosRobot:
         """
         setup = self.setup
         self.link.open()
-        self.link.subscribe(setup.joint_states, self.kind(*JOINT_STATE), self._measure)
+        self.link.subscribe(setup.joint_states, self.kind(*_JOINT_STATE), self._measure)
         state = "controller_state" if setup.ros == 2 else "state"
-        self.link.subscribe(f"{setup.controller}/{state}", self.kind(*STATE), self.controller.take)
+        self.link.subscribe(f"{setup.controller}/{state}", self.kind(*_STATE), self.controller.take)
         if setup.ros == 2:  # its name before Iron
             self.link.subscribe(
-                f"{setup.controller}/state", self.kind(*STATE), self.controller.take
+                f"{setup.controller}/state", self.kind(*_STATE), self.controller.take
             )
         if self.estop is not None:
             self.estop.subscribe(self.kind("std_msgs", "Bool"))
@@ -211,22 +211,22 @@ class RosRobot:
         """
         setup = self.setup
         begin, late, missing = time.monotonic(), False, list(self._joints)
-        listed: Listed | None = None
+        listed: _Listed | None = None
         while not late and self.trouble(silence=False) is None:
             time.sleep(POLL_S)
             spent_s, missing = time.monotonic() - begin, self.states.silent(self._stale_s())
-            if not missing and self.controller.names and spent_s > LOOK_S:
+            if not missing and self.controller.names and spent_s > _LOOK_S:
                 break
             if (
                 not missing
-                and spent_s > 2.0 * LOOK_S
+                and spent_s > 2.0 * _LOOK_S
                 and setup.controller_manager is not None
                 and listed is None
             ):
-                listed = self.manager.listed() or Listed(state="", joints=frozenset())
+                listed = self.manager.listed() or _Listed(state="", joints=frozenset())
                 if listed.state and not listed.runs:
                     break
-            late = spent_s > setup.timeout_s * (1.0 if missing else PATIENCE)
+            late = spent_s > setup.timeout_s * (1.0 if missing else _PATIENCE)
         if (trouble := self.trouble(silence=False)) is not None:
             raise InvalidInput(trouble)
         if late and missing:
@@ -297,7 +297,7 @@ class RosRobot:
         Arguments:
             period_s: of the commands.
         """
-        return bool(self.states.age_s().max() <= PERIODS * max(self.states.period_s(), period_s))
+        return bool(self.states.age_s().max() <= _PERIODS * max(self.states.period_s(), period_s))
 
     def wake(self, period_s: float) -> None:
         """Wait for joint states that are fresh enough, before anything is sent.
@@ -380,13 +380,13 @@ class RosRobot:
         """Send a pose until the controller wants it; whether it does in time."""
         point, end = (
             self.mapping.to_ros(pose_rad),
-            time.monotonic() + PATIENCE * self.setup.timeout_s,
+            time.monotonic() + _PATIENCE * self.setup.timeout_s,
         )
         while time.monotonic() < end:
             if self.fresh(period_s):
                 self.stream(pose_rad)
             over_s = time.monotonic() + self.setup.lead_s
-            again_s = over_s + max(AGAIN_S, 2.0 * self.controller.clock.period_s())
+            again_s = over_s + max(_AGAIN_S, 2.0 * self.controller.clock.period_s())
             while time.monotonic() < again_s:
                 if (trouble := self.trouble(silence=False)) is not None:
                     raise HardwareFault(trouble)
@@ -434,13 +434,13 @@ class RosRobot:
         late = self.link.alive and not self.fresh(period_s)
         if late:
             self.halt()
-        end, read = time.monotonic() + REST_S, False
+        end, read = time.monotonic() + _REST_S, False
         while time.monotonic() < end and self.link.alive:
             beat()
-            read = read or self.link.answers(ANSWER_S)
+            read = read or self.link.answers(_ANSWER_S)
             now, newest_s = time.monotonic(), time.monotonic() - float(self.states.age_s().max())
             still_s = newest_s - max(self.states.moved_s(), self._sent_s + self.setup.lead_s)
-            if read and still_s > STILL_S and self.fresh(period_s):
+            if read and still_s > _STILL_S and self.fresh(period_s):
                 return ""
             time.sleep(POLL_S)
         now = time.monotonic()
@@ -449,7 +449,7 @@ class RosRobot:
         void = self._void_s + self.setup.stale_s
         if now < void < np.inf:
             beat()
-            time.sleep(min(void - now, REST_S))
+            time.sleep(min(void - now, _REST_S))
         what = "the connection is lost" if not self.link.alive else "nothing is heard"
         if void < np.inf:
             return (
@@ -480,7 +480,7 @@ class RosRobot:
 
     def _stale_s(self) -> float:
         """Largest age of joint states; some periods for a robot that sends them rarely."""
-        return max(self.setup.stale_s, FEW * min(self.states.period_s(), 1.0))
+        return max(self.setup.stale_s, _FEW * min(self.states.period_s(), 1.0))
 
     def _measure(self, message: Any) -> None:
         version = version_of(message)
@@ -508,7 +508,7 @@ class RosRobot:
         if self._heard_as_other(topic):
             other = 3 - self.setup.ros
             return f"{message} of ROS {self.setup.ros}; there are some of ROS {other}: ros: {other} in the setup"
-        there_are = RosGraph(self.link).topics_of("/".join(JOINT_STATE)) or []
+        there_are = RosGraph(self.link).topics_of("/".join(_JOINT_STATE)) or []
         if elsewhere := [each for each in there_are if each != topic]:
             return f"{message}; there are some on {listed(elsewhere)}"
         return message
@@ -518,7 +518,7 @@ class RosRobot:
         if self.setup.ros == 1:
             return False  # a rosbridge of ROS 2 takes the names of ROS 1
         heard = list[Any]()
-        self.link.subscribe(topic, "/".join(JOINT_STATE), heard.append)
+        self.link.subscribe(topic, "/".join(_JOINT_STATE), heard.append)
         end = time.monotonic() + self.setup.timeout_s
         while not heard and time.monotonic() < end:
             time.sleep(POLL_S)

@@ -17,7 +17,7 @@ from stancekit.planners.files.arrays import Array
 from ..world import SetupFile, own
 
 FORMAT: Final = "stancekit/ros/1"
-Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
+_Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +57,10 @@ class RosSetup(SetupFile):
     host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     port: Annotated[int, Field(ge=1, le=65535)] = 9090
     ros: Literal[1, 2] = 2
-    controller: Name = "/joint_trajectory_controller"
-    joint_states: Name = "/joint_states"
-    estop: Name | None = None
-    controller_manager: Name | None = None
+    controller: _Name = "/joint_trajectory_controller"
+    joint_states: _Name = "/joint_states"
+    estop: _Name | None = None
+    controller_manager: _Name | None = None
     lead_s: Annotated[float, Field(ge=0.01, le=0.5)] = 0.06
     stale_s: Annotated[float, Field(ge=0.01, le=1.0)] = 0.2
     alone_s: Annotated[float, Field(gt=0.0, le=60.0)] = 5.0
