@@ -148,38 +148,34 @@ def label(
         if rows is not _USUAL_ROWS:
             raise InvalidInput(f"rows: expected none with leaps of {problems}, got {shown(rows)}")
         return _leaps(problems, folder, options, seed=int(seed), run=run, progress=progress)
-    of_leaps = {name: options.pop(name, None) for name in ("scenes", "tries")}
-    _check_no_use(of_leaps, of="postures")
-    wanted = _rows(rows, options.pop("natural", False))
-    name, source = problems, None
+    source = None
     if not isinstance(problems, str) or isinstance(robot, Robot):
         source = distribution_of(problems, robot=robot, terrain=terrain)
-        name = source.name
-    surrogate, error = _screen(options.pop("screen", None), options.pop("screen_error", None))
-    plan = LabelPlan(
-        distribution=str(name),
+        problems, robot, terrain = source.name, None, None
+    plan, surrogate = _of_postures(
+        options,
+        distribution=str(problems),
         seed=int(seed),
-        robot=None if robot is None or source is not None else str(robot),
-        terrain=None if terrain is None or source is not None else str(terrain),
-        screen=None if surrogate is None else surrogate.digest,
-        screen_error=error,
-        **wanted,
-        **options,
+        robot=None if robot is None else str(robot),
+        terrain=None if terrain is None else str(terrain),
+        **_rows(rows, options.pop("natural", False)),
     )
 
     def on_progress(state: Progress) -> None:
         if progress is not None:
             progress(state.rows, plan.rows)
 
-    labelling.label(
-        plan,
-        folder,
-        run=run,
-        source=source,
-        progress=on_progress,
-        surrogate=surrogate,
-    )
+    labelling.label(plan, folder, run=run, source=source, progress=on_progress, surrogate=surrogate)
     return Dataset.open(folder)
+
+
+def _of_postures(options: dict[str, Any], **asked: Any) -> tuple[LabelPlan, Surrogate | None]:
+    """The plan of a data set of postures, and the surrogate that screens its draws, if any."""
+    of_leaps = {name: options.pop(name, None) for name in ("scenes", "tries")}
+    _check_no_use(of_leaps, of="postures")
+    surrogate, error = _screen(options.pop("screen", None), options.pop("screen_error", None))
+    digest = None if surrogate is None else surrogate.digest
+    return LabelPlan(screen=digest, screen_error=error, **asked, **options), surrogate
 
 
 def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -16,7 +17,7 @@ from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem.standing_map import StandingMap as StandingMap
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits
+from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import ImportOptions
 
 if TYPE_CHECKING:
@@ -104,7 +105,6 @@ def map(
     checked_int(seed, "seed", least=0)
     from stancekit.envs.distributions.cut import identity_of
     from stancekit.learners.maps.making import MapSettings, Poses, make_map
-    from stancekit.planners.problem.terrain_spec import footholds_for
 
     if fit and surrogate is not None:
         raise InvalidInput("fit: expected none with a surrogate, which is learned already")
@@ -112,15 +112,8 @@ def map(
     if path is not None and path.suffix != ".npz":
         raise InvalidInput(f"checkpoint: expected a name that ends in .npz, got {path}")
     who = str(robot) if isinstance(robot, Path) else robot
-    try:
-        options = settings_from(ImportOptions, {**meaning, "spacing_m": grid_m}, beside=_BESIDE)
-        footholds = footholds_for(who, terrain, options=options, limits=limits, friction=friction)
-    except InvalidInput as refused:  # the file's spacing has another name here
-        text = str(refused)
-        renamed = (
-            "grid_m:" + text.removeprefix("spacing_m:") if text.startswith("spacing_m:") else text
-        )
-        raise InvalidInput(renamed) from None
+    meant = {**meaning, "spacing_m": grid_m}
+    options, footholds = _ground(terrain, who, meant, limits=limits, friction=friction)
     poses = Poses.of(
         footholds,
         who,
@@ -131,17 +124,24 @@ def map(
         friction=friction,
     )
     settings = MapSettings(time_limit_s=time_limit_s, fit=fit, error=error, seed=seed)
+    known = None if surrogate is None else _surrogate(surrogate)
     try:
-        return make_map(
-            poses,
-            settings,
-            progress,
-            began_s=began,
-            checkpoint=path,
-            surrogate=None if surrogate is None else _surrogate(surrogate),
-        )
+        return make_map(poses, settings, progress, began_s=began, checkpoint=path, surrogate=known)
     except ImportError as missing:
         raise not_installed("fit", missing.name, "networks", "rl") from None
+
+
+def _ground(
+    terrain: str | Path, robot: Robot | str | None, meaning: dict[str, object], **how: Any
+) -> tuple[ImportOptions, Footholds]:
+    """How a terrain is read, and its footholds; the file's spacing has another name here."""
+    from stancekit.planners.problem.terrain_spec import footholds_for
+
+    try:
+        options = settings_from(ImportOptions, meaning, beside=_BESIDE)
+        return options, footholds_for(robot, terrain, options=options, **how)
+    except InvalidInput as refused:
+        raise InvalidInput(re.sub("^spacing_m:", "grid_m:", str(refused))) from None
 
 
 def _asked(options: ImportOptions, limits: FootholdLimits) -> dict[str, Any]:

@@ -114,7 +114,7 @@ def walk(
         >>> answer.status.value, answer.solution.feet_m.shape[1:]
         ('feasible', (4, 3))
     """
-    beside = (
+    beside: tuple[str, ...] = (
         "terrain",
         "goal_xy_m",
         "start_xy_m",
@@ -122,40 +122,25 @@ def walk(
         "gait",
         "duration_s",
         "chart",
-        "time_limit_s",
-        *_OF_WALK,
-        *_OF_SEARCH,
     )
+    beside += ("time_limit_s", *_OF_WALK, *_OF_SEARCH)
     check_names("walk", task, beside)
     fields = {name: value for name, value in task.items() if name in _OF_WALK}
     options = {name: value for name, value in task.items() if name in _OF_SEARCH}
     if isinstance(terrain, Walk):
-        usual = {"goal_xy_m": goal_xy_m is None, "start_xy_m": tuple(start_xy_m) == (0.0, 0.0)}
-        usual |= {
-            "robot": robot == "anymal",
-            "gait": gait is None,
-            "duration_s": duration_s == 10.0,
-        }
-        for name in (*(name for name, unsaid in usual.items() if not unsaid), *fields):
+        unsaid = {"goal_xy_m": goal_xy_m is None, "start_xy_m": tuple(start_xy_m) == (0.0, 0.0)}
+        unsaid |= {"robot": robot == "anymal", "gait": gait is None, "duration_s": duration_s == 10}
+        for name in (*(name for name, usual in unsaid.items() if not usual), *fields):
             raise InvalidInput(f"{name}: expected none with a Walk, which has its own")
-        task_asked = terrain
+        asked = terrain
     elif goal_xy_m is None:
-        takes = ", ".join(beside)
-        raise TypeError(
-            f"stancekit.walk: missing a required argument: 'goal_xy_m'; it takes {takes}"
-        )
+        missing = "stancekit.walk: missing a required argument: 'goal_xy_m'; it takes "
+        raise TypeError(missing + ", ".join(beside))
     else:
-        task_asked = Walk.over(
-            terrain,
-            goal_xy_m,
-            start_xy_m=start_xy_m,
-            robot=robot,
-            gait=gait,
-            duration_s=duration_s,
-            **fields,
-        )
+        fields |= {"start_xy_m": start_xy_m, "robot": robot, "gait": gait}
+        asked = Walk.over(terrain, goal_xy_m, duration_s=duration_s, **fields)
     return walked(
-        task_asked, *search_of(task_asked, chart=chart, time_limit_s=time_limit_s, **options)
+        asked, *search_of(asked, chart=chart, time_limit_s=time_limit_s, **options)
     ).answer
 
 

@@ -406,9 +406,7 @@ def plan_pieces(
     """
     cycle, begun = _cycle(course), None if kept is None else kept.begun(course)
     if begun is not None and begun.problem.frames < course.frames:
-        whole = (
-            (begun.problem.frames - 1) // cycle * cycle
-        )  # where a cycle ends another way may begin
+        whole = (begun.problem.frames - 1) // cycle * cycle  # where another way may begin
         begun = beginning(begun, whole) if whole else None
     keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
     plans, count, avoid, tried = ([] if begun is None else [begun]), 0, list[Array](), list[Array]()
@@ -444,14 +442,8 @@ def plan_pieces(
         answer = _one(course, at, last, plans, piece, deadline)
         count += 1
         accepted = answer.status is Status.FEASIBLE and answer.solution is not None
-        LOG.info(
-            "plan: piece %d, frames %d to %d of %d: %s",
-            count,
-            at,
-            last,
-            course.frames - 1,
-            answer.status,
-        )
+        where = (count, at, last, course.frames - 1)
+        LOG.info("plan: piece %d, frames %d to %d of %d: %s", *where, answer.status)
         if accepted:
             assert answer.solution is not None
             part = (
@@ -467,10 +459,6 @@ def plan_pieces(
         if shorter is not None:
             add(shorter)
             continue
-        place = course.com_nominal_m[min(at + PIECE // 2, last)]
-        where = _failed_frame(answer)
-        if where is not None:
-            place = course.com_nominal_m[min(at + int(where), last)]
         if late or detour is None or len(avoid) >= _DETOURS or not plans:
             if plans and not late and not backed and plans[-1].problem.frames - 1 > cycle:
                 plans[-1] = beginning(
@@ -482,7 +470,7 @@ def plan_pieces(
             return Pieces(
                 course=course, plan=plan, pieces=count, tried_m=tuple(tried), failed=answer
             )
-        avoid.append(np.asarray(place[:2]))
+        avoid.append(_failed_place(answer, course, at, last))
         if plans[-1].problem.frames - 1 > cycle:  # room to turn off before
             plans[-1] = beginning(plans[-1], _multiple(0.5 * (plans[-1].problem.frames - 1), cycle))
         so_far = joined(course, plans)
@@ -562,6 +550,13 @@ def _failed_frame(answer: Answer[Plan]) -> float | None:
         if group.verdict == "violated" and group.when
     ]
     return frames[0] if frames else None
+
+
+def _failed_place(answer: Answer[Plan], course: Problem, at: int, last: int) -> Array:
+    """The body's place where a piece failed, or else in its middle, shape (2,) [m]."""
+    where = _failed_frame(answer)
+    frame = at + (PIECE // 2 if where is None else int(where))
+    return np.asarray(course.com_nominal_m[min(frame, last)][:2])
 
 
 def _cycle(course: Problem) -> int:

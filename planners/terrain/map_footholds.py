@@ -11,6 +11,7 @@ pieces.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -145,26 +146,9 @@ def _planes_of(
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
     noisy = cells.sparse or noise_m > _QUIET * limits.roughness_m
-    quiet_m = _QUIET * limits.roughness_m
-    unseen_m = 0.0
-    if noise.correlated:
-        least = replace(noise, deviation_m=max(noise_m, quiet_m), near_m=max(noise.near_m, quiet_m))
-        labels, unseen_m = correlated_surfaces(cells, limits, least)
-    elif noisy:
-        labels = noisy_surfaces(cells, limits, max(noise_m, quiet_m))
-    else:
-        labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
-        labels = _without_steps(labels, heights)
-        labels = np.where(
-            np.append(np.bincount(labels[labels >= 0], minlength=1) < _FEWEST_CELLS, False)[labels],
-            -1,
-            labels,
-        )
-        strips = noisy_surfaces(cells.only(known & (labels < 0)), limits, quiet_m)
-        labels = np.where(strips >= 0, strips + labels.max() + 1, labels)
-    rungs = list[MapRung]()
-    if not noise.correlated:
-        rungs = map_rungs(labels, cells, noise_m if noisy else 0.0, limits.slope_rad)
+    labels, unseen_m = _labelled(cells, limits, noise, noisy)
+    white_m = noise_m if noisy else 0.0
+    rungs = [] if noise.correlated else map_rungs(labels, cells, white_m, limits.slope_rad)
     barred = np.any([rung.cells for rung in rungs], axis=0) if rungs else np.zeros_like(known)
     if noisy and not noise.correlated:
         noise = noise_of_residuals(np.where(barred, -1, labels), cells, noise_m)
@@ -179,50 +163,38 @@ def _planes_of(
         cells = _counted(cells, noise)
     most_rms = float(np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0))
     planes, rms, count = fitted(labels, cells)
-    area = np.bincount(labels[labels >= 0], minlength=len(planes))
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
-    cell_m2 = spacing**2 / normal_z
+    area_m2 = np.bincount(labels[labels >= 0], minlength=len(planes)) * (spacing**2 / normal_z)
     flattest = (
         most_rms * _slack(count) if noisy else np.full(len(planes), _FLATTEST * limits.roughness_m)
     )
     within = _inner_rms(labels, cells, rms) if cells.sparse else rms
     level, flat = normal_z >= np.cos(limits.slope_rad), within <= most_rms * _slack(count)
     refused = dict.fromkeys(REASONS, 0.0)
-    refused["steep"] = float((area * cell_m2)[flat & ~level].sum())
-    narrow = _narrow(heights, known & (labels < 0), np.hypot(limits.roughness_m, noise_m))
+    free = labels < 0
+    narrow = _narrow(heights, known & free, np.hypot(limits.roughness_m, noise_m))
+    refused["steep"] = float(area_m2[flat & ~level].sum())
     refused["small"] = float(spacing**2 * narrow.sum())
-    refused["rough"] = float(
-        spacing**2 * (known & (labels < 0) & ~narrow).sum() + (area * cell_m2)[~flat].sum()
-    )
-    refused["hole"] = float(spacing**2 * (~known & ~barred & (labels < 0)).sum())
-    bumps_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
-    shape_m = float(np.hypot(bumps_m, _HIDDEN * unseen_m))
-    sure = (
-        certainties(labels, cells, noise_m, limits.inset_m, shape_m, looked=unseen_m > 0.0)
-        if noisy
-        else roughnesses(labels, cells, limits.inset_m)
-    )
-    excess_m2 = np.zeros(0)
-    if noisy and len(planes):
-        excess_m2 = excess_squares(labels, cells, noise_m, looked=unseen_m > 0.0)
+    refused["rough"] = float(spacing**2 * (known & free & ~narrow).sum() + area_m2[~flat].sum())
+    refused["hole"] = float(spacing**2 * (~known & ~barred & free).sum())
+    if noisy:
+        bumps_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
+        sure, excess_m2 = _noisy_shapes(labels, cells, limits, noise_m, bumps_m, unseen_m)
+    else:
+        sure, excess_m2 = roughnesses(labels, cells, limits.inset_m), np.zeros(0)
+    counted = cells.moments[0] if terrain.samples is None or cells.sparse else terrain.samples
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
             continue
         a, b, c = planes[number]
         middle = cells.corner_m + np.array([0.0, 0.0, c])
-        plane = Plane.through(
-            middle, normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
-        )
+        normal = normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
+        plane = Plane.through(middle, normal)
         corner = (where[0].start, where[1].start)
-        corner_m = cells.corner_m[:2] + spacing * np.array(corner)
-        outline = _outline(labels[where] == number, corner, spacing, plane)
-        counted = (
-            terrain.samples
-            if terrain.samples is not None and not cells.sparse
-            else cells.moments[0]
-        )
-        samples = round(float(counted[where][labels[where] == number].sum()) / cells.weight)
+        mine = labels[where] == number
+        outline = _outline(mine, corner, spacing, plane)
+        samples = round(float(counted[where][mine].sum()) / cells.weight)
         facet = FlatPiece(
             plane=plane,
             polygon=outline,
@@ -230,9 +202,8 @@ def _planes_of(
             rms_m=float(rms[number]),
             certainty=sure[number],
         )
-        margin_m = (
-            None if facet.certainty is None else facet.certainty.inset_m - 0.5 * spacing
-        )  # kept by the outline
+        kept = facet.certainty  # of it, the outline keeps half a cell
+        margin_m = None if kept is None else kept.inset_m - 0.5 * spacing
         narrow_too = bool(rms[number] <= flattest[number])
         standing = standing_pieces(
             facet, outline, number, limits, friction, refused, margin_m, narrow_too
@@ -242,18 +213,11 @@ def _planes_of(
         elif facet.certainty is not None:
             standing = with_largest(standing, labels == number, cells, planes[number])
         pieces += standing
-        # bodies keep out of all that it may be: of exact heights an edge is anywhere between two
-        whole = Certainty(about_m=corner_m, covariance=np.zeros((3, 3)), wider_m=spacing)
-        wider = 0.5
-        if facet.certainty is not None and not noisy:
-            whole = replace(facet.certainty, wider_m=spacing)
-        elif facet.certainty is not None:
-            wider = (facet.certainty.inset_m - limits.inset_m) / spacing + _STRAIGHT
-            whole = replace(facet.certainty, wider_m=wider * spacing)
-        outer = _outline(labels[where] == number, corner, spacing, plane, wider)
+        wider, whole = _widest(facet.certainty, cells, corner, limits, noisy)
+        outer = _outline(mine, corner, spacing, plane, wider)
         outline_of = replace(facet, polygon=outer).patches(SMALLEST_M, friction)
         surfaces += [patch.with_certainty(whole) for patch in outline_of]
-        refused["edge"] += max(float(area[number] * cell_m2[number]) - outline.area, 0.0)
+        refused["edge"] += max(float(area_m2[number]) - outline.area, 0.0)
     for number, rung in enumerate(rungs, len(planes)):
         lines = rung.pieces(number, limits, friction)
         pieces += lines
@@ -271,6 +235,66 @@ def _planes_of(
         noise_length_m=noise.length_m,
     )
     return footholds, rungs, noise
+
+
+def _labelled(
+    cells: GroundCells, limits: FootholdLimits, noise: Noise, noisy: bool
+) -> tuple[Labels, float]:
+    """The surface of each cell, -1 where there is none, and how far bumps that are not seen may
+    reach out of one [m].
+    """
+    heights, known, quiet_m = cells.heights, cells.known, _QUIET * limits.roughness_m
+    deviation_m = max(noise.deviation_m, quiet_m)
+    if noise.correlated:
+        least = replace(noise, deviation_m=deviation_m, near_m=max(noise.near_m, quiet_m))
+        return correlated_surfaces(cells, limits, least)
+    if noisy:
+        return noisy_surfaces(cells, limits, deviation_m), 0.0
+    spacing = cells.spacing_m
+    labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
+    labels = _without_steps(labels, heights)
+    few = np.bincount(labels[labels >= 0], minlength=1) < _FEWEST_CELLS
+    labels = np.where(np.append(few, False)[labels], -1, labels)
+    strips = noisy_surfaces(cells.only(known & (labels < 0)), limits, quiet_m)
+    return np.where(strips >= 0, strips + labels.max() + 1, labels), 0.0
+
+
+def _noisy_shapes(
+    labels: Labels,
+    cells: GroundCells,
+    limits: FootholdLimits,
+    noise_m: float,
+    bumps_m: float,
+    unseen_m: float,
+) -> tuple[Sequence[Certainty | None], Array]:
+    """How surely noisy heights show each surface, and how much more than noise each cell is off
+    it [m²].
+    """
+    shape_m, looked = float(np.hypot(bumps_m, _HIDDEN * unseen_m)), unseen_m > 0.0
+    sure = certainties(labels, cells, noise_m, limits.inset_m, shape_m, looked=looked)
+    if not sure:
+        return sure, np.zeros(0)
+    return sure, excess_squares(labels, cells, noise_m, looked=looked)
+
+
+def _widest(
+    certainty: Certainty | None,
+    cells: GroundCells,
+    corner: tuple[int, int],
+    limits: FootholdLimits,
+    noisy: bool,
+) -> tuple[float, Certainty]:
+    """How far out of its cells a surface may be, in cells, and how surely: bodies keep out of all
+    that it may be, and of exact heights an edge is anywhere between two.
+    """
+    spacing_m = cells.spacing_m
+    if certainty is None:
+        none, corner_m = np.zeros((3, 3)), cells.corner_m[:2] + spacing_m * np.array(corner)
+        return 0.5, Certainty(about_m=corner_m, covariance=none, wider_m=spacing_m)
+    if not noisy:
+        return 0.5, replace(certainty, wider_m=spacing_m)
+    wider = (certainty.inset_m - limits.inset_m) / spacing_m + _STRAIGHT
+    return wider, replace(certainty, wider_m=wider * spacing_m)
 
 
 def _inner_rms(labels: Labels, cells: GroundCells, rms: Array) -> Array:

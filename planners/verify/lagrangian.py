@@ -375,25 +375,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         value += (np.vecdot(m.nu_F, force) + np.vecdot(m.nu_M, moment)).sum(axis=1)
         size = (pushed + torque * far_com[:, who.frame]) * length(force) + torque * length(moment)
         terms += size.sum(axis=1)
-    if len(who.holds) > 1:
-        used = np.stack(
-            [length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)],
-            axis=1,
-        )
-        gained, most_com = m.progress.sum(axis=1), 2.0 * far_com.max(axis=1)
-        value += m.progress @ numbers.progress - used @ numbers.steps  # d·(c' − c) ≥ progress, ≤ Δ
-        loose += used.sum(axis=1) + gained
-        terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
-        terms += used[:, 1] * 2.0 * (tilt + _SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
-        value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
-    if who.linear:
-        used, size = m.linear_step, np.abs(linear)  # (L, M − 1, R), (L, M − 1, R, 7)
-        value -= (used * linear[..., 6]).sum(axis=(1, 2))  # a·(c' − c, Θ' − Θ) ≤ b
-        loose += used.sum(axis=(1, 2))
-        weighed = size[..., 6] + 2.0 * length(size[..., 3:6]) * (1.0 + _SLACK)
-        terms += (used * weighed).sum(axis=(1, 2))
-        terms += (used * length(size[..., :3])).sum(axis=(1, 2)) * 2.0 * far_com.max(axis=1)
-        value = np.where((m.linear_step < 0.0).any(axis=(1, 2)), -np.inf, value)
+    value = _with_steps(value, loose, terms, numbers, m, linear, far_com, far, tilt + _SLACK)
     if len(who.apart):
         value -= np.vecdot(m.relative_reach, apart_bounds)  # a·(q' − q) ≤ b
         used = m.relative_reach.sum(axis=1)
@@ -419,6 +401,48 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     return np.minimum.reduceat(candidates, numbers.first_candidate, axis=2).sum(
         axis=2
     ) + value - slack * loose, empty
+
+
+def _with_steps(
+    value: Array,
+    loose: Array,
+    terms: Array,
+    numbers: Numbers,
+    m: Multipliers,
+    linear: Array,
+    far_com: Array,
+    far: Array,
+    tilt: Array,
+) -> Array:
+    """``value`` with the terms of the body's and the toes' steps, whose sizes are added to
+    ``loose`` and ``terms``, all of shape (L,).
+
+    Arguments:
+        linear: further rows of the body's steps, shape (L, M − 1, R, 7).
+        far_com, far: most that a centre of mass and a toe are away, shapes (L, M) and (L, P).
+        tilt: most that the body is tilted.
+    """
+    who = numbers.schedule
+    if len(who.holds) > 1:
+        used = np.stack(
+            [length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)],
+            axis=1,
+        )
+        gained, most_com = m.progress.sum(axis=1), 2.0 * far_com.max(axis=1)
+        value += m.progress @ numbers.progress - used @ numbers.steps  # d·(c' − c) ≥ progress, ≤ Δ
+        loose += used.sum(axis=1) + gained
+        terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
+        terms += used[:, 1] * 2.0 * tilt + used[:, 2] * 2.0 * far.max(axis=1)
+        value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
+    if who.linear:
+        used, size = m.linear_step, np.abs(linear)  # (L, M − 1, R), (L, M − 1, R, 7)
+        value -= (used * linear[..., 6]).sum(axis=(1, 2))  # a·(c' − c, Θ' − Θ) ≤ b
+        loose += used.sum(axis=(1, 2))
+        weighed = size[..., 6] + 2.0 * length(size[..., 3:6]) * (1.0 + _SLACK)
+        terms += (used * weighed).sum(axis=(1, 2))
+        terms += (used * length(size[..., :3])).sum(axis=(1, 2)) * 2.0 * far_com.max(axis=1)
+        value = np.where((m.linear_step < 0.0).any(axis=(1, 2)), -np.inf, value)
+    return value
 
 
 def _candidates(

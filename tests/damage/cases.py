@@ -136,174 +136,174 @@ PLAN = ("--feasible", "2", "--infeasible", "2", "--shard-size", "4", "--seed", "
 """Of the data set: what is there already is only told."""
 
 
+_ALONE = (
+    Case(
+        name="problems",
+        arguments=("solve", "problems.jsonl"),
+        file="problems.jsonl",
+        kind="jsonl",
+        made=JSON,
+    ),
+    Case(
+        name="answers",
+        arguments=("verify", "problems.jsonl", "answers.jsonl"),
+        file="answers.jsonl",
+        kind="jsonl",
+        made=JSON,
+    ),
+    Case(
+        name="envelope",
+        arguments=("solve", "one.json", "--method", "p1", "--envelope", "envelope.json"),
+        file="envelope.json",
+        kind="json",
+        made=JSON,
+    ),
+    Case(
+        name="plan header",
+        arguments=("verify", "plan.json"),
+        file="plan.json",
+        kind="json",
+        made=JSON,
+        sealed=True,
+        seal=_sealed("sha256"),
+    ),
+    Case(
+        name="proof", arguments=("verify", "proof.json"), file="proof.json", kind="json", made=JSON
+    ),
+    Case(
+        name="gait header",
+        arguments=("verify", "gait.json"),
+        file="gait.json",
+        kind="json",
+        made=JSON,
+        sealed=True,
+        seal=_sealed("digest"),
+    ),
+    Case(
+        name="course yaml",
+        arguments=("plan", "course.yaml", "--frames", "1"),
+        file="course.yaml",
+        kind="yaml",
+        made=YAML,
+    ),
+    Case(
+        name="course json",
+        arguments=("plan", "course.json"),
+        file="course.json",
+        kind="json",
+        made=JSON,
+    ),
+    Case(
+        name="robot yaml",
+        arguments=("gait", "ripple", "--robot", "robot.yaml", *OUTSIDE),
+        file="robot.yaml",
+        kind="yaml",
+        made=YAML,
+        codes=ONLY,
+    ),
+    Case(
+        name="measured robot",
+        arguments=("gait", "ripple", "--robot", "measured.yaml", *OUTSIDE),
+        file="measured.yaml",
+        kind="yaml",
+        made=YAML,
+        codes=ONLY,
+    ),
+    Case(
+        name="urdf",
+        arguments=("gait", "ripple", "--robot", "measured.yaml", *OUTSIDE),
+        file="robot.urdf",
+        kind="xml",
+        made=TEXT,
+        codes=ONLY,
+    ),
+    Case(
+        name="log",
+        arguments=("replay", "run.mcap"),
+        file="run.mcap",
+        kind="mcap",
+        made=(m.other_records,),
+    ),
+    Case(
+        name="replayed log",
+        arguments=("run", "plan.json", "--world", "replay", "--setup", "run.mcap"),
+        file="run.mcap",
+        kind="mcap",
+        made=(m.other_records,),
+    ),
+    Case(
+        name="servos",
+        arguments=("run", "plan.json", "--world", "dynamixel", "--setup", "servos.yaml"),
+        file="servos.yaml",
+        kind="yaml",
+        made=YAML,
+    ),
+    Case(
+        name="ros",
+        arguments=("run", "plan.json", "--world", "ros", "--setup", "ros.yaml"),
+        file="ros.yaml",
+        kind="yaml",
+        made=YAML,
+    ),
+    Case(
+        name="data header",
+        arguments=("verify", "data"),
+        file="data/header.json",
+        kind="json",
+        made=JSON,
+    ),
+    Case(
+        name="data rows",
+        arguments=("verify", "data"),
+        file="data/shard-00000.parquet",
+        kind="parquet",
+    ),
+    Case(
+        name="data times",
+        arguments=("label", "wall-3", "data", *PLAN),
+        file="data/timing-00000.json",
+        kind="json",
+        made=JSON,
+    ),
+    Case(
+        name="training",
+        arguments=("train", "train.yaml", "--out", "none", "--resume"),
+        file="train.yaml",
+        kind="yaml",
+        made=YAML,
+        codes=ONLY,
+    ),
+    Case(
+        name="experiment",
+        arguments=("bench", "envelopes", "--config", "bench.yaml", "--out", "full/x"),
+        file="bench.yaml",
+        kind="yaml",
+        made=YAML,
+        codes=ONLY,
+    ),
+    Case(
+        name="fitting",
+        file="fit.yaml",
+        kind="yaml",
+        made=YAML,
+        arguments=(
+            "fit",
+            "data",
+            "--method",
+            "heuristic",
+            "--config",
+            "fit.yaml",
+            "--out",
+            "e.json",
+        ),
+    ),
+)
+"""Readers of one file each."""
+
+
 def cases() -> list[Case]:
     """All readers."""
-    found = [
-        Case(
-            name="problems",
-            arguments=("solve", "problems.jsonl"),
-            file="problems.jsonl",
-            kind="jsonl",
-            made=JSON,
-        ),
-        Case(
-            name="answers",
-            arguments=("verify", "problems.jsonl", "answers.jsonl"),
-            file="answers.jsonl",
-            kind="jsonl",
-            made=JSON,
-        ),
-        Case(
-            name="envelope",
-            arguments=("solve", "one.json", "--method", "p1", "--envelope", "envelope.json"),
-            file="envelope.json",
-            kind="json",
-            made=JSON,
-        ),
-        Case(
-            name="plan header",
-            arguments=("verify", "plan.json"),
-            file="plan.json",
-            kind="json",
-            made=JSON,
-            sealed=True,
-            seal=_sealed("sha256"),
-        ),
-        Case(
-            name="proof",
-            arguments=("verify", "proof.json"),
-            file="proof.json",
-            kind="json",
-            made=JSON,
-        ),
-        Case(
-            name="gait header",
-            arguments=("verify", "gait.json"),
-            file="gait.json",
-            kind="json",
-            made=JSON,
-            sealed=True,
-            seal=_sealed("digest"),
-        ),
-        Case(
-            name="course yaml",
-            arguments=("plan", "course.yaml", "--frames", "1"),
-            file="course.yaml",
-            kind="yaml",
-            made=YAML,
-        ),
-        Case(
-            name="course json",
-            arguments=("plan", "course.json"),
-            file="course.json",
-            kind="json",
-            made=JSON,
-        ),
-        Case(
-            name="robot yaml",
-            arguments=("gait", "ripple", "--robot", "robot.yaml", *OUTSIDE),
-            file="robot.yaml",
-            kind="yaml",
-            made=YAML,
-            codes=ONLY,
-        ),
-        Case(
-            name="measured robot",
-            arguments=("gait", "ripple", "--robot", "measured.yaml", *OUTSIDE),
-            file="measured.yaml",
-            kind="yaml",
-            made=YAML,
-            codes=ONLY,
-        ),
-        Case(
-            name="urdf",
-            arguments=("gait", "ripple", "--robot", "measured.yaml", *OUTSIDE),
-            file="robot.urdf",
-            kind="xml",
-            made=TEXT,
-            codes=ONLY,
-        ),
-        Case(
-            name="log",
-            arguments=("replay", "run.mcap"),
-            file="run.mcap",
-            kind="mcap",
-            made=(m.other_records,),
-        ),
-        Case(
-            name="replayed log",
-            arguments=("run", "plan.json", "--world", "replay", "--setup", "run.mcap"),
-            file="run.mcap",
-            kind="mcap",
-            made=(m.other_records,),
-        ),
-        Case(
-            name="servos",
-            arguments=("run", "plan.json", "--world", "dynamixel", "--setup", "servos.yaml"),
-            file="servos.yaml",
-            kind="yaml",
-            made=YAML,
-        ),
-        Case(
-            name="ros",
-            arguments=("run", "plan.json", "--world", "ros", "--setup", "ros.yaml"),
-            file="ros.yaml",
-            kind="yaml",
-            made=YAML,
-        ),
-        Case(
-            name="data header",
-            arguments=("verify", "data"),
-            file="data/header.json",
-            kind="json",
-            made=JSON,
-        ),
-        Case(
-            name="data rows",
-            arguments=("verify", "data"),
-            file="data/shard-00000.parquet",
-            kind="parquet",
-        ),
-        Case(
-            name="data times",
-            arguments=("label", "wall-3", "data", *PLAN),
-            file="data/timing-00000.json",
-            kind="json",
-            made=JSON,
-        ),
-        Case(
-            name="training",
-            arguments=("train", "train.yaml", "--out", "none", "--resume"),
-            file="train.yaml",
-            kind="yaml",
-            made=YAML,
-            codes=ONLY,
-        ),
-        Case(
-            name="experiment",
-            arguments=("bench", "envelopes", "--config", "bench.yaml", "--out", "full/x"),
-            file="bench.yaml",
-            kind="yaml",
-            made=YAML,
-            codes=ONLY,
-        ),
-        Case(
-            name="fitting",
-            file="fit.yaml",
-            kind="yaml",
-            made=YAML,
-            arguments=(
-                "fit",
-                "data",
-                "--method",
-                "heuristic",
-                "--config",
-                "fit.yaml",
-                "--out",
-                "e.json",
-            ),
-        ),
-    ]
+    found = list(_ALONE)
     for kind in ("policy", "neural", "chooser"):
         file = f"{kind}.safetensors"
         found.append(
@@ -347,14 +347,13 @@ def cases() -> list[Case]:
                 codes=ONLY,
             )
         )
-    for suffix in ("-text.stl", "-text.ply", ".dae"):
-        file = f"terrain{suffix}"
+    for file in ("terrain-text.stl", "terrain-text.ply", "terrain.dae"):
         found.append(
             Case(
                 name=f"heights {file[7:]}",
                 arguments=("gait", file, *OUTSIDE),
                 file=file,
-                kind=suffix[-3:],
+                kind=file[-3:],
                 made=TEXT,
                 codes=ONLY,
             )
