@@ -20,7 +20,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
-from stancekit.runner.safety.latch import StopLatch, Stopped
+from stancekit.runner.safety.estop import StopLatch, Stopped
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld

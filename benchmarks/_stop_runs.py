@@ -32,7 +32,7 @@ from stancekit.cli.main import main as command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.runner.safety.latch import StopLatch
+from stancekit.runner.safety.estop import StopLatch
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
     from stancekit.runner.report import RunReport
     from stancekit.runner.safety.ending import Ended
-    from stancekit.runner.safety.latch import Source
+    from stancekit.runner.safety.estop import Source
     from stancekit.runner.settings import RunSettings
     from stancekit.runner.worlds import WorldClass
     from stancekit.runner.worlds.settings import EstopCheck

@@ -45,10 +45,9 @@ from .prepared import (
 )
 from .report import RunReport
 from .safety.ending import Ended, end
-from .safety.estop import on_signals, watched
+from .safety.estop import Source, Stopped, on_signals, watched
 from .safety.guard import SafeWorld
 from .safety.heartbeat import HeartbeatMonitor
-from .safety.latch import Source, Stopped
 from .settings import RunSettings
 from .worlds import make_world
 from .worlds.world import State, Terrain, World

@@ -15,8 +15,8 @@ from .control.foot_placement import ContactFeedback
 from .control.loop_settings import LoopSettings
 from .execution import Tolerance
 from .safety.ending import Ending
+from .safety.estop import Source
 from .safety.guard import Limits
-from .safety.latch import Source
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,8 +17,8 @@ from stancekit.planners.files.arrays import Array
 
 from ..motion.time_parametrization import soft_motion
 from ..worlds.world import Stoppable
+from .estop import Stopped
 from .guard import SafeWorld
-from .latch import Stopped
 
 Ending = Literal["hold", "home", "torque-off"]
 _Left = Literal["held", "home", "torque off", "left to the device", "as it was"]

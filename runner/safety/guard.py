@@ -32,8 +32,8 @@ from ..worlds.world import (
     check_state,
     check_world,
 )
+from .estop import Source, StopLatch, Stopped
 from .heartbeat import HeartbeatMonitor
-from .latch import Source, StopLatch, Stopped
 
 
 class Watchdog:

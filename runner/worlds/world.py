@@ -28,7 +28,7 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Ground as Ground
 from stancekit.planners.terrain.patch import Solid
 
-from ..safety.latch import StopLatch
+from ..safety.estop import StopLatch
 from .drives import Drives, Imperfections
 from .settings import SoftContact, WorldSettings
 

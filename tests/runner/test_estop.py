@@ -13,6 +13,9 @@ import pytest
 
 from stancekit.runner.safety.estop import (
     SIGNALS,
+    Source,
+    StopLatch,
+    Stopped,
     file_source,
     key_source,
     on_signals,
@@ -21,7 +24,6 @@ from stancekit.runner.safety.estop import (
     watched,
 )
 from stancekit.runner.safety.guard import Watchdog
-from stancekit.runner.safety.latch import Source, StopLatch, Stopped
 from tests.refusals import refuses
 
 

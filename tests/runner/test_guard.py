@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from stancekit.planners.errors import HardwareFault
 from stancekit.runner.safety.ending import end
+from stancekit.runner.safety.estop import Stopped
 from stancekit.runner.safety.guard import Limits, SafeWorld, capabilities_of
-from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.worlds.world import Actuator, Stoppable, World
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
 from tests.refusals import assert_names, refuses

@@ -18,9 +18,9 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
+from stancekit.runner.safety.estop import StopLatch
 from stancekit.runner.safety.guard import Watchdog
 from stancekit.runner.safety.heartbeat import ANSWER_S, BUS, ROUNDS, HeartbeatMonitor, _cancelled
-from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.worlds.ros.bridge import RosLink
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.ros_robots import JOINTS, START, commands

@@ -9,8 +9,7 @@ import time
 
 import pytest
 
-from stancekit.runner.safety.estop import on_signals
-from stancekit.runner.safety.latch import StopLatch, Stopped
+from stancekit.runner.safety.estop import StopLatch, Stopped, on_signals
 from tests.refusals import refuses
 
 

@@ -16,7 +16,7 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import HardwareFault
-from stancekit.runner.safety.latch import Stopped
+from stancekit.runner.safety.estop import Stopped
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.fast_time import PACE

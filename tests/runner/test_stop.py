@@ -33,9 +33,8 @@ from stancekit.runner.prepared import Prepared
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.safety.ending import end
-from stancekit.runner.safety.estop import SIGNALS
+from stancekit.runner.safety.estop import SIGNALS, Stopped
 from stancekit.runner.safety.guard import SafeWorld
-from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld

@@ -10,8 +10,7 @@ import pytest
 pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 
-from stancekit.runner.safety.estop import watched
-from stancekit.runner.safety.latch import StopLatch
+from stancekit.runner.safety.estop import StopLatch, watched
 from stancekit.runner.safety.stop_topic import StopTopic
 from tests.emulators.rosbridge import RosBridge
 from tests.refusals import refuses

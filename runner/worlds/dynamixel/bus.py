@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import HardwareFault, InvalidInput, not_installed
 
-from ...safety.latch import StopLatch
+from ...safety.estop import StopLatch
 from .control_table import HARDWARE_ERROR, LATENCY_MS, SHUTDOWN, Register, hardware_errors
 
 _Bytes = NDArray[np.uint8]

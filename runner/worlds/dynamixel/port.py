@@ -10,7 +10,7 @@ import time
 
 from dynamixel_sdk import PortHandler
 
-from ...safety.latch import StopLatch
+from ...safety.estop import StopLatch
 from .control_table import LATENCY_MS
 
 _WAIT_S = 0.002

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from stancekit.planners.errors import HardwareFault, InvalidInput, not_installed
 
-from ...safety.latch import StopLatch
+from ...safety.estop import StopLatch
 
 Answer = TypeVar("Answer")
 Message = dict[str, Any]

@@ -15,7 +15,7 @@ import numpy as np
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 
-from ...safety.latch import StopLatch
+from ...safety.estop import StopLatch
 from ..settings import EstopCheck
 from .bridge import RosGraph, RosLink
 from .controller import ControllerState
