@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
+from torch import Tensor, nn
 
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
@@ -26,12 +27,76 @@ from stancekit.planners.files.documents import file_or_named, validated
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.relaxation.envelope import check_learned
 
-from ..selectors.network import Architecture, load_weights, read_tensors, write_tensors
+from ..selectors.network import (
+    Architecture,
+    AttentionBlock,
+    load_weights,
+    read_tensors,
+    write_tensors,
+)
 from ..zoo import shipped
 from .calibration import ALARM, BINS, CONFIDENCE, KINDS, Likeness, checked_error, thresholds
-from .features import Features, Seer
-from .network import SurrogateNetwork
+from .features import CORNER, TOKEN, Features, Seer
 from .screened import Screened
+
+_CLIP = 8.0
+"""Standard deviations beyond which a feature counts for no more."""
+
+
+class SurrogateNetwork(nn.Module):
+    """Scenes to a score, above 0 where feasible is likelier, and a margin, shape (B,) each.
+
+    One token per contact without a position, so that the order of the contacts changes nothing, and
+    means over the corners of a patch, so that theirs does not either.
+    """
+
+    token_mean: Tensor
+    token_scale: Tensor
+    corner_mean: Tensor
+    corner_scale: Tensor
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
+        self.architecture = architecture
+        width, corner = architecture.width, architecture.corner_width
+        for name, size in (("token", TOKEN), ("corner", CORNER)):
+            self.register_buffer(f"{name}_mean", torch.zeros(size))
+            self.register_buffer(f"{name}_scale", torch.ones(size))
+        self.corners = nn.Sequential(nn.Linear(CORNER, corner), nn.SiLU())
+        self.embed = nn.Sequential(
+            nn.Linear(TOKEN + 2 * corner, width), nn.SiLU(), nn.Linear(width, width)
+        )
+        self.blocks = nn.ModuleList(
+            AttentionBlock(width, architecture.heads) for _ in range(architecture.layers)
+        )
+        self.head = nn.Sequential(
+            nn.LayerNorm(2 * width), nn.Linear(2 * width, width), nn.SiLU(), nn.Linear(width, 2)
+        )
+
+    def fit_scales(self, tokens: Tensor, corners: Tensor) -> None:
+        """Set the scales of the inputs from scenes like these."""
+        for name, values in (("token", tokens), ("corner", corners)):
+            flat = values.reshape(-1, values.shape[-1])
+            setattr(self, f"{name}_mean", flat.mean(dim=0))
+            setattr(self, f"{name}_scale", flat.std(dim=0).clamp(min=1e-3))
+
+    def forward(self, tokens: Tensor, corners: Tensor) -> tuple[Tensor, Tensor]:
+        """Score and margin.
+
+        Arguments:
+            tokens: shape (B, N, ``TOKEN``).
+            corners: (B, N, U, ``CORNER``).
+        """
+        seen = ((corners - self.corner_mean) / self.corner_scale).clamp(-_CLIP, _CLIP)
+        patch = self.corners(seen)
+        patch = torch.cat([patch.mean(dim=2), patch.amax(dim=2)], dim=-1)
+        of_contact = ((tokens - self.token_mean) / self.token_scale).clamp(-_CLIP, _CLIP)
+        hidden: Tensor = self.embed(torch.cat([of_contact, patch], dim=-1))
+        for block in self.blocks:
+            hidden = block(hidden)
+        out = self.head(torch.cat([hidden.mean(dim=1), hidden.amax(dim=1)], dim=-1))
+        return out[:, 0], out[:, 1]
+
 
 FORMAT = "stancekit/surrogate/2"
 CHUNK = 1024

@@ -26,8 +26,7 @@ from stancekit.planners.problem import PostureBatch
 from ..selectors.network import Architecture
 from .calibration import CONFIDENCE, KINDS, Likeness
 from .features import Features, Seer
-from .network import SurrogateNetwork
-from .surrogate import Surrogate, numbers
+from .surrogate import Surrogate, SurrogateNetwork, numbers
 
 COLUMNS = ["problem", "label", "trivial", "lower_bound", "com_m", "rotation_rad", "toes_m"]
 COLUMNS += ["forces_n"]
