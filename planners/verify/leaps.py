@@ -25,7 +25,7 @@ from ..motion.leap_motion import LeapBody, gaps
 from ..physics import GRAVITY_M_S2
 from ..robot.joint_limits import speed_doubts
 from ..terrain.obstacles import Obstacles
-from .moving_body import BodyPath, MovingBodyMeasurements
+from .bodies import BodyPath, MovingBodyMeasurements
 from .postures import violation
 
 _BODY_UNITS = {

@@ -20,7 +20,7 @@ from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..files.arrays import LARGEST, Array
 from ..physics import GRAVITY_M_S2
-from .moving_body import nothing, whole_body
+from .bodies import nothing, whole_body
 from .trajectory_measurements import GROUPS as GROUPS
 from .trajectory_measurements import Flags, Rows, Series, TrajectoryMeasurements
 from .trajectory_measurements import WalkLimits as WalkLimits

@@ -31,7 +31,7 @@ from stancekit.planners.robot.meshes import Shape
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.moving_body import WholeBodyMeasurements
+from stancekit.planners.verify.bodies import WholeBodyMeasurements
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 

@@ -31,7 +31,7 @@ from ...robot.kinematics import rotation_of
 from ...robot.leg import Leg
 from ...terrain.heightfield import HeightField
 from ...terrain.obstacles import Obstacles
-from ...verify.moving_body import WholeBodyMeasurements
+from ...verify.bodies import WholeBodyMeasurements
 from ...verify.trajectories import check_trajectory, with_body
 from ...verify.trajectory_measurements import TrajectoryMeasurements
 from ..charts import CHARTS

@@ -15,7 +15,7 @@ from stancekit.planners.robot.legged import robot_of
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.obstacles import Ground
-from stancekit.planners.verify.moving_body import WholeBodyMeasurements
+from stancekit.planners.verify.bodies import WholeBodyMeasurements
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY, TrajectoryMeasurements
 from tests.forgeries.stepping import COUNT, STEP_S, stepping

@@ -18,7 +18,7 @@ from stancekit.planners.gait.variables import sampled
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.verify.moving_body import WholeBodyMeasurements
+from stancekit.planners.verify.bodies import WholeBodyMeasurements
 from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 from tests.planners.verify.test_trajectory_whole_body import stepping
