@@ -105,7 +105,7 @@ NAMES = {
         "stancekit.projections",
         ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
     ),
-    "stancekit.planners.relaxation.table:RELAXATIONS": (
+    "stancekit.planners.relaxation.relaxed:RELAXATIONS": (
         "stancekit.relaxations",
         ("p1", "joint", "coned", "lift"),
     ),

@@ -444,7 +444,7 @@ class PlanCourse:
     after, a baseline that fails on ice. One of your own counts as far as the verifier accepts its
     plans and certificates."""
     relaxation: Annotated[
-        OptionalText, named("stancekit.planners.relaxation.table:RELAXATIONS")
+        OptionalText, named("stancekit.planners.relaxation.relaxed:RELAXATIONS")
     ] = None
     """First stage of two-stage: lift needs nothing learned; p1, the paper's, and coned, which is
     tighter, are over --envelope; the one that fits unless named."""
@@ -642,7 +642,7 @@ class PlanCourse:
             raise InvalidInput(f"--policy: expected a leap with it, got {self.course}")
         self._settings()
         if self.relaxation is not None:
-            from stancekit.planners.relaxation.table import RELAXATIONS
+            from stancekit.planners.relaxation.relaxed import RELAXATIONS
 
             with as_options(*_SETTINGS):
                 RELAXATIONS.get(self.relaxation)

@@ -270,7 +270,7 @@ class SolvePostures:
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
     relaxation: Annotated[
-        OptionalText, named("stancekit.planners.relaxation.table:RELAXATIONS")
+        OptionalText, named("stancekit.planners.relaxation.relaxed:RELAXATIONS")
     ] = None
     """Which relaxation over the envelope: p1, the paper's, where none is named; coned and joint are
     tighter."""

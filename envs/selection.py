@@ -26,8 +26,7 @@ from stancekit.planners.files.documents import shown
 from stancekit.planners.formats.plan_file import read_envelopes
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet, expert_envelopes
-from stancekit.planners.relaxation.relaxed import RelaxationAnswer
-from stancekit.planners.relaxation.table import RELAXATIONS
+from stancekit.planners.relaxation.relaxed import RELAXATIONS, RelaxationAnswer
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.verify import check_postures
 from stancekit.runner.control.envelope_choice import Predictor

@@ -13,7 +13,7 @@ from stancekit.cli import main as command
 from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.table import RELAXATIONS
+from stancekit.planners.relaxation.relaxed import RELAXATIONS
 from stancekit.planners.verify import bodies
 from stancekit.planners.verify.bodies import FURTHER
 from tests.refusals import assert_names, refuses

@@ -25,8 +25,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.documents import check_fields, validated
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
-from stancekit.planners.relaxation.table import RELAXATIONS
+from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, RELAXATIONS
 
 from .network import (
     Architecture,

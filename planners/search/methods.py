@@ -193,7 +193,7 @@ class TwoStage:
     def __post_init__(self) -> None:
         from ..relaxation.boxes import Modes
         from ..relaxation.envelope import EnvelopeSet
-        from ..relaxation.table import RELAXATIONS
+        from ..relaxation.relaxed import RELAXATIONS
 
         check_argument("relaxation", self.relaxation, str | None)
         check_argument("envelopes", self.envelopes, EnvelopeSet | Modes | None)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # a planner over the lift waits for none of them
     from ..relaxation.boxes import Modes, StanceBoxes
     from ..relaxation.envelope import EnvelopeSet
     from ..relaxation.mccormick import McCormick
-    from ..relaxation.table import RelaxedProgram
+    from ..relaxation.relaxed import RelaxedProgram
 
 _QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
@@ -95,7 +95,7 @@ class TwoStagePlanner(TimeLimited):
         if projection is not None:
             PROJECTIONS.get(projection)
         if relaxation != "p1":
-            from ..relaxation.table import RELAXATIONS
+            from ..relaxation.relaxed import RELAXATIONS
 
             RELAXATIONS.get(relaxation)
         self.envelopes, self.relaxation = envelopes, relaxation
@@ -126,7 +126,7 @@ class TwoStagePlanner(TimeLimited):
 
     def relaxed(self) -> type[RelaxedProgram]:
         """P1 over envelopes."""
-        from ..relaxation.table import RELAXATIONS
+        from ..relaxation.relaxed import RELAXATIONS
 
         return RELAXATIONS.get(self.relaxation)
 

@@ -11,7 +11,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.coned import Coned
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.table import RELAXATIONS
+from stancekit.planners.relaxation.relaxed import RELAXATIONS
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import TwoStage
 from tests.planners.oracle import OraclePrograms

@@ -29,7 +29,7 @@ from stancekit.planners.relaxation.lift import (
     solve_lift,
 )
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.table import RELAXATIONS
+from stancekit.planners.relaxation.relaxed import RELAXATIONS
 from stancekit.planners.search.cuts import alone
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.terrain import Patch
