@@ -26,7 +26,6 @@ from .acceptance import Accepted, check_fits, check_joints, check_stands
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .log import Record
-from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
 from .motion.redundancy import LoadTransfer, MeanForces, RedundancyResolution, resolved
 from .motion.time_parametrization import (
@@ -36,6 +35,8 @@ from .motion.time_parametrization import (
     STEADY,
     JointProfile,
     TimedMotion,
+    check_actuators,
+    check_at_rest,
     expected,
     timed_gait,
     timed_plan,
