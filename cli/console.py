@@ -20,7 +20,6 @@ from rich.console import (
     RenderHook,
     RenderResult,
 )
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.segment import Segment
 
 from stancekit.planners.errors import InvalidInput
@@ -287,6 +286,13 @@ def watching(title: str) -> Iterator[Callable[[Attempt, int, float, float, str],
 
     One line with the time that has passed, or one now and then where standard error is no terminal.
     """
+    from rich.progress import (  # of walks alone
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
         line, lines = bar.add_task(title, total=None), _Lines(title)
