@@ -53,7 +53,7 @@ class _Keys(BaseModel):
 
 class ReachSpec(_Keys):
     """Reach polytopes: a folder of the package (``anymal``, ``talos``) or a path from the file; see
-    ``reach_file``.
+    ``reach_sets``.
     """
 
     folder: str

@@ -88,7 +88,7 @@ class Certificate:
               in units of the force scale; the first child keeps the values up to it, the second
               those from it on;
             - kind 4, the directions of the ``i``-th least step (``Problem.least_steps``), parted: a child for
-              each of ``sides.parts`` of the side that the node has, the octants first.
+              each of ``contact.parts`` of the side that the node has, the octants first.
         multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N
             limbs: ν_F (S, 3) of the balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3)
             of reach, a (M − 1, 3) of the steps of the COM, t (M − 1, 3) of those of the rotation, g

@@ -73,7 +73,7 @@ class GaitProgram:
 
     Arguments:
         structure: chart, variables and features; nlp: values and derivatives of its terms; guess:
-            the terrain-following initial guess, shape (size,). ``formulation.formulate`` makes one.
+            the terrain-following initial guess, shape (size,). ``formulate`` makes one.
     """
 
     def __init__(

@@ -68,7 +68,7 @@ class GaitSettings:
         trunk_clearance_m: of the trunk's lower face over the terrain [m], None for no such term.
         footing: the steepest ground about where a foot stands, as a share of the slope on which
             friction holds; 0 for no such term, None for 0.6 where the ground on the way has such
-            places, see ``formulation.sure``.
+            places, see ``gait_program.sure``.
         swing_nodes: checks of a swing between its ends where the chart does not flatten the
             terrain.
         smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's

@@ -1,16 +1,16 @@
 """P2 by name: back onto the bilinear surface m = p·f, from a point of a relaxation.
 
-========== ===================================== =======================
-============================================== name       keeps
-frees                   source ========== =====================================
-======================= ============================================== fix-p      p (toes, c and Θ)
-f                       Lin et al. §IV-A, "we use p_b from P1 to solve f" fix-f      f
-toes, c, Θ              Lin et al. §II fix-toes   toes in the world                     f, c, Θ
-convex as Σ f is fixed (``terms.Moments``) scp        nothing, starts at the toes           all
-fix-toes, then some linearised steps nlp        nothing, starts at the point          all
-Lin et al. §IV-A, ``nlp`` lift-fix-p nothing, then as fix-p                all, then f
-the lift of least gap about the point, fix-p ========== =====================================
-======================= ==============================================
+What keeps what, and what it frees:
+
+- ``fix-p`` keeps p (toes, c and Θ) and solves for f: Lin et al. §IV-A, "we use p_b from P1 to solve
+  f";
+- ``fix-f`` keeps f and solves for toes, c, Θ: Lin et al. §II;
+- ``fix-toes`` keeps toes in the world, and solves for f, c, Θ: convex, as Σ f is fixed
+  (``terms.Moments``);
+- ``scp`` starts at the toes and keeps nothing: it alternates ``fix-toes`` with steps of all,
+  linearised;
+- ``nlp`` starts at the point and keeps nothing: Lin et al. §IV-A, by IPOPT (``nlp``);
+- ``lift-fix-p`` frees all, then f alone: the lift of least gap about the point, then ``fix-p``.
 
 A posture is projected to the least moment residual; a course, whose plans have an objective, to
 residual zero. One of one's own is one function, called as these are; what it says is verified as

@@ -5,11 +5,11 @@ them.
 Four things are tried, each where the one before leaves a torque above its limit, or bodies that
 collide:
 
-* forces that spare the joints, with toes, body and joints held: stance by stance, exact (``restoration``);
+* forces that spare the joints, with toes, body and joints held: stance by stance, exact (``force_distribution``);
 * for torques, contacts anew: P1 and P2 of the plan's own patches with torques as rows, linearised at its joints
   (``spared_contacts``);
 * steps of the whole plan, body, toes, joints and forces at once (``whole_body_step``), each restored to an exact plan
-  whose path is looked at anew (``clearance``);
+  whose path is looked at anew (``centre``);
 * all again with all of the friction, where the plan keeps a reserve of it.
 
 What is found takes the plan's place only where the verifier accepts it, and it is better: neither

@@ -11,10 +11,10 @@ p, f:
                                                       l its lever
 
 with b = w e_z − F and M what is on the body, cones (E10), reach and steps (E11), bounds of joints,
-distances of bodies (``clearance``), and a box about the bars in which this is to be believed. The
+distances of bodies (``centre``), and a box about the bars in which this is to be believed. The
 objective is the course's own, and a price on the largest share of a torque limit where it is above
 what is wanted, and on what is missing to distances: hinges. What a solution leaves of second order
-is the restoration's to mend (``restoration``).
+is the restoration's to mend (``force_distribution``).
 """
 
 from __future__ import annotations

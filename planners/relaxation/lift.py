@@ -152,7 +152,7 @@ class JointRelaxation:
     def margin(
         cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
     ) -> RelaxationAnswer:
-        """The signed margin over one box (``table.RelaxedProgram``)."""
+        """The signed margin over one box (``relaxed.RelaxedProgram``)."""
         return programs.get(cls, scaled.layout, True).solve(scaled, box, gradient=gradient)
 
     @classmethod
@@ -163,7 +163,7 @@ class JointRelaxation:
         boxes: Sequence[Sequence[Envelope]],
         points: Sequence[Array],
     ) -> list[RelaxationAnswer]:
-        """The one box of each problem, all of one layout (``table.RelaxedProgram``)."""
+        """The one box of each problem, all of one layout (``relaxed.RelaxedProgram``)."""
         if any(len(each) != 1 for each in boxes):
             raise InvalidInput(f"envelopes: expected one for joint, got {max(map(len, boxes))}")
         return programs.get(cls, scaled[0].layout).solve_each(
@@ -334,7 +334,7 @@ class LiftProgram:
     def margin(
         cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
     ) -> RelaxationAnswer:
-        """The least moment residual, whatever the box (``table.RelaxedProgram``)."""
+        """The least moment residual, whatever the box (``relaxed.RelaxedProgram``)."""
         return cls.answers(programs, [scaled], [[box]], [])[0]
 
     @classmethod
@@ -345,7 +345,7 @@ class LiftProgram:
         boxes: Sequence[Sequence[Envelope]],
         points: Sequence[Array],
     ) -> list[RelaxationAnswer]:
-        """The least moment residual of each problem (``table.RelaxedProgram``)."""
+        """The least moment residual of each problem (``relaxed.RelaxedProgram``)."""
         return [as_relaxation(solve_lift(programs, one, least_moment=True)) for one in scaled]
 
     def solve(self, scaled: Scaled) -> LiftAnswer:

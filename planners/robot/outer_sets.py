@@ -6,7 +6,7 @@ nothing of the robot. The place of a foot less that of the centre of mass is Σ 
 bodies, w_b = −m_b/m of every body's own centre and +1 of the foot. Outward of joint i these are
 within a set X_i of vectors in the joint's frame, W_i the sum of the weights there: at an angle q of
 the joint they are W_i o_i + R_i Z(q) X_i in the frame before it, and what a joint carries adds up
-(Minkowski). ``outer`` turns such sets, with how much larger they get. All joints of the file take
+(Minkowski). This turns such sets, with how much larger they get. All joints of the file take
 part, those of arms as well, each over its whole range; one without limits over a whole turn.
 """
 

@@ -1,7 +1,7 @@
 """Plans that keep a reserve of friction: found on a course that is made more slippery than it is.
 
 A plan for less friction is one for more, as cones only grow; executed, its feet have something in
-hand. So have those of a plan that does not balance on an edge (``support_margin``).
+hand. So have those of a plan that does not balance on an edge (``held``).
 """
 
 from __future__ import annotations

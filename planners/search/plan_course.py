@@ -471,7 +471,7 @@ def replan(
     """Plan key frames ``frame`` to ``frame + horizon`` of a course from where the robot stands.
 
     Returns the planner's outcome over the window, whose plan begins at ``state``;
-    ``plan_window.joined`` puts windows together. It comes of ``plan_course``, so that a proof is
+    ``pieces.joined`` puts windows together. It comes of ``plan_course``, so that a proof is
     one over the outer sets of legs. With limits it is one of the whole body, with its joint angles:
     ``details`` say in how many steps, from what torque to what and from what depth of a collision
     to what (``with_whole_body``), and where that does not do it is undecided with the reason. The

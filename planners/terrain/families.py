@@ -8,7 +8,7 @@ gaps and beams the harder one has less to stand on and nothing else is different
 crossed at one level cannot be crossed at a higher one.
 
 A family gives polygons, or heights h(x, y). The one is seen as the other where that is wanted:
-heights of polygons are their surface with rounded edges (``rounding``), polygons of heights are the
+heights of polygons are their surface with rounded edges (``heightfield.rounded``), polygons of heights are the
 planar pieces that a foot may be put on (``map_footholds``). Key frames see the ground about their
 start (``SCENE``), walks see all of it (``WIDE``).
 """

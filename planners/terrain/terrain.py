@@ -63,7 +63,7 @@ class Terrain:
 
     @cached_property
     def heights(self) -> HeightField | None:
-        """The surface for walks, its edges rounded (``rounding``); None where nothing faces up, as
+        """The surface for walks, its edges rounded (``heightfield.rounded``); None where nothing faces up, as
         between walls.
         """
         if self.laid is not None:

@@ -2,8 +2,8 @@
 work, no solver.
 
 A certificate is a tree that covers all choices of patches, toes and forces, and multipliers a leaf
-(``outcome.Certificate``). The tree is replayed from the problem's own patches and force boxes
-(``tree``), and every leaf's bound is worked out anew (``lagrangian``), so nothing in a certificate
+(``answer.certificate.Certificate``). The tree is replayed from the problem's own patches and force boxes
+(``Forest``), and every leaf's bound is worked out anew (``lagrangian``), so nothing in a certificate
 has to be trusted.
 """
 

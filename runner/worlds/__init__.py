@@ -1,5 +1,5 @@
 """Worlds: where a motion is run. A world is one file and one registration: its line in the table of
-``registry``.
+``world``.
 
 What is named here is imported at its first use: the heartbeat monitor needs none of it, and starts
 in a third of the time.

@@ -81,7 +81,7 @@ class World(Protocol):
 
     Arguments:
         kind: what is of "hardware" is an ``Actuator``, too, and moves only when armed.
-        latch: what it sends to the robot goes through ``latch.sending()``; tripped, it sends
+        latch: what it sends to the robot goes through ``estop.StopLatch.sending()``; tripped, it sends
             nothing any more.
     """
 

@@ -190,7 +190,7 @@ def _yaws(angles: Array) -> Array:
 
 
 def _shear_rotations(slope: Array) -> Array:
-    """``rotations.shear_rotation`` of numbers, shape (K, 2) → (K, 3, 3)."""
+    """``shear_rotation`` of numbers, shape (K, 2) → (K, 3, 3)."""
     scale = np.sqrt(4.0 + np.sum(slope**2, axis=1))
     x, y, zero = slope[:, 1] / scale, -slope[:, 0] / scale, np.zeros(len(slope))
     skew = np.stack([zero, zero, y, zero, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
