@@ -38,7 +38,7 @@ LIBRARY = """
 import gymnasium, stancekit
 problem = stancekit.sample("wall-3", rng=8)[0]
 outcome = stancekit.solve(problem)
-assert stancekit.verify(problem, outcome.certificate).accepted
+assert stancekit.verify(outcome.certificate).accepted
 env = gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")
 env.reset(seed=0)
 env.step(env.action_space.sample())

@@ -30,13 +30,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1509, 16850),
+    "api": (1516, 16964),
     "cli": (3586, 40077),
     "configs": (3, 30),
-    "envs": (3010, 41632),
-    "learners": (5487, 79470),
-    "planners": (34058, 545406),
-    "runner": (7193, 95328),
+    "envs": (3009, 41631),
+    "learners": (5480, 79457),
+    "planners": (34061, 545638),
+    "runner": (7177, 95292),
     "views": (4496, 69949),
 }
 CAPS: dict[str, int] = {"tests": 43_905, "benchmarks": 13_500}
@@ -53,7 +53,7 @@ ALLOWANCES: dict[str, int] = {
     "stepping over": 250,
     "sequences": 300,
     "pictures": 184,
-    "speed": 100,
+    "speed": 88,
     "margins": 0,
 }
 """Statements by which the package may still rise, per piece of work."""

@@ -108,7 +108,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.leap.finder",
             "planners.leap.scp",
             "planners.problem.leap",
-            "planners.relaxation.table",
+            "planners.relaxation.relaxed",
             "planners.search.methods",
         ),
         LATER: (
