@@ -28,7 +28,7 @@ from .course_keys import BodySpec, CourseSpec, toe_offset
 from .course_layout import build_course
 from .guide_path import Footprint, guide_path
 from .passage import Passage, near_of
-from .problem import MOST_FRAMES, Problem
+from .problem import MOST_FRAMES, Problem, local_origin
 from .terrain_spec import FileTerrain, footholds_for
 
 if TYPE_CHECKING:
@@ -42,8 +42,6 @@ _SWAY = 1.2
 _APART = 0.6
 """Width of their candidates, in distances of toes from each other, so that legs do not cross."""
 _CANDIDATES = 3
-_ROUND_M = 10.0
-"""Courses are planned about an origin that is this round [m]."""
 
 
 def course_between(
@@ -276,8 +274,7 @@ class LaidBetween:
         if self.standing is not None or self.terrain.given is None:
             return np.zeros(3)
         heights = self.terrain.given.pieces[0].patch.vertices_m[:, 2]
-        place = np.array([*self.start_m, float(heights.mean())])
-        return np.asarray(_ROUND_M * np.round(place / _ROUND_M))
+        return local_origin(np.array([*self.start_m, float(heights.mean())]))
 
     @cached_property
     def local(self) -> LaidBetween:

@@ -48,6 +48,10 @@ from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
 
 Value = TypeVar("Value")
 MOST_FRAMES = 1000
+_ROUND_M = 10.0
+"""Problems far away are computed about an origin that is this round [m]."""
+_FAR = 30.0
+"""A length scale that is larger or smaller than a robot by more is no unit to compute in."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -447,8 +451,8 @@ class Problem:
 
     @property
     def moment_scale_nm(self) -> float:
-        """Unit of the non-dimensional moment: force scale times length scale [Nm]."""
-        return self.force_n * self.length_scale_m
+        """Unit of the non-dimensional moment: force scale times ``unit_m`` [Nm]."""
+        return self.force_n * self.unit_m
 
     @property
     def aim(self) -> Weights:
@@ -461,6 +465,22 @@ class Problem:
                 "weights: expected a course with an objective, got a posture problem"
             )
         return self.weights
+
+    @property
+    def unit_m(self) -> float:
+        """Unit of lengths in which it is computed: the length scale, or the robot's size where that
+        is so far from it that no digits would be left [m].
+        """
+        limbs, unit_m = self.robot.limbs, self.length_scale_m
+        size_m = max(float(np.abs(each.shoulder_m).max()) + each.reach_m for each in limbs)
+        return unit_m if size_m <= _FAR * unit_m and unit_m <= _FAR * size_m else size_m
+
+    @cached_property
+    def origin_m(self) -> Array:
+        """Place about which it is computed: the world's origin, or a round place where the first
+        centre of mass is far from that, so that no digits of moments are lost, shape (3,) [m].
+        """
+        return local_origin(self.com_nominal_m[0])
 
     @property
     def force_n(self) -> float:
@@ -771,6 +791,13 @@ class Problem:
             raise InvalidInput("placements: expected them in order of frame, then limb")
         if self.modes is not None and len(self.modes) != self.frames:
             raise InvalidInput(f"modes: expected {self.frames}, one a frame, got {len(self.modes)}")
+
+
+def local_origin(place_m: Array) -> Array:
+    """The round place, shape (3,) [m], about which to compute near a place: the world's origin near
+    that.
+    """
+    return np.asarray(_ROUND_M * np.round(place_m / _ROUND_M))
 
 
 def _text(value: Any, where: str) -> str:

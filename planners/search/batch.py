@@ -144,7 +144,7 @@ def _with_toes(
     toes = np.array([posture.toes_m for posture in found.values()]).reshape(
         -1, *scaled.friction.shape[1:], 3
     )
-    held = scaled.select(index).held(toes / scaled.like.length_m)
+    held = scaled.select(index).held((toes - scaled.like.origin_m) / scaled.like.length_m)
     middles = _accepted(batch.select(index), held, witnesses(held, LONG), tolerance)
     return {int(index[k]): middle for k, middle in middles.items()}
 
