@@ -27,6 +27,8 @@ from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.held import PRESSES
 from ..projection.whole_body import WholeBodyLimits
+from ..robot.model import Robot, hexapod
+from ..terrain.frame import Frame
 from .answer import Planner
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
 from .pieces import (
@@ -129,7 +131,12 @@ def plan_course(
         InvalidInput: where the planner is not made for the course, or torques are asked for of a
             robot whose joints are not known.
     """
-    stated = stated and not hasattr(question, "onward")
+    stated, asked = stated and not hasattr(question, "onward"), question
+    frame: Frame | None = getattr(question, "frame", None) if _turns(planner) else None
+    if frame is not None:
+        question = question.local
+        if wrench is not None:
+            wrench = frame.inverse.vectors(wrench.reshape(2, 3)).ravel()
     question = _loaded(question, wrench)
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else _ALL_FRICTION
@@ -189,11 +196,43 @@ def plan_course(
 
     if not callable(question):
         return answered(question, deadline)
-    if not stated and limits is not None and len(layouts) > 1:
-        outcome, layouts = _leaning(question, layouts, answered, deadline)
-        if outcome is not None:
-            return outcome
-    return _laid_out(question, layouts, answered, deadline, stated)
+    outcome: Answer[Plan] | None = None
+    try:
+        if not stated and limits is not None and len(layouts) > 1:
+            outcome, layouts = _leaning(question, layouts, answered, deadline)
+        if outcome is None:
+            outcome = _laid_out(question, layouts, answered, deadline, stated)
+    except (NoPlace, PlanningFailed):
+        if frame is not None and callable(asked):
+            asked("inner", AS_ASKED)  # which says where in the world
+        raise
+    return outcome if frame is None else _moved_back(outcome, frame, asked.robot)
+
+
+def _turns(planner: Planner) -> bool:
+    """Tell whether a planner is asked in the frame of a question: one that learned nothing in the
+    axes of a robot.
+    """
+    return isinstance(planner, TwoStagePlanner) and planner.envelopes is None
+
+
+def _moved_back(answer: Answer[Plan], frame: Frame, robot: Robot | None) -> Answer[Plan]:
+    """The answer to a question in a frame, in the world's, and judged there."""
+    from .witness import judged  # slow to import
+
+    robot, problem, plan = robot or hexapod(), answer.problem, answer.solution
+    if answer.message and answer.status is not Status.FEASIBLE:
+        place = np.round(frame.origin_m, 3).tolist()
+        said = f"{answer.message}; places are from {place}, x towards the goal"
+        answer = replace(answer, message=said)
+    if plan is None:
+        assert isinstance(problem, Problem)
+        return replace(answer, problem=problem.moved(frame, robot))
+    there = plan.moved(frame, robot)
+    moved = replace(answer, problem=there.problem, solution=there)
+    if answer.report is None or answer.status is not Status.FEASIBLE:
+        return moved
+    return judged(moved)
 
 
 def _search_end(end: float, share: float = _SEARCH) -> float:
