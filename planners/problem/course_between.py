@@ -299,6 +299,12 @@ class LaidBetween:
             goal_m=goal,
         )
 
+    def turned(self, wrench: Array | None) -> Array | None:
+        """A wrench in that frame, shape (6,)."""
+        if wrench is None or self.frame is None:
+            return wrench
+        return self.frame.inverse.vectors(wrench.reshape(2, 3)).ravel()
+
     @cached_property
     def _as_asked(self) -> Problem:
         return self._laid(self.start_m, self.frames, "inner", AS_ASKED, ())

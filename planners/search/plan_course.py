@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -27,8 +27,7 @@ from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.held import PRESSES
 from ..projection.whole_body import WholeBodyLimits
-from ..robot.model import Robot, hexapod
-from ..terrain.frame import Frame
+from ..robot.model import hexapod
 from .answer import Planner
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
 from .pieces import (
@@ -45,6 +44,7 @@ from .pieces import (
 from .two_stage import TwoStagePlanner
 
 if TYPE_CHECKING:
+    from ..problem.course_between import LaidBetween
     from ..robot.reach_sets import Sets
 
 
@@ -131,12 +131,11 @@ def plan_course(
         InvalidInput: where the planner is not made for the course, or torques are asked for of a
             robot whose joints are not known.
     """
-    stated, asked = stated and not hasattr(question, "onward"), question
-    frame: Frame | None = getattr(question, "frame", None) if _turns(planner) else None
-    if frame is not None:
-        question = question.local
-        if wrench is not None:
-            wrench = frame.inverse.vectors(wrench.reshape(2, 3)).ravel()
+    stated = stated and not hasattr(question, "onward")
+    turned = getattr(question, "frame", None) is not None and _turns(planner)
+    between = cast("LaidBetween", question) if turned else None
+    if between is not None:
+        question, wrench = between.local, between.turned(wrench)
     question = _loaded(question, wrench)
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else _ALL_FRICTION
@@ -203,10 +202,10 @@ def plan_course(
         if outcome is None:
             outcome = _laid_out(question, layouts, answered, deadline, stated)
     except (NoPlace, PlanningFailed):
-        if frame is not None and callable(asked):
-            asked("inner", AS_ASKED)  # which says where in the world
+        if between is not None:
+            between("inner")  # which says where in the world
         raise
-    return outcome if frame is None else _moved_back(outcome, frame, asked.robot)
+    return outcome if between is None else _moved_back(outcome, between)
 
 
 def _turns(planner: Planner) -> bool:
@@ -216,11 +215,13 @@ def _turns(planner: Planner) -> bool:
     return isinstance(planner, TwoStagePlanner) and planner.envelopes is None
 
 
-def _moved_back(answer: Answer[Plan], frame: Frame, robot: Robot | None) -> Answer[Plan]:
-    """The answer to a question in a frame, in the world's, and judged there."""
+def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
+    """The answer in the frame of a question, in the world's, and judged there."""
     from .witness import judged  # slow to import
 
-    robot, problem, plan = robot or hexapod(), answer.problem, answer.solution
+    robot, problem, plan = question.robot or hexapod(), answer.problem, answer.solution
+    frame = question.frame
+    assert frame is not None
     if answer.message and answer.status is not Status.FEASIBLE:
         place = np.round(frame.origin_m, 3).tolist()
         said = f"{answer.message}; places are from {place}, x towards the goal"

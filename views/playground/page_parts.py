@@ -121,8 +121,8 @@ def _planned(
     try:
         course = scenario.course()
         laid = time.process_time()
-        between = isinstance(scenario, BetweenScenario)
-        outcome = plan(scenario.question if between else scenario.course)
+        asked = scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
+        outcome = plan(asked)
     except StancekitError as error:
         nowhere = isinstance(scenario, BetweenScenario) and isinstance(
             error, NoPlace | PlanningFailed
