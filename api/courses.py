@@ -199,12 +199,13 @@ def _between_places(
         why = str(error)
     passage = question.passage()
     proof = None if settings.wrench is not None else flood(passage)
-    leaps = settings.leaps and _leaps(question)
-    if leaps and question.robot is not None and settings.push_n == 0.0 and settings.wrench is None:
+    robot = question.robot
+    leaps = settings.leaps and robot is not None and robot.source.own
+    if leaps and robot is not None and settings.push_n == 0.0 and settings.wrench is None:
         crossed = cross(
             question,
             planner,
-            robot=question.robot,
+            robot=robot,
             refusal=why,
             proof=proof,
             limits=settings.body,
@@ -224,13 +225,6 @@ def _between_places(
     if leaps:
         return replace(infeasible, message=f"{_BALANCED}; {why}")
     return replace(infeasible, status=Status.INFEASIBLE, message=why, bound=float("inf"))
-
-
-def _leaps(question: LaidBetween) -> bool:
-    """Tell whether a robot may leap: one that was named and has legs of its own."""
-    if question.robot is None:
-        return False
-    return question.robot.source.own
 
 
 def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:
