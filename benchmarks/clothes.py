@@ -13,7 +13,8 @@ a line, and an interrupted run goes on there. At the end there is a table of wha
 Equal is: the same status, and for cloths that lose nothing the same objective to six digits, or to
 the width that the cloth says: the robot is moved and turned with its world, or as many times as
 large. Where both refuse, the pair counts only if a refusal is right. A drawn robot is asked over
-grounds of its size. --sample: so many drawn rows of the whole table. --slopes: CPU time of planes of 5 to 33 degrees, up, down and across, over that of flat
+grounds of its size. --sample: so many drawn rows of the whole table. --slopes: CPU time of planes of
+5 to 33 degrees, up, down and across, over that of flat
 ground. --against: another checkout, in which `python setup.py links` was run; the same pairs
 are asked there first.
 """

@@ -132,7 +132,8 @@ def plan_course(
             robot whose joints are not known.
     """
     stated = stated and not hasattr(question, "onward")
-    turned = getattr(question, "frame", None) is not None and _turns(planner)
+    unlearned = isinstance(planner, TwoStagePlanner) and planner.envelopes is None
+    turned = unlearned and getattr(question, "frame", None) is not None
     between = cast("LaidBetween", question) if turned else None
     if between is not None:
         question, wrench = between.local, between.turned(wrench)
@@ -208,13 +209,6 @@ def plan_course(
     return outcome if between is None else _moved_back(outcome, between)
 
 
-def _turns(planner: Planner) -> bool:
-    """Tell whether a planner is asked in the frame of a question: one that learned nothing in the
-    axes of a robot.
-    """
-    return isinstance(planner, TwoStagePlanner) and planner.envelopes is None
-
-
 def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
     """The answer in the frame of a question, in the world's, and judged there."""
     from .witness import judged  # slow to import
@@ -223,8 +217,7 @@ def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
     frame = question.frame
     assert frame is not None
     if answer.message and answer.status is not Status.FEASIBLE:
-        place = np.round(frame.origin_m, 3).tolist()
-        said = f"{answer.message}; places are from {place}, x towards the goal"
+        said = f"{answer.message}; places are from {frame.origin_m.tolist()}, x towards the goal"
         answer = replace(answer, message=said)
     if plan is None:
         assert isinstance(problem, Problem)
