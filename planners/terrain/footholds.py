@@ -358,6 +358,7 @@ class Footholds:
         return {
             "terrain": self.name,
             "extent_m": dict(zip("xyz", self.extent_m.tolist(), strict=True)),
+            "array": "x by the first index, y by the second, the origin in the middle",
             "area_m2": self.area_m2,
             "refused_m2": self.refused_m2,
             "noise_m": self.noise_m,
