@@ -197,10 +197,10 @@ def _between_places(
         why = answer.message or answer.status.value
     except (NoPlace, PlanningFailed) as error:
         why = str(error)
-    passage = question.passage()
-    proof = None if settings.wrench is not None else flood(passage)
     robot = question.robot
     leaps = settings.leaps and robot is not None and robot.source.own
+    passage = (question if leaps else question.local).passage()  # crossings are in the world
+    proof = None if settings.wrench is not None else flood(passage)
     if leaps and robot is not None and settings.push_n == 0.0 and settings.wrench is None:
         crossed = cross(
             question,

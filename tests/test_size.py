@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1509, 16850),
-    "cli": (3586, 40077),
+    "api": (1494, 16685),
+    "cli": (3565, 39846),
     "configs": (3, 30),
     "envs": (3010, 41632),
-    "learners": (5487, 79470),
-    "planners": (34058, 545406),
+    "learners": (5457, 79098),
+    "planners": (34127, 546212),
     "runner": (7193, 95328),
-    "views": (4496, 69949),
+    "views": (4492, 69907),
 }
 CAPS: dict[str, int] = {"tests": 43_905, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""

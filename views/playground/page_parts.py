@@ -121,8 +121,9 @@ def _planned(
     try:
         course = scenario.course()
         laid = time.process_time()
-        asked = scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
-        outcome = plan(asked)
+        outcome = plan(
+            scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
+        )
     except StancekitError as error:
         nowhere = isinstance(scenario, BetweenScenario) and isinstance(
             error, NoPlace | PlanningFailed
