@@ -147,11 +147,9 @@ def plan(
         )
     question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
     planner = _planner(method, time_limit_s)
-    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
-
     by_frames = partial(
         plan_course,
-        question.local if isinstance(question, LaidBetween) else question,
+        question,
         planner,
         limits=settings.body,
         push_n=settings.push_n,
@@ -160,6 +158,8 @@ def plan(
         kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
         progress=progress,
     )
+    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
+
     if isinstance(question, LaidBetween):
         return _between_places(by_frames, question, planner, settings, deadline)
     return by_frames(deadline=deadline)
@@ -191,22 +191,21 @@ def _between_places(
     begin = time.perf_counter()
     answer: Answer[Plan] | None = None
     try:
-        answer = _moved_back(by_frames(deadline=deadline), question.origin_m)
+        answer = by_frames(deadline=deadline)
         if answer.status is Status.FEASIBLE:
             return answer
         why = answer.message or answer.status.value
     except (NoPlace, PlanningFailed) as error:
         why = str(error)
-    if question.origin_m.any():
-        why = f"{why}; places are from {question.origin_m.tolist()}"
-    passage = question.passage()
+    robot = question.robot
+    leaps = settings.leaps and robot is not None and robot.source.own
+    passage = (question if leaps else question.local).passage()  # crossings are in the world
     proof = None if settings.wrench is not None else flood(passage)
-    leaps = settings.leaps and _leaps(question)
-    if leaps and question.robot is not None and settings.push_n == 0.0 and settings.wrench is None:
+    if leaps and robot is not None and settings.push_n == 0.0 and settings.wrench is None:
         crossed = cross(
             question,
             planner,
-            robot=question.robot,
+            robot=robot,
             refusal=why,
             proof=proof,
             limits=settings.body,
@@ -226,31 +225,6 @@ def _between_places(
     if leaps:
         return replace(infeasible, message=f"{_BALANCED}; {why}")
     return replace(infeasible, status=Status.INFEASIBLE, message=why, bound=float("inf"))
-
-
-def _moved_back(answer: Answer[Plan], origin_m: Array) -> Answer[Plan]:
-    """The answer to a question about a local origin, of shape (3,) [m], in the world's frame, judged
-    there.
-    """
-    if not origin_m.any():
-        return answer
-    problem, plan = answer.problem, answer.solution
-    moved = replace(
-        answer, problem=problem.moved(origin_m) if isinstance(problem, Problem) else problem
-    )
-    if plan is None:
-        return moved
-    from stancekit.planners.verify import check_plan
-
-    there = plan.moved(origin_m)
-    return replace(moved, solution=there, report=check_plan(there, joints=True))
-
-
-def _leaps(question: LaidBetween) -> bool:
-    """Tell whether a robot may leap: one that was named and has legs of its own."""
-    if question.robot is None:
-        return False
-    return question.robot.source.own
 
 
 def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:

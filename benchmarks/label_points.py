@@ -44,9 +44,10 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium import rows as conic_rows
 from stancekit.planners.equilibrium.batch import ScaledBatch
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch
-from stancekit.planners.search.batch import canonical, solve_all, without_moments
+from stancekit.planners.search.batch import canonical, relaxed, solve_all, solved
 from stancekit.planners.search.exact import ExactPlanner
 
 Points = dict[int, Array]
@@ -120,6 +121,14 @@ def labelled(batch: PostureBatch, size: int) -> tuple[Points, Points]:
             for k, p in points(some, without_moments(planner.programs, some)).items()
         }
     return feasible, infeasible
+
+
+def without_moments(programs: Programs, batch: PostureBatch) -> dict[int, Plan]:
+    """Points of P̄: ``relaxed``, and where that comes to no end ``solved``."""
+    postures = relaxed(batch)
+    rest = np.array([k for k in range(len(batch)) if k not in postures], dtype=np.intp)
+    ended = solved(programs, batch.select(rest))
+    return postures | {int(rest[k]): posture for k, posture in ended.items()}
 
 
 def alone(batch: PostureBatch) -> Points:

@@ -85,8 +85,6 @@ class Fit:
     for that. Of surrogate: further rows to calibrate on."""
     checkpoint: OptionalPath = None
     """File (rl: folder) by which ga, neural and rl go on where they were stopped."""
-    picture: OptionalPath = None
-    """PNG file for the fitness of ga's population by generation (Lin et al., Fig. 4)."""
     workers: int = 1
     """Processes of ga, which tests a generation on all of them; the result does not depend on
     them."""
@@ -104,10 +102,6 @@ class Fit:
         from stancekit.selectors import fit, rows_of
 
         check_writable(self.out)
-        if self.picture is not None:
-            if self.method != "ga":
-                raise InvalidInput(f"--picture: expected with --method ga, got {self.method}")
-            check_writable(self.picture)
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
         if self.method in _LEAP_SCORES:
@@ -136,12 +130,6 @@ class Fit:
             fixed = learned.envelopes
         except InvalidInput:  # a network chooses them by the scene
             fixed = None
-        if self.picture is not None and fixed is not None:
-            from stancekit.learners.selectors.convergence_plot import draw_learned
-            from stancekit.views import sheet
-
-            title = f"{learned.problem_class}: fitness of the population"
-            sheet.save(draw_learned(fixed.provenance, title), self.picture)
         return self._said(learned.problem_class, "envelopes", fixed)
 
     def _scores(self) -> int:

@@ -115,8 +115,6 @@ class PlanGait:
     """Write the best trajectory even if the verifier refuses it, marked so."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the motion: .png, .pdf or .svg."""
-    convergence: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Picture of the violation at every iteration."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Film of the motion (extra viz, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
@@ -146,9 +144,7 @@ class PlanGait:
         written = self._write(best)
         gait_answer.draw(
             best,
-            plan,
             picture=self.picture,
-            convergence=self.convergence,
             video=self.video,
             html=self.html,
         )
@@ -172,23 +168,20 @@ class PlanGait:
         from stancekit.planners.formats.trajectory_file import check_name
         from stancekit.planners.gait.charts import CHARTS
 
-        from .gait_answer import check_pictures
-
         if self.out is not None:
             check_name(self.out)
         if self.unverified and self.out is None:
             raise InvalidInput("--unverified: expected --out with it, got none")
-        files = [
-            path
-            for path in (self.picture, self.convergence, self.video, self.html)
-            if path is not None
-        ]
+        files = [path for path in (self.picture, self.video, self.html) if path is not None]
         twice = [path for path in files if files.count(path) > 1]
         if twice:
             raise InvalidInput(
                 f"{twice[0]}: expected a file of its own for each picture, got it twice"
             )
-        check_pictures(self.picture, self.convergence)
+        if self.picture is not None:
+            from stancekit.views.sheet import check_picture  # slow to import
+
+            check_picture(self.picture)
         check_drawn(video=self.video, html=self.html)
         if self.chart != "portfolio":
             with as_options():

@@ -21,20 +21,10 @@ _WAY_M = 0.05
 """The ground is looked at so often on the way."""
 
 
-def check_pictures(*paths: Path | None) -> None:
-    """Raise InvalidInput for a picture that cannot be written, before any work."""
-    for path in filter(None, paths):
-        from stancekit.views.sheet import check_picture  # slow to import
-
-        check_picture(path)
-
-
 def draw(
     best: Attempted,
-    plan: Attempts,
     *,
     picture: Path | None,
-    convergence: Path | None,
     video: Path | None,
     html: Path | None,
 ) -> None:
@@ -46,19 +36,6 @@ def draw(
         from stancekit.views.sheet import save
 
         save(draw_motion(best.trajectory, best.report, warp=_map(best)), picture)
-    if convergence is not None:
-        from stancekit.views.gait_plot import GaitRun, draw_convergence
-        from stancekit.views.sheet import save
-
-        runs = [
-            GaitRun(method=one.attempt.name, violations=one.history, seconds=one.seconds)
-            for one in plan.attempts
-            if len(one.history)
-        ]
-        save(
-            draw_convergence(runs, caption=f"Convergence on {best.trajectory.terrain.name}"),
-            convergence,
-        )
     if html is None and video is None:
         return
     from stancekit.views.gaits import GaitView

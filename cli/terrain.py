@@ -112,7 +112,7 @@ class ShowTerrain:
 
         meaning, limits = vars(self.file.asked()), self.footholds.limits()
         with in_options():
-            return terrain(self.terrain, friction=1.0, robot=self.robot, limits=limits, **meaning)
+            return terrain(self.terrain, robot=self.robot, limits=limits, **meaning)
 
 
 def _table(found: Footholds) -> Table:

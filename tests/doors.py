@@ -15,7 +15,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -284,9 +284,9 @@ def by_replan(question: Question, folder: Path) -> Reply:
 
 
 def by_solve(question: Question, folder: Path) -> Reply:
-    """``stancekit.solve``."""
+    """``stancekit.solve``, whose posture the other doors do not print."""
     assert question.posture is not None
-    return _reply(stancekit.solve(question.posture))
+    return replace(_reply(stancekit.solve(question.posture)), plan="")
 
 
 def by_solve_command(question: Question, folder: Path) -> Reply:

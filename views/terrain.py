@@ -35,7 +35,7 @@ them [m]."""
 _OFF_M = 0.003
 """Footholds are drawn so far off their surface [m]."""
 _AXES, _AXIS = ("#c0392b", "#27803b"), 0.15
-"""Colours of the world's x and y, drawn from the terrain's least corner, and their length, in
+"""Colours of the world's x and y, drawn from the place nearest to its origin, and their length, in
 extents of the terrain."""
 _LEGEND = ((_GOOD, "foothold"), (_STONE, "surface"))
 
@@ -69,7 +69,10 @@ def _foothold_scene(found: Footholds) -> Scene:
         for piece in found.pieces
     ]
     low, high = found.extent_m.T
-    corner, arms = np.append(low[:2], high[2]), _AXIS * float(np.ptp(found.extent_m[:2]))
+    corner, arms = (
+        np.append(np.clip(0.0, low, high)[:2], high[2]),
+        _AXIS * float(np.ptp(found.extent_m[:2])),
+    )
     axes = [
         Path(pieces_m=np.array([[corner, corner + arms * np.eye(3)[k]]]), colour=colour, width=2.0)
         for k, colour in enumerate(_AXES)

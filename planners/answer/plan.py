@@ -16,6 +16,8 @@ from ..files.arrays import Array, checked_name
 from ..files.documents import shown
 from ..problem import Problem
 from ..problem.leap import Leap
+from ..robot.model import Robot
+from ..terrain.frame import Frame
 
 FORMAT = "stancekit/motion/1"
 OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
@@ -347,14 +349,17 @@ class Plan:
         )
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
 
-    def moved(self, by_m: Array) -> Plan:
-        """The plan in a world that is moved with it, by a vector of shape (3,) [m]."""
+    def moved(self, frame: Frame, robot: Robot) -> Plan:
+        """The plan of a robot with point feet in a world that is moved with it, see
+        ``Problem.moved``.
+        """
         return replace(
             self,
-            problem=self.problem.moved(by_m),
-            com_m=self.com_m + by_m,
-            toes_m=self.toes_m + by_m,
-            points_m=None if self.points_m is None else self.points_m + by_m,
+            problem=self.problem.moved(frame, robot),
+            com_m=frame.places(self.com_m),
+            rotation_rad=frame.vectors(self.rotation_rad),
+            toes_m=frame.places(self.toes_m),
+            forces_n=frame.vectors(self.forces_n),
         )
 
     @classmethod

@@ -47,7 +47,7 @@ class ScaledBatch:
             )
         return cls(
             like=like,
-            vertices=batch.vertices_m / like.length_m,
+            vertices=(batch.vertices_m - like.origin_m) / like.length_m,
             frames=batch.frames,
             friction=batch.friction,
         )
@@ -122,7 +122,7 @@ class ScaledBatch:
             problems: in units.
         """
         forces = np.matmul(self.frames, points.forces[..., None])[..., 0] * self.like.force_n
-        com, toes = points.com * self.like.length_m, points.toes * self.like.length_m
+        com, toes = self.like.places_m(points.com), self.like.places_m(points.toes)
         rest: dict[str, Any] = dict.fromkeys(("points_m", "point_forces_n", "joints_rad", "modes"))
         rest |= {"choice": locked(self.like.numbers), "provenance": {}}
         com, rotation, toes, forces = locked((com, points.rotation.copy(), toes, forces))

@@ -29,7 +29,8 @@ Values = TypeVar("Values")
 
 def _of_problem(scaled: Callable[..., Values], course: Problem) -> Values:
     """A problem as ``scaled`` holds it, with every candidate open."""
-    scale, limbs, limits = course.length_scale_m, course.robot.limbs, course.steps
+    scale, limbs, limits = course.unit_m, course.robot.limbs, course.steps
+    origin = course.origin_m
     patches = [patch for foothold in course.footholds for patch in foothold.candidates]
     borders = [
         patch.vertices_m if foothold.toe_m is None else foothold.toe_m[None]
@@ -72,7 +73,7 @@ def _of_problem(scaled: Callable[..., Values], course: Problem) -> Values:
         layout=layout,
         options=max(len(foothold.candidates) for foothold in course.footholds),
         which=tuple(tuple(range(len(foothold.candidates))) for foothold in course.footholds),
-        vertices=np.concatenate(borders) / scale,
+        vertices=(np.concatenate(borders) - origin) / scale,
         frames=np.array([patch.frame for patch in patches]),
         friction=np.array([patch.friction for patch in patches]),
         shoulders=np.array([limb.shoulder_m for limb in limbs]) / scale,
@@ -80,16 +81,17 @@ def _of_problem(scaled: Callable[..., Values], course: Problem) -> Values:
         force_min=_force_min(low, layout),
         force_max=high[under],
         weight=course.weight_n / course.force_n,
-        com=course.com_nominal_m / scale,
+        com=(course.com_nominal_m - origin) / scale,
         com_radius=course.com_radius_m / scale,
         tilt=course.tilt_limit_rad,
         steps=(limits.com_m / scale, limits.toe_m / scale, limits.rotation_rad),
         direction=direction,
         progress=np.where(direction.any(axis=1), limits.progress_m / scale, 0.0),
-        goal=course.goal_m / scale,
+        goal=(course.goal_m - origin) / scale,
         weights=course.weights,
         length_m=scale,
         force_n=course.force_n,
+        origin_m=origin,
         half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
         offsets=offsets,
         relative=RelativeHalfSpaces.of(course.robot, scale).with_sides(toe_sides, scale),
@@ -133,7 +135,7 @@ def _standing(course: Problem, layout: Layout) -> Array:
         return np.zeros((0, 3))
     assert course.standing_m is not None
     frame, limb, _ = layout.standing
-    return course.standing_m[frame, limb] / course.length_scale_m
+    return course.standing_m[frame, limb] / course.unit_m
 
 
 def _wrench(course: Problem, layout: Layout) -> Array:
@@ -148,7 +150,7 @@ def _wrench(course: Problem, layout: Layout) -> Array:
         corners = corners[:1]
     common = np.zeros((len(layout.stances), 6))
     if course.wrench is not None:
-        unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
+        unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.unit_m,) * 3])
         common = (course.wrench / unit)[layout.stance_frames]
     wrenches = np.tile(common, (len(corners), 1))
     wrenches[:, :2] += np.repeat(corners, len(common), axis=0)
@@ -222,6 +224,7 @@ class Scaled:
             mass, shape (S, 6); without any (0, 6).
         standing: from the centre of mass to each toe as the robot stands, a row for each of
             ``Layout.standing``, (T, 3); without any (0, 3).
+        origin_m: place in the world that places are measured from, (3,) [m].
     """
 
     layout: Layout
@@ -245,6 +248,7 @@ class Scaled:
     weights: Weights | None
     length_m: float
     force_n: float
+    origin_m: Array = field(default_factory=lambda: np.zeros(3))
     half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
     offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
     relative: RelativeHalfSpaces = field(default_factory=RelativeHalfSpaces.none)
@@ -463,8 +467,12 @@ class Scaled:
             return forces, {}
         each = np.zeros((count, layout.limbs, max(layout.points), 3))
         each[stance, limb, layout.contact_points[of_candidates]] = world
-        points = (point.toes[:, None] + self.offsets) * self.length_m
+        points = self.places_m(point.toes[:, None] + self.offsets)
         return np.asarray(each.sum(axis=2)), {"points_m": points, "point_forces_n": each}
+
+    def places_m(self, places: Array) -> Array:
+        """Places with their units back, in the world, shape (…, 3) [m]."""
+        return np.asarray(places * self.length_m + self.origin_m)
 
     def point(self, posture: Plan) -> Array:
         """[p, f] of a posture, the columns p_x p_y p_z f_n f_y f_z: p in world axes, f in the

@@ -20,6 +20,7 @@ from ..files.arrays import Array, checked_int, read_only
 from ..files.documents import validated
 from ..robot.model import Robot, hexapod
 from ..terrain.footholds import Footholds
+from ..terrain.frame import Frame
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
@@ -28,7 +29,7 @@ from .course_keys import BodySpec, CourseSpec, toe_offset
 from .course_layout import build_course
 from .guide_path import Footprint, guide_path
 from .passage import Passage, near_of
-from .problem import MOST_FRAMES, Problem
+from .problem import MOST_FRAMES, Problem, local_origin
 from .terrain_spec import FileTerrain, footholds_for
 
 if TYPE_CHECKING:
@@ -42,8 +43,6 @@ _SWAY = 1.2
 _APART = 0.6
 """Width of their candidates, in distances of toes from each other, so that legs do not cross."""
 _CANDIDATES = 3
-_ROUND_M = 10.0
-"""Courses are planned about an origin that is this round [m]."""
 
 
 def course_between(
@@ -269,28 +268,42 @@ class LaidBetween:
         )
 
     @cached_property
-    def origin_m(self) -> Array:
-        """Origin about which the course is planned, shape (3,) [m]: the world's, or where the start is
-        far from that a round place near it, so that no digits of contacts' moments are lost.
+    def frame(self) -> Frame | None:
+        """Frame in which the course is planned, about a round place near the start, x towards the
+        goal; None for the world's own, where the goal is ahead, feet are soles, or a map is given.
         """
-        if self.standing is not None or self.terrain.given is None:
-            return np.zeros(3)
-        heights = self.terrain.given.pieces[0].patch.vertices_m[:, 2]
-        place = np.array([*self.start_m, float(heights.mean())])
-        return np.asarray(_ROUND_M * np.round(place / _ROUND_M))
+        way, robot = np.subtract(self.goal_m, self.start_m), self.robot or hexapod()
+        soles = any(limb.sole_m is not None for limb in robot.limbs)
+        heading = float(np.arctan2(way[1], way[0]))
+        if heading == 0.0 or self.standing is not None or soles or robot.feet:
+            return None
+        origin = local_origin(np.array([*self.start_m, 0.0]))
+        return Frame(origin_m=origin, heading_rad=heading)
 
     @cached_property
     def local(self) -> LaidBetween:
-        """The same question about that origin."""
-        if self.terrain.given is None or not self.origin_m.any():
+        """The same question in that frame."""
+        if self.frame is None:
             return self
-        x, y, _ = self.origin_m.tolist()
+        robot, back = self.robot or hexapod(), self.frame.inverse
+        terrain = self.terrain.for_robot(robot)
+        moved = FileTerrain.of((terrain.given or terrain.read(Path())).moved(back))
+        same = {"friction": terrain.friction, "footholds": terrain.footholds}
+        ends = (back.places(np.array([*end, 0.0])) for end in (self.start_m, self.goal_m))
+        start, goal = (tuple(end[:2].tolist()) for end in ends)
         return replace(
             self,
-            terrain=FileTerrain.of(self.terrain.given.moved(-self.origin_m)),
-            start_m=(self.start_m[0] - x, self.start_m[1] - y),
-            goal_m=(self.goal_m[0] - x, self.goal_m[1] - y),
+            robot=robot.turned(back),
+            terrain=moved.model_copy(update=same),
+            start_m=start,
+            goal_m=goal,
         )
+
+    def turned(self, wrench: Array | None) -> Array | None:
+        """A wrench in that frame, shape (6,)."""
+        if wrench is None or self.frame is None:
+            return wrench
+        return self.frame.inverse.vectors(wrench.reshape(2, 3)).ravel()
 
     @cached_property
     def _as_asked(self) -> Problem:

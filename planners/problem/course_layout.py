@@ -339,7 +339,7 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
         return tuple(tuple(name for name in names if name in moving) for moving in gait)
     if gait == "all":
         return (names,)
-    places = {limb.name: limb.shoulder_m for limb in robot.limbs}
+    places = {limb.name: limb.shoulder_m.round(9) + 0.0 for limb in robot.limbs}
     if gait == "wave":  # from the back to the front, left side first
         order = sorted(names, key=lambda name: (places[name][1] < 0.0, places[name][0]))
         return _with_shifts([(name,) for name in order], places)

@@ -37,6 +37,7 @@ from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
+from ..terrain.frame import Frame
 from ..terrain.patch import Patch
 from ..terrain.sole import sole_offsets, sole_region
 from .contact import OPEN, Contact, checked_wrench
@@ -48,6 +49,12 @@ from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
 
 Value = TypeVar("Value")
 MOST_FRAMES = 1000
+_MOST_TILT_RAD = 0.5
+"""Largest limit of the tilt in a course [rad]."""
+_ROUND_M = 10.0
+"""Problems far away are computed about an origin that is this round [m]."""
+_FAR = 30.0
+"""A length scale that is larger or smaller than a robot by more is no unit to compute in."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,7 +157,7 @@ class Problem:
             lambda: self.modes is None or set_field(self, "modes", _modes(self.modes)),
         )
         frames = len(self.lifts)
-        tilted = 0.5 * np.pi if self.weights is None else 0.5
+        tilted = 0.5 * np.pi if self.weights is None else _MOST_TILT_RAD
         if not 1 <= frames <= MOST_FRAMES:
             raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames}")
         collect_errors(
@@ -210,22 +217,34 @@ class Problem:
         if self.sides is not None:
             set_field(self, "sides", read_only(self.sides, (len(self.least_steps), 4), "sides"))
 
-    def moved(self, by_m: Array) -> Problem:
-        """The problem in a world that is moved, by a vector of shape (3,) [m]."""
+    def moved(self, frame: Frame, robot: Robot) -> Problem:
+        """The course of point feet in a world that is moved with it.
+
+        The limit of the tilt there is that of the box about the turned one.
+
+        Arguments:
+            robot: the robot whose limbs are turned likewise.
+        """
         footholds = (
             replace(
                 foothold,
-                toe_m=None if foothold.toe_m is None else foothold.toe_m + by_m,
-                candidates=tuple(patch.moved(by_m) for patch in foothold.candidates),
+                toe_m=None if foothold.toe_m is None else frame.places(foothold.toe_m),
+                candidates=tuple(patch.moved(frame) for patch in foothold.candidates),
             )
             for foothold in self.footholds
         )
+        stands, wrench = self.standing_m, self.wrench
+        tilt_rad = self.tilt_limit_rad * float(np.abs(frame.rotation[0]).sum())
         return replace(
             self,
-            terrain=tuple(patch.moved(by_m) for patch in self.terrain),
+            robot=robot,
+            terrain=tuple(patch.moved(frame) for patch in self.terrain),
             footholds=tuple(footholds),
-            com_nominal_m=self.com_nominal_m + by_m,
-            goal_m=self.goal_m + by_m,
+            com_nominal_m=frame.places(self.com_nominal_m),
+            goal_m=frame.places(self.goal_m),
+            tilt_limit_rad=min(tilt_rad, _MOST_TILT_RAD),
+            standing_m=None if stands is None else frame.vectors(stands),
+            wrench=None if wrench is None else frame.vectors(wrench.reshape(-1, 3)).reshape(-1, 6),
         )
 
     def check_whole(self) -> None:
@@ -447,8 +466,8 @@ class Problem:
 
     @property
     def moment_scale_nm(self) -> float:
-        """Unit of the non-dimensional moment: force scale times length scale [Nm]."""
-        return self.force_n * self.length_scale_m
+        """Unit of the non-dimensional moment: force scale times ``unit_m`` [Nm]."""
+        return self.force_n * self.unit_m
 
     @property
     def aim(self) -> Weights:
@@ -461,6 +480,22 @@ class Problem:
                 "weights: expected a course with an objective, got a posture problem"
             )
         return self.weights
+
+    @property
+    def unit_m(self) -> float:
+        """Unit of lengths in which it is computed: the length scale, or the robot's size where that
+        is so far from it that no digits would be left [m].
+        """
+        limbs, unit_m = self.robot.limbs, self.length_scale_m
+        size_m = max(float(np.abs(each.shoulder_m).max()) + each.reach_m for each in limbs)
+        return unit_m if size_m <= _FAR * unit_m and unit_m <= _FAR * size_m else size_m
+
+    @cached_property
+    def origin_m(self) -> Array:
+        """Place about which it is computed: the world's origin, or a round place where the first
+        centre of mass is far from that, so that no digits of moments are lost, shape (3,) [m].
+        """
+        return local_origin(self.com_nominal_m[0])
 
     @property
     def force_n(self) -> float:
@@ -771,6 +806,13 @@ class Problem:
             raise InvalidInput("placements: expected them in order of frame, then limb")
         if self.modes is not None and len(self.modes) != self.frames:
             raise InvalidInput(f"modes: expected {self.frames}, one a frame, got {len(self.modes)}")
+
+
+def local_origin(place_m: Array) -> Array:
+    """The round place, shape (3,) [m], about which to compute near a place: the world's origin near
+    that.
+    """
+    return np.asarray(_ROUND_M * np.round(place_m / _ROUND_M))
 
 
 def _text(value: Any, where: str) -> str:

@@ -128,6 +128,7 @@ class FileTerrain(TerrainSpec):
     """
 
     kind: Literal["mesh", "grid", "cloud", "file"] = "file"
+    friction: Friction = FRICTION
     file: str
     unit_m: Positive = 1.0
     up: Literal["x", "y", "z"] = "z"

@@ -168,7 +168,7 @@ class ForceDistribution:
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
         low, high = course.common_bounds
-        arms = np.einsum("nij,njk->nik", _skew(arms_m / course.length_scale_m), frames)
+        arms = np.einsum("nij,njk->nik", _skew(arms_m / course.unit_m), frames)
         stance = _Stance(
             arms=np.concatenate(
                 [frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]
@@ -195,7 +195,7 @@ def wrench_at(course: Problem, frame: int) -> Array | None:
     """
     if course.wrench is None:
         return None
-    unit = course.weight_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
+    unit = course.weight_n * np.array([1.0, 1.0, 1.0, *(course.unit_m,) * 3])
     return np.asarray(course.wrench[frame] / unit)
 
 
@@ -352,10 +352,10 @@ class Restoration:
             self._plan.forces_n[stance % self._scaled.layout.unpushed, limb] / self._scaled.force_n
         )
         return Point(
-            com=self._plan.com_m / self._scaled.length_m,
+            com=(self._plan.com_m - self._scaled.origin_m) / self._scaled.length_m,
             rotation=self._plan.rotation_rad,
             residual=0.0,
-            toes=self._plan.toes_m / self._scaled.length_m,
+            toes=(self._plan.toes_m - self._scaled.origin_m) / self._scaled.length_m,
             forces=np.matmul(self._scaled.contact_frames.transpose(0, 2, 1), world[..., None])[
                 ..., 0
             ],
@@ -400,9 +400,13 @@ class Restoration:
         normals = scaled.frames[:, :, 0][self._holds]
         feet = np.array(
             [
-                solver.targets(com * scaled.length_m, turn, toes * scaled.length_m, out)
+                solver.targets(com, turn, toes, out)
                 for com, turn, toes, out in zip(
-                    point.com, turns, point.toes[self._holds], normals, strict=True
+                    scaled.places_m(point.com),
+                    turns,
+                    scaled.places_m(point.toes)[self._holds],
+                    normals,
+                    strict=True,
                 )
             ]
         )

@@ -602,15 +602,15 @@ class _Stage:
 
     def _as_plan(self, state: Restored, friction_share: float) -> Plan:
         """With its units back."""
-        point, length_m = state.point, self._scaled.length_m
+        point = state.point
         provenance = (
             {"friction_share": friction_share} if "friction_share" in self._plan.provenance else {}
         )
         return replace(
             self._plan,
-            com_m=point.com * length_m,
+            com_m=self._scaled.places_m(point.com),
             rotation_rad=point.rotation,
-            toes_m=point.toes * length_m,
+            toes_m=self._scaled.places_m(point.toes),
             forces_n=self._scaled.forces_si(point)[0],
             joints_rad=state.angles,
             provenance={**self._plan.provenance, **provenance},

@@ -200,7 +200,7 @@ def boxes_of(
                 f"envelopes: expected {len(sets[0].envelopes)} for {one.problem_class}, as for "
                 f"{sets[0].problem_class}, got {len(one.envelopes)}"
             )
-    boxes = [one.measured_in(course.length_scale_m) if one.robot else one for one in sets]
+    boxes = [one.measured_in(course.unit_m) if one.robot else one for one in sets]
     either = (*boxes, *_images(boxes, course.robot))
     low, high = list[Array](), list[Array]()
     for stance in course.stances:
@@ -222,7 +222,7 @@ def check_fits_one(course: Problem, envelopes: EnvelopeSet) -> None:
     For what is asked of a course stance by stance, or window by window, as ``boxes_of`` is of all.
     """
     envelopes.check_robot(course.robot.identity)
-    boxes = envelopes.measured_in(course.length_scale_m) if envelopes.robot else envelopes
+    boxes = envelopes.measured_in(course.unit_m) if envelopes.robot else envelopes
     either, first = (boxes, *_images([boxes], course.robot)), None
     for stance in course.stances:
         try:

@@ -76,14 +76,6 @@ class LegSource:
         return ()
 
     @property
-    def foot_names(self) -> tuple[str, ...]:
-        """Names of the links that are feet.
-
-        Raises InvalidInput where no legs are known.
-        """
-        return tuple(leg.foot for leg in self.legs().legs)
-
-    @property
     def foot_radii_m(self) -> Array:
         """Radii of the feet, shape (N,) [m]."""
         return np.full(self.limbs, 0.0 if self.point else FOOT_RADIUS_M)
@@ -222,11 +214,6 @@ class DrawnLegs(LegSource):
     def joint_names(self) -> tuple[str, ...]:
         """Yaw, hip, roll and knee of every limb, e.g. ``LF_yaw``."""
         return tuple(f"{limb.name}_{joint}" for limb in self._limbs for joint in JOINTS)
-
-    @property
-    def foot_names(self) -> tuple[str, ...]:
-        """Links whose frames are the centres of the feet, e.g. ``LF_foot``."""
-        return tuple(f"{limb.name}_foot" for limb in self._limbs)
 
     @property
     def hindrance(self) -> str:

@@ -22,6 +22,7 @@ from ..files.arrays import (
 from ..files.codec import LATER, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
+from ..terrain.frame import Frame
 from .actuators import Servo
 from .leg_sources import DrawnLegs, LegSource, OwnLegs
 from .limb import Foot, half_sides
@@ -272,6 +273,26 @@ class Robot:
         Loads pinocchio. Raises InvalidInput where neither is known, and without pinocchio.
         """
         return self.source.legs()
+
+    def turned(self, frame: Frame) -> Robot:
+        """The robot on its limbs as it faces in a world that is turned with it."""
+        limbs = (
+            replace(
+                limb,
+                shoulder_m=frame.vectors(limb.shoulder_m),
+                hip_m=None if limb.hip_m is None else frame.vectors(limb.hip_m),
+                leg=limb.leg and replace(limb.leg, hip_m=frame.vectors(limb.leg.hip_m)),
+                reach_rows=limb.reach_rows and limb.reach_rows.turned(frame),
+            )
+            for limb in self.limbs
+        )
+        reach = (replace(each, rows=each.rows.turned(frame)) for each in self.relative_reach)
+        model = self.model
+        if model is not None and frame.heading_rad:
+            from .model_json import turned_model  # reads URDFs, which is slow to import
+
+            model = turned_model(model, frame.heading_rad)
+        return replace(self, limbs=tuple(limbs), relative_reach=tuple(reach), model=model)
 
     def sets(self, which: Sets) -> Robot:
         """Robot over the inner sets of its legs, which they surely reach, or over the outer ones,

@@ -16,7 +16,7 @@ from ..files.codec import KEYS, to_json
 from ..files.documents import validated
 from .hulls import hulls_of_text, hulls_to_text
 from .leg import FootContact
-from .urdf_reader import Number
+from .urdf_reader import Number, turned
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel
@@ -102,9 +102,31 @@ def model_from_json(data: Mapping[str, Any] | None, name: str) -> RobotModel | N
     """
     if data is None:
         return None
+    raw = validated(ModelJson, data, key="model.")
+    model = _model(raw, name)
+    elsewhere = any(
+        leg.foot != leg_record.foot for leg, leg_record in zip(model.legs, raw.legs, strict=True)
+    )
+    if model.digest != raw.digest or elsewhere:
+        raise InvalidInput(
+            "model: digest mismatch: the URDF or its legs are not those that were written"
+        )
+    return model
+
+
+def turned_model(model: RobotModel, yaw_rad: float) -> RobotModel:
+    """The robot below a root in which its own is turned by an angle about the vertical [rad]."""
+    text = turned(model.urdf, (0.0, 0.0, yaw_rad), model.name)
+    return _model(validated(ModelJson, {**model_to_json(model), "urdf": text}), model.name)
+
+
+def _model(raw: ModelJson, name: str) -> RobotModel:
+    """The model of keys.
+
+    Raises InvalidInput.
+    """
     from .robot_model import model_of  # what a file without a model does without
 
-    raw = validated(ModelJson, data, key="model.")
     feet = {leg.name: leg.foot for leg in raw.legs}
     stances = {joint: angle for leg in raw.legs for joint, angle in leg.stance_rad.items()}
     if len(feet) != len(raw.legs):
@@ -127,11 +149,4 @@ def model_from_json(data: Mapping[str, Any] | None, name: str) -> RobotModel | N
                 f"model: leg {leg.name}: expected the joints {', '.join(leg.joint_names)}, "
                 f"got {', '.join(leg_record.stance_rad)}"
             )
-    elsewhere = any(
-        leg.foot != leg_record.foot for leg, leg_record in zip(model.legs, raw.legs, strict=True)
-    )
-    if model.digest != raw.digest or elsewhere:
-        raise InvalidInput(
-            "model: digest mismatch: the URDF or its legs are not those that were written"
-        )
     return model.changed(disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)))

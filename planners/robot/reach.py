@@ -23,6 +23,7 @@ import numpy as np
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, read_only
+from ..terrain.frame import Frame
 
 MOST_ROWS = 256
 ROOM_M = 1e-9
@@ -71,6 +72,10 @@ class ReachRows:
         middle = np.linalg.lstsq(normals, bounds, rcond=None)[0]
         if (bounds - normals @ middle).min() < ROOM_M:
             _ = self.centre_m  # is there any place?
+
+    def turned(self, frame: Frame) -> ReachRows:
+        """The half-spaces of a body that is turned like this."""
+        return ReachRows(normals=frame.vectors(self.normals), bounds_m=self.bounds_m)
 
     @cached_property
     def centre_m(self) -> Array:

@@ -353,24 +353,6 @@ class RobotModel:
         """Doubts on joints, a line for all joints of the same."""
         return tuple(_joined([(f"joint {name}", text) for name, text in doubts]))
 
-    def link_frames(self, angles: Sequence[Array]) -> dict[str, tuple[Array, Array]]:
-        """R_BL and p_BL of every link for one posture of every leg, shapes (3, 3) and (3,) [m].
-
-        Arguments:
-            angles: joint angles of each leg, shape (n,) [rad].
-        """
-        placed = [
-            leg.chain.frames(np.asarray(q)[None]) for leg, q in zip(self.legs, angles, strict=True)
-        ]
-        frames = dict[str, tuple[Array, Array]]()
-        for name, mount in self.mounts.items():
-            if mount.leg is None:
-                frames[name] = mount.rotation, mount.origin_m
-            else:
-                turn, place = (part[0, mount.joint] for part in placed[mount.leg])
-                frames[name] = turn @ mount.rotation, place + turn @ mount.origin_m
-        return frames
-
 
 def model_of(
     text: str,

@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
+from itertools import count
 from tempfile import TemporaryFile
 from typing import Annotated, Any
 from xml.etree import ElementTree
@@ -110,13 +111,12 @@ def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
     children = {child.get("link") for child in root.findall("joint/child")}
     names = [link.get("name", "") for link in root.findall("link")]
     old = next((name for name in names if name not in children), None)
-    if old is None or _UPRIGHT in names:
-        raise InvalidInput(
-            f"{where}: expected one root to turn, and no link that is called {_UPRIGHT}"
-        )
-    ElementTree.SubElement(root, "link", name=_UPRIGHT)
-    joint = ElementTree.SubElement(root, "joint", name=f"{_UPRIGHT}_joint", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=_UPRIGHT)
+    if old is None:
+        raise InvalidInput(f"{where}: expected one root to turn, got none")
+    new = next(name for k in count() if (name := f"{_UPRIGHT}{k or ''}") not in names)
+    ElementTree.SubElement(root, "link", name=new)
+    joint = ElementTree.SubElement(root, "joint", name=f"{new}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=new)
     ElementTree.SubElement(joint, "child", link=old)
     ElementTree.SubElement(joint, "origin", xyz="0 0 0", rpy=" ".join(map(repr, root_rpy_rad)))
     return ElementTree.tostring(root, encoding="unicode")

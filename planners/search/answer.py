@@ -287,9 +287,9 @@ def plan_of(
     forces, soles = chosen.forces_si(point)
     return Plan(
         problem=problem,
-        com_m=point.com * scaled.length_m,
+        com_m=scaled.places_m(point.com),
         rotation_rad=point.rotation,
-        toes_m=point.toes * scaled.length_m,
+        toes_m=scaled.places_m(point.toes),
         choice=choice,
         forces_n=forces,
         **soles,

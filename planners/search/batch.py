@@ -144,7 +144,7 @@ def _with_toes(
     toes = np.array([posture.toes_m for posture in found.values()]).reshape(
         -1, *scaled.friction.shape[1:], 3
     )
-    held = scaled.select(index).held(toes / scaled.like.length_m)
+    held = scaled.select(index).held((toes - scaled.like.origin_m) / scaled.like.length_m)
     middles = _accepted(batch.select(index), held, witnesses(held, LONG), tolerance)
     return {int(index[k]): middle for k, middle in middles.items()}
 
@@ -158,16 +158,6 @@ def relaxed(batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
         batch, scaled, witnesses(scaled, LONG, moments=False), tolerance, moments=False
     )
     return {k: posture for k, (posture, _) in postures.items()}
-
-
-def without_moments(
-    programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6
-) -> dict[int, Plan]:
-    """``relaxed``, and where the iteration comes to no end ``solved``."""
-    postures = relaxed(batch, tolerance=tolerance)
-    rest = np.array([k for k in range(len(batch)) if k not in postures], dtype=np.intp)
-    ended = solved(programs, batch.select(rest), tolerance=tolerance)
-    return postures | {int(rest[k]): posture for k, posture in ended.items()}
 
 
 def solved(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:

@@ -375,7 +375,7 @@ class ExactPlanner(TimeLimited):
             )
             details["gap"] = max(0.0, upper - lower) / max(upper, LEAST)
             word = "" if stopped else "optimal"
-        bound = float("nan") if word == "infeasible" else lower * course.length_scale_m**2
+        bound = float("nan") if word == "infeasible" else lower * course.unit_m**2
         claim = Claim(plan=plan, certificate=proof, word=word, message=stopped, details=details)
         return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
 

@@ -245,7 +245,7 @@ class DecoupledPlanner:
             return self.acceptance.answer(
                 course, Claim(certificate=proof), method=self.name, clock=clock
             )
-        bound = solution.bound * course.length_scale_m**2 if solution.solved else float("nan")
+        bound = solution.bound * course.unit_m**2 if solution.solved else float("nan")
         chosen = scaled.chosen(choice)
         if scaled.options > 1 and solution.solved:
             solution, _, point = self._place(chosen, clock)
@@ -286,7 +286,7 @@ class DecoupledPlanner:
             residual = project(self.programs, "fix-p", part, at).residual
             if residual > worst:
                 worst = residual
-                left = f"{residual * course.weight_n * course.length_scale_m:.3g} Nm are left over"
+                left = f"{residual * course.weight_n * course.unit_m:.3g} Nm are left over"
                 missing = left if np.isfinite(residual) else "they cannot carry the weight"
                 names = ", ".join(course.robot.limb_names[i] for i in stance.limbs)
                 message = f"frame {stance.frame} on {names}, {missing}"

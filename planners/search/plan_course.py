@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.held import PRESSES
 from ..projection.whole_body import WholeBodyLimits
+from ..robot.model import hexapod
 from .answer import Planner
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
 from .pieces import (
@@ -43,6 +44,7 @@ from .pieces import (
 from .two_stage import TwoStagePlanner
 
 if TYPE_CHECKING:
+    from ..problem.course_between import LaidBetween
     from ..robot.reach_sets import Sets
 
 
@@ -130,6 +132,11 @@ def plan_course(
             robot whose joints are not known.
     """
     stated = stated and not hasattr(question, "onward")
+    unlearned = isinstance(planner, TwoStagePlanner) and planner.envelopes is None
+    turned = unlearned and getattr(question, "frame", None) is not None
+    between = cast("LaidBetween", question) if turned else None
+    if between is not None:
+        question, wrench = between.local, between.turned(wrench)
     question = _loaded(question, wrench)
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else _ALL_FRICTION
@@ -189,11 +196,37 @@ def plan_course(
 
     if not callable(question):
         return answered(question, deadline)
-    if not stated and limits is not None and len(layouts) > 1:
-        outcome, layouts = _leaning(question, layouts, answered, deadline)
-        if outcome is not None:
-            return outcome
-    return _laid_out(question, layouts, answered, deadline, stated)
+    outcome: Answer[Plan] | None = None
+    try:
+        if not stated and limits is not None and len(layouts) > 1:
+            outcome, layouts = _leaning(question, layouts, answered, deadline)
+        if outcome is None:
+            outcome = _laid_out(question, layouts, answered, deadline, stated)
+    except (NoPlace, PlanningFailed):
+        if between is not None:
+            between("inner")  # which says where in the world
+        raise
+    return outcome if between is None else _moved_back(outcome, between)
+
+
+def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
+    """The answer in the frame of a question, in the world's, and judged there."""
+    from .witness import judged  # slow to import
+
+    robot, problem, plan = question.robot or hexapod(), answer.problem, answer.solution
+    frame = question.frame
+    assert frame is not None
+    if answer.message and answer.status is not Status.FEASIBLE:
+        said = f"{answer.message}; places are from {frame.origin_m.tolist()}, x towards the goal"
+        answer = replace(answer, message=said)
+    if plan is None:
+        assert isinstance(problem, Problem)
+        return replace(answer, problem=problem.moved(frame, robot))
+    there = plan.moved(frame, robot)
+    moved = replace(answer, problem=there.problem, solution=there)
+    if answer.report is None or answer.status is not Status.FEASIBLE:
+        return moved
+    return judged(moved)
 
 
 def _search_end(end: float, share: float = _SEARCH) -> float:

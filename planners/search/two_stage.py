@@ -205,7 +205,7 @@ class TwoStagePlanner(TimeLimited):
             search.bound,
         )
         return self.acceptance.answer(
-            course, claim, method=self.name, clock=clock, bound=bound * course.length_scale_m**2
+            course, claim, method=self.name, clock=clock, bound=bound * course.unit_m**2
         )
 
     def _of_posture(self, problem: Problem) -> Answer[Plan]:

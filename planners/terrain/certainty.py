@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..files.codec import LATER
+from .frame import Frame
 
 _BENT_M = 0.08
 """Distance over which the ground turns that is off its plane from place to place [m]."""
@@ -56,6 +57,12 @@ class Certainty:
             )
         for name in ("edge_sd_m", "inset_m", "rough_m", "wider_m"):
             checked(getattr(self, name), name, least=0.0)
+
+    def moved(self, frame: Frame) -> Certainty:
+        """The certainty of the surface in a world that is moved with it."""
+        about, slopes = frame.places(np.append(self.about_m, 0.0))[:2], np.eye(3)
+        slopes[1:, 1:] = frame.rotation[:2, :2]
+        return replace(self, about_m=about, covariance=slopes @ self.covariance @ slopes.T)
 
     def levers(self, places_m: Array) -> Array:
         """Coefficients of height and slopes in the plane's height at places, shape (…, 2), shape

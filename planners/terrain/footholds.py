@@ -15,6 +15,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..files.codec import Within, check_limits
 from .certainty import FOUND_SD_M
+from .frame import Frame
 from .import_options import ImportOptions
 from .patch import Patch
 from .polygon import clipped, shear_of
@@ -329,10 +330,10 @@ class Footholds:
     noise_m: float | None = None
     noise_length_m: float = 0.0
 
-    def moved(self, by_m: Array) -> Footholds:
-        """The footholds of the terrain elsewhere, by a vector of shape (3,) [m]."""
-        pieces = (replace(piece, patch=piece.patch.moved(by_m)) for piece in self.pieces)
-        surfaces = (patch.moved(by_m) for patch in self.surfaces)
+    def moved(self, frame: Frame) -> Footholds:
+        """The footholds in a world that is moved with them, with the shear references of that."""
+        pieces = (replace(one, patch=one.patch.moved(frame, shear_of)) for one in self.pieces)
+        surfaces = (patch.moved(frame, shear_of) for patch in self.surfaces)
         return replace(self, pieces=tuple(pieces), surfaces=tuple(surfaces))
 
     @property
@@ -357,6 +358,7 @@ class Footholds:
         return {
             "terrain": self.name,
             "extent_m": dict(zip("xyz", self.extent_m.tolist(), strict=True)),
+            "array": "x by the first index, y by the second, the origin in the middle",
             "area_m2": self.area_m2,
             "refused_m2": self.refused_m2,
             "noise_m": self.noise_m,

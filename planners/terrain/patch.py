@@ -4,8 +4,8 @@ contact frame.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, collect_errors, cross, read_only
 from ..files.codec import LATER
 from .certainty import Certainty
+from .frame import Frame
 
 THICKNESS_M = 0.04
 _FLAT_M = 1e-6
@@ -258,15 +259,22 @@ class Patch:
         self._check_polygon(vertices)
         return self._moved_to(vertices)
 
-    def moved(self, by_m: Array) -> Patch:
-        """Patch elsewhere, by a vector of shape (3,) [m]; its polygon is not looked at again.
+    def moved(self, frame: Frame, shear_of: Callable[[Array], Array] | None = None) -> Patch:
+        """Patch in a world that is moved with it; its polygon is not looked at again.
 
         Raises InvalidInput.
+
+        Arguments:
+            shear_of: gives the shear reference for its normal there; None for its own, turned.
         """
-        new = self._moved_to(read_only(self.vertices_m + by_m, (None, 3), "vertices_m"))
-        if (sure := self.certainty) is None:
-            return new
-        return new.with_certainty(replace(sure, about_m=sure.about_m + by_m[:2]))
+        new = self._moved_to(read_only(frame.places(self.vertices_m), (None, 3), "vertices_m"))
+        for name in ("normal", "shear_reference"):
+            turned = frame.vectors(getattr(self, name))
+            object.__setattr__(new, name, read_only(turned, (3,), name))
+        if shear_of is not None:
+            object.__setattr__(new, "shear_reference", shear_of(new.normal))
+        vars(new).pop("frame", None)
+        return new if self.certainty is None else new.with_certainty(self.certainty.moved(frame))
 
     def _moved_to(self, vertices: Array) -> Patch:
         new = self._with("vertices_m", vertices)

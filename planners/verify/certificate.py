@@ -62,7 +62,7 @@ class Forest:
         """A course: a candidate is a candidate patch of a foothold, a toe that already stands a
         patch of one point.
         """
-        length, limbs = course.length_scale_m, course.robot.limbs
+        length, limbs = course.unit_m, course.robot.limbs
         who = Schedule.of_course(course)
         patches = [patch for foothold in course.footholds for patch in foothold.candidates]
         stands = [foothold.toe_m for foothold in course.footholds for _ in foothold.candidates]
@@ -93,7 +93,7 @@ class Forest:
             friction=np.array([[patch.friction for patch in patches]]),
             shoulders=np.array([[limb.shoulder_m for limb in limbs]]) / length,
             reach=np.array([[limb.reach_m for limb in limbs]]) / length,
-            com=course.com_nominal_m[None] / length,
+            com=(course.com_nominal_m - course.origin_m)[None] / length,
             com_radius=course.com_radius_m[None] / length,
             tilt=np.array([course.tilt_limit_rad]),
             weight=np.array([course.weight_n / course.force_n]),
@@ -109,7 +109,7 @@ class Forest:
             linear=steps.linear_rows(length),
             wrench=None if course.wrench is None else _scaled_wrench(course)[None, who.frame],
         )
-        pieces = [vertices / length for vertices in points]
+        pieces = [(vertices - course.origin_m) / length for vertices in points]
         return Forest(numbers, pieces, least, np.concatenate([toe_sides, turn_sides]))
 
     @staticmethod
@@ -117,12 +117,10 @@ class Forest:
         """Posture problems with equally many contacts, each with as many half-spaces of reach."""
         contacts = [contact for problem in problems for contact in problem.contacts]
         count, many = len(problems[0].contacts), len(problems)
-        lengths = np.array([problem.length_scale_m for problem in problems])
+        lengths = np.array([problem.unit_m for problem in problems])
+        origins = np.array([problem.origin_m for problem in problems])
         body = np.array(
-            [
-                (p.com_radius_m[0], p.tilt_limit_rad, p.weight_n / p.moment_scale_nm)
-                for p in problems
-            ]
+            [(p.com_radius_m[0], p.tilt_limit_rad, p.weight_n / p.force_n) for p in problems]
         )
         vectors = np.concatenate(
             [
@@ -150,11 +148,12 @@ class Forest:
             shoulders=vectors[:, :, 2] / lengths[:, None, None],
             reach=scalars[..., 1] / lengths[:, None],
             com=(
-                np.concatenate([problem.com_nominal_m for problem in problems]) / lengths[:, None]
+                (np.concatenate([problem.com_nominal_m for problem in problems]) - origins)
+                / lengths[:, None]
             )[:, None],
             com_radius=(body[:, 0] / lengths)[:, None],
             tilt=body[:, 1],
-            weight=body[:, 2] * lengths,
+            weight=body[:, 2],
             force_min=vectors[:, who.limb, 3],
             force_max=vectors[:, who.limb, 4],
             steps=np.zeros(3),
@@ -173,6 +172,7 @@ class Forest:
         )
         whole = np.concatenate([contact.region.vertices_m for contact in contacts])
         sizes = [len(contact.region.vertices_m) for contact in contacts]
+        whole -= np.repeat(np.repeat(origins, count, axis=0), sizes, axis=0)
         whole /= np.repeat(np.repeat(lengths, count), sizes)[:, None]
         ends = np.cumsum(sizes).tolist()
         pieces = [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)]
@@ -400,7 +400,7 @@ def _scaled_wrench(course: Problem) -> Array:
     """Wrench on the body beside its weight at every frame, non-dimensional, shape (M, 6)."""
     if course.wrench is None:
         return np.zeros((course.frames, 6))
-    unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.length_scale_m,) * 3])
+    unit = course.force_n * np.array([1.0, 1.0, 1.0, *(course.unit_m,) * 3])
     return np.asarray(course.wrench / unit)
 
 

@@ -206,7 +206,7 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
 
 
 def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float) -> Explanation:
-    unit_m, force = problem.length_scale_m, problem.moment_scale_nm / problem.length_scale_m
+    unit_m, force = problem.unit_m, problem.force_n
     relaxations = []
 
     def search(
@@ -443,7 +443,7 @@ def _lengths(
     """Every limit that the Lagrangian is linear in, where a change within reason lifts the
     proof.
     """
-    unit_m, steps = course.length_scale_m, course.steps
+    unit_m, steps = course.unit_m, course.steps
     gripped, reach = (
         m.gripped(numbers.schedule, numbers.row_normals[leaf.problem]),
         length(m.reach)[0],
@@ -526,7 +526,7 @@ def _linear(course: Problem, m: Multipliers) -> Iterator[tuple[float, str, float
     for name, limit in course.steps.linear.items():
         unit = LINEAR[name][1]
         pull = float(used[:, rows == name].sum())
-        yield pull, f"steps.{name}", limit, course.length_scale_m if unit == "m" else 1.0, unit
+        yield pull, f"steps.{name}", limit, course.unit_m if unit == "m" else 1.0, unit
 
 
 def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:

@@ -208,7 +208,7 @@ class _Sweep:
         self._forces, self._offsets = plan.forces_n[:, :, None], np.zeros((len(plan.toes_m), 1, 3))
         if self._points:
             self._on_soles(regions)
-        length_m = min(plan.problem.length_scale_m, LARGEST_UNIT_M)
+        length_m = min(plan.problem.unit_m, LARGEST_UNIT_M)
         force_n = min(plan.problem.force_n, plan.problem.weight_n)
         self._units = {"m": length_m, "N": force_n, "Nm": force_n * length_m, "rad": 1.0, "": 1.0}
         self._found = {name: self._group(name, 0.0) for name in PLAN_GROUPS}

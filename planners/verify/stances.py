@@ -224,8 +224,8 @@ class Stances:
                     p.com_radius_m[0],
                     p.tilt_limit_rad,
                     p.weight_n,
-                    p.length_scale_m,
-                    p.moment_scale_nm / p.length_scale_m,
+                    p.unit_m,
+                    p.force_n,
                 )
                 for p in problems
             ]

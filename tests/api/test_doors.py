@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import stancekit
+from stancekit.planners.terrain.frame import Frame
 from tests.doors import DOORS, PLACES, WALKS, ask, differences, questions
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -73,22 +74,29 @@ def of_size(size: float) -> str:
     )
 
 
-def test_a_plan_far_from_the_origin_is_the_plan_at_it_moved(tmp_path: Path) -> None:
-    step, plans = QUESTIONS["step-hexapod"], list[stancekit.Answer[stancekit.Plan]]()
-    for x, y in ((0.0, 0.0), (400_000.0, 90_000.0)):
-        shift = np.array([x, x, y, y, 0.0])
-        path = replace(step, boxes=(np.array(step.boxes) + shift).tolist()).file(tmp_path)
-        start, goal = (np.array([x, y]) + place for place in PLACES.values())
-        plans.append(stancekit.plan(path, start_xy_m=start, goal_xy_m=goal, settings=WALKS))
-    one, other = plans
-    assert one.solution is not None
-    assert other.solution is not None
-    assert other.objective == pytest.approx(one.objective, rel=1e-6)
-    assert other.solution.com_m - one.solution.com_m == pytest.approx(
-        np.tile([x, y, 0.0], (len(one.solution.com_m), 1)), abs=1e-6
-    )
-    stancekit.save(other, tmp_path / "far.json")
-    assert stancekit.verify(tmp_path / "far.json").accepted
+@pytest.mark.parametrize("robot", ["hexapod", "dog"])
+def test_a_plan_that_is_moved_and_turned_with_its_world_is_that_plan(
+    robot: str, tmp_path: Path
+) -> None:
+    (tmp_path / "dog.urdf").write_text(quadruped())
+    who = stancekit.robot("hexapod" if robot == "hexapod" else tmp_path / "dog.urdf")
+    path = QUESTIONS["step-small"].file(tmp_path)
+    ground, plans = stancekit.terrain(path, robot=who), list[stancekit.Answer[stancekit.Plan]]()
+    worlds = [
+        Frame(origin_m=np.array([400_000.0, 90_000.0, 0.0])),
+        Frame(origin_m=np.array([4000.0, -3.0, 1.0]), heading_rad=-2.0),
+    ]
+    for world in (Frame(origin_m=np.zeros(3)), *worlds):
+        start, goal = (world.places(np.array([*place, 0.0]))[:2] for place in PLACES.values())
+        asked = {"robot": who.turned(world), "start_xy_m": start, "goal_xy_m": goal}
+        plans.append(stancekit.plan(ground.moved(world), settings=WALKS, **asked))
+    one, *others = plans
+    for world, other in zip(worlds, others, strict=True):
+        assert other.objective == pytest.approx(one.objective, rel=1e-4)
+        there = world.inverse.places(other.solution.com_m)
+        assert there == pytest.approx(one.solution.com_m, abs=3e-4)
+        stancekit.save(other, tmp_path / "there.json")
+        assert stancekit.verify(tmp_path / "there.json").accepted
 
 
 @pytest.mark.parametrize("size", [0.25, 4.0])

@@ -194,8 +194,8 @@ def test_pictures_pages_and_films_are_drawn(gait, monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
     whole = GaitView.frames
     monkeypatch.setattr(GaitView, "frames", lambda *of: islice(whole(*of), 3))
-    files = ["a.png", "b.svg", "c.mp4", "d.html"]
-    drawn = ("--picture", "a.png", "--convergence", "b.svg", "--html", "d.html", "--video", "c.mp4")
+    files = ["a.png", "c.mp4", "d.html"]
+    drawn = ("--picture", "a.png", "--html", "d.html", "--video", "c.mp4")
     code, _, _ = gait(*SHORT, *drawn)
     assert code == 0
     assert sorted(os.listdir()) == sorted([*files, "plain.npy"])

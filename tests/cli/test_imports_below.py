@@ -62,18 +62,15 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "export": {TOOL: ("learners.data.export",)},
-    "fit": {
-        DRAWS: (
-            "learners.selectors.convergence_plot",
-            "views",
-        )
+    "gait": {
+        CHOICES: ("planners.gait.charts",),
+        LATER: ("planners.formats.trajectory_file",),
+        DRAWS: ("views.sheet",),
     },
-    "gait": {CHOICES: ("planners.gait.charts",), LATER: ("planners.formats.trajectory_file",)},
     "gait_answer": {
         TOOL: ("planners.verify.trajectory_measurements",),
         DRAWS: (
             "planners.gait.charts.warped",
-            "views.gait_plot",
             "views.gaits",
             "views.page",
             "views.sheet",

@@ -50,7 +50,7 @@ class SlippingWorld(MujocoWorld):
         if kind == "friction differs":
             self._model.geom_friction[bodies == 0, 0] *= self.share
             return
-        foot = self._model.body(self.robot.source.foot_names[self.limb]).id
+        foot = self._model.body(self.robot.legs.legs[self.limb].foot).id
         for geom in np.flatnonzero(bodies == foot):
             self._model.geom_priority[geom] = (
                 2  # above the terrain's: now the foot's own friction counts

@@ -90,7 +90,6 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
             shares=_SHARES,
             presses=(),
             limits=None,
-            stated=not isinstance(scenario, BetweenScenario),
         ),
     )
 
@@ -108,7 +107,6 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
             question,
             planner,
             layouts=scenario.layouts,
-            stated=not isinstance(scenario, BetweenScenario),
             deadline=deadline,
         )
 
@@ -123,7 +121,9 @@ def _planned(
     try:
         course = scenario.course()
         laid = time.process_time()
-        outcome = plan(scenario.course)
+        outcome = plan(
+            scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
+        )
     except StancekitError as error:
         nowhere = isinstance(scenario, BetweenScenario) and isinstance(
             error, NoPlace | PlanningFailed

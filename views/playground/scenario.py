@@ -20,13 +20,12 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
-from stancekit.planners.problem.course_between import course_between
-from stancekit.planners.problem.course_keys import CourseSpec
-from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.problem.course_between import LaidBetween, course_between
 from stancekit.planners.problem.terrain_spec import FileTerrain
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
+from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.patch import Patch
@@ -171,8 +170,7 @@ class BetweenScenario:
                 value=self.terrain.friction,
             )
         ]
-        spec = self._laid.get("spec")
-        frames = self.frames or (spec.frames if isinstance(spec, CourseSpec) else 2)
+        frames = self.frames or self._laid.get("frames", 2)
         result.append(
             Slider(
                 key="frames",
@@ -221,38 +219,33 @@ class BetweenScenario:
         return ALTERNATIVES
 
     def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
-        """The course, laid out once in each way.
+        """The course, laid out.
 
         Raises InvalidInput, and PlanningFailed where no way over footholds is found.
         """
-        spec = self._spec(alternative)
-        key = f"{sets} {alternative.message}"
-        if key not in self._laid:
-            self._laid[key] = build_course(spec, sets=sets)
-        return cast("Problem", self._laid[key])
+        course = self.question(sets, alternative)
+        self._laid["frames"] = course.frames
+        return course
 
-    def _spec(self, alternative: Alternative = AS_ASKED) -> CourseSpec:
-        """The description of the course, made once in each way.
-
-        Raises likewise.
-        """
-        key = (
-            f"spec {alternative.message}".rstrip()
-        )  # "spec" is that of the layout that is asked for
-        if key not in self._laid:
-            self._laid[key] = course_between(
-                self.terrain,
-                self.start_m,
-                self.goal_m,
-                robot=self.robot,
+    @property
+    def question(self) -> LaidBetween:
+        """The question that ``stancekit plan`` asks, made once."""
+        if "question" not in self._laid:
+            self._laid["question"] = LaidBetween(
+                terrain=self.terrain,
+                start_m=self.start_m,
+                goal_m=self.goal_m,
+                robot=robot_of(self.robot),
                 frames=self.frames,
-                alternative=alternative,
             )
-        return cast("CourseSpec", self._laid[key])
+        return cast("LaidBetween", self._laid["question"])
 
     def text(self) -> tuple[str, str]:
         """A YAML file with the way that was laid out."""
-        keys = self._spec().model_dump(mode="json", exclude_defaults=True)
+        spec = course_between(
+            self.terrain, self.start_m, self.goal_m, robot=self.robot, frames=self.frames
+        )
+        keys = spec.model_dump(mode="json", exclude_defaults=True)
         keys["terrain"]["kind"] = self.terrain.kind
         return ".yaml", yaml.safe_dump(
             _whole(keys), sort_keys=False, default_flow_style=None, width=110

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -15,7 +14,6 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.labelling import label
-from stancekit.learners.selectors.convergence_plot import draw_learned
 from stancekit.learners.selectors.feasibility import CachingOracle, SolvingOracle, VerdictCounts
 from stancekit.learners.selectors.genetic import (
     Generation,
@@ -368,21 +366,3 @@ def test_fitting_a_data_set_says_how_it_was_done(dataset: Dataset, whole: Geneti
     found.check_fits(next(dataset.problems()))
     with refuses():
         fit_genetic(dataset.select(dataset.feasible), SMALL)
-
-
-def test_the_picture_shows_mean_variance_and_best(whole: GeneticResult) -> None:
-    notes = {
-        name: [getattr(done, name) for done in whole.history]
-        for name in ("mean", "variance", "best")
-    }
-    figure = draw_learned({"method": "ga", "notes": notes}, "wall-3")
-    axes = figure.axes[0]
-    mean, best = (line.get_ydata() for line in axes.lines[:2])
-    np.testing.assert_allclose(mean, notes["mean"])
-    np.testing.assert_allclose(best, notes["best"])
-    band = axes.collections[0].get_paths()[0].vertices[:, 1]
-    np.testing.assert_allclose(band.max(), max(g.mean + g.variance**0.5 for g in whole.history))
-    assert axes.get_title(loc="left") == "wall-3"
-    assert plt.get_fignums() == []
-    with pytest.raises(InvalidInput, match="expected mean, variance and best of the fitness"):
-        draw_learned({"method": "quantile"})

@@ -28,6 +28,7 @@ pytest.importorskip("coal")
 from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies, link_shapes
 from stancekit.planners.robot.inverse_kinematics import Overlap, WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
+from tests.planners.robot.link_frames import link_frames
 from tests.refusals import refuses
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -131,7 +132,7 @@ def test_capsules_are_as_deep_as_their_radii_less_the_distance_of_their_axes(
     foot = bodies([shape("base", "sphere", [0.01])]).model.leg("LF").nominal_m
     shapes = [shape("base", "capsule", [0.03, 0.4], at=foot + gap * UP, turn=lies)]
     model = model_of(quadruped())
-    turn, origin = model.link_frames([leg.stance_rad for leg in model.legs])["LF_FOOT"]
+    turn, origin = link_frames(model, [leg.stance_rad for leg in model.legs])["LF_FOOT"]
     shapes += [
         shape("LF_FOOT", "capsule", [0.05, 0.2], at=turn.T @ (foot - origin), turn=turn.T @ leans)
     ]
@@ -169,7 +170,7 @@ def test_a_foot_touches_with_its_ball_and_may_be_no_deeper_where_it_stands() -> 
 def test_of_a_link_with_a_foot_the_other_shapes_are_judged() -> None:
     foot = [shape(f"{leg}_FOOT", "sphere", [0.02]) for leg in ("LF", "RF", "LH", "RH")]
     model = model_of(quadruped())
-    turn, _ = model.link_frames([leg.stance_rad for leg in model.legs])[
+    turn, _ = link_frames(model, [leg.stance_rad for leg in model.legs])[
         "LF_FOOT"
     ]  # which the bent leg leans
     heel = shape("LF_FOOT", "sphere", [0.01], at=turn.T @ [0.02, 0.0, -0.018])

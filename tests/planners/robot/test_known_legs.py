@@ -78,7 +78,7 @@ def plan() -> Plan:
 def test_limbs_alone_have_no_legs() -> None:
     robot = build_course(spec_from(FOUR)).robot
     assert joint_names(robot) == ()
-    for ask in (lambda: robot.legs, lambda: Kinematics(robot), lambda: robot.source.foot_names):
+    for ask in (lambda: robot.legs, lambda: Kinematics(robot)):
         with pytest.raises(InvalidInput) as error:
             ask()
         assert str(error.value) == UNKNOWN

@@ -14,6 +14,7 @@ from tests.planners.robot.small_urdfs import fixed, joint, leg, link, quadruped,
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from tests.planners.robot.link_frames import link_frames
 
 FIVE = [
     *(link(f"T_{part}") for part in ("A", "B", "C", "D", "E")),
@@ -87,7 +88,7 @@ def test_feet_are_those_of_the_chains_leg_by_leg_and_joints_have_their_names(
 
 def test_feet_turn_with_their_links(model: RobotModel, kinematics: Kinematics) -> None:
     angles = drawn(model, np.random.default_rng(1))
-    frames = model.link_frames(angles)
+    frames = link_frames(model, angles)
     expected = [frames[own.foot][0] for own in model.legs]
     np.testing.assert_allclose(kinematics.foot_frames(np.concatenate(angles)), expected, atol=1e-12)
 

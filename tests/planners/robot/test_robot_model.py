@@ -16,6 +16,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, hexapod_model, named_robot
 from stancekit.planners.robot.robot_model import Remark, RobotModel, model_of
 from stancekit.planners.robot.urdf_reader import JointCorrection
+from tests.planners.robot.link_frames import link_frames
 from tests.planners.robot.small_urdfs import (
     HIPS,
     LIMITS,
@@ -148,7 +149,7 @@ def test_links_are_where_pinocchio_has_them() -> None:
         for name, angle in zip(each.joint_names, posture, strict=True):
             q[known.joints[known.getJointId(name)].idx_q] = angle
     pin.framesForwardKinematics(known, data, q)
-    frames = model.link_frames(angles)
+    frames = link_frames(model, angles)
     assert len(frames) == 17
     for name, (turn, place) in frames.items():
         theirs = data.oMf[known.getFrameId(name)]

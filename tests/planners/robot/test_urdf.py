@@ -22,7 +22,7 @@ def test_it_has_four_joints_a_limb_and_a_foot_that_is_a_sphere() -> None:
     ]
     assert moving == list(joint_names(hexapod()))
     assert len(moving) == 24
-    for name in hexapod().source.foot_names:
+    for name in (leg.foot for leg in hexapod().legs.legs):
         sphere = root.find(f"link[@name='{name}']/collision/geometry/sphere")
         assert sphere is not None
         assert float(sphere.get("radius", "")) == FOOT_RADIUS_M

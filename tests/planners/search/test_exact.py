@@ -363,17 +363,25 @@ def test_it_answers_the_same_in_another_planner_and_after_other_problems(drawn, 
 
 
 @pytest.mark.parametrize("force_n", [50.0, 200.0])
-@pytest.mark.parametrize("length_m", [0.3, 1.0])
-def test_the_answer_does_not_depend_on_the_units(planner, drawn, force_n, length_m):
+@pytest.mark.parametrize(("length_m", "away_m"), [(0.3, 0.0), (1e5, 0.0), (1e-5, 0.0), (1.0, 1e5)])
+def test_the_answer_does_not_depend_on_units_and_place(planner, drawn, force_n, length_m, away_m):
     for scene in NATURAL:
         problem = drawn(*scene)
         ratio = problem.force_scale_n / force_n
         contacts = tuple(
-            replace(c, force_min=c.force_min * ratio, force_max=c.force_max * ratio)
+            replace(
+                c,
+                force_min=c.force_min * ratio,
+                force_max=c.force_max * ratio,
+                patch=c.patch.with_vertices(c.patch.vertices_m + away_m),
+            )
             for c in problem.contacts
         )
         scaled = problem.posture_with(
-            force_scale_n=force_n, length_scale_m=length_m, contacts=contacts
+            force_scale_n=force_n,
+            length_scale_m=length_m,
+            contacts=contacts,
+            com_nominal_m=problem.com_nominal_m[0] + away_m,
         )
         mine, theirs = planner.solve(problem), planner.solve(scaled)
         assert mine.status is theirs.status

@@ -19,6 +19,7 @@ from stancekit.planners.verify.bodies import WholeBodyMeasurements
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY, TrajectoryMeasurements
 from tests.forgeries.stepping import COUNT, STEP_S, stepping
+from tests.planners.robot.link_frames import link_frames
 
 pin = pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
@@ -124,7 +125,7 @@ def test_moments_of_legs_that_weigh_are_those_of_their_links() -> None:
         name: 1e-4 if name.endswith("FOOT") else 0.01 for name in masses
     }  # as small_urdfs has them
     frames = [
-        model.link_frames(np.split(angles, len(model.legs))) for angles in body.postures.angles
+        link_frames(model, np.split(angles, len(model.legs))) for angles in body.postures.angles
     ]  # all legs have three joints
     turns = {n: walk.rotation @ np.array([frame[n][0] for frame in frames]) for n in masses}
     places = {

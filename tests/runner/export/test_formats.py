@@ -133,7 +133,7 @@ def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: P
     assert table.angles_rad is not None
     assert table.feet_m is not None
     assert moved.robot is not None
-    feet = moved.robot.source.foot_names
+    feet = [leg.foot for leg in moved.robot.legs.legs]
     for row in (0, model.nkey // 2, model.nkey - 1):
         mujoco.mj_resetDataKeyframe(model, data, row)
         mujoco.mj_kinematics(model, data)

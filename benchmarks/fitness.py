@@ -1,25 +1,41 @@
-"""The picture of an evolutionary run (Lin et al., Fig. 4)."""
+"""The picture of an evolutionary run (Lin et al., Fig. 4), from the envelopes that it wrote.
+
+stancekit fit DATA --method ga --out ga.json
+python benchmarks/fitness.py ga.json --picture fitness.png
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
+from _bench import Options, launch
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.views.sheet import DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
+from stancekit.planners.formats.plan_file import read_envelopes
+from stancekit.views.sheet import DEFAULT_STYLE, INK, LEG_COLOURS, RULE, save, sheet
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitness(Options):
+    """Envelopes and their picture."""
+
+    envelopes: tyro.conf.Positional[Path]
+    picture: Path
 
 
 @DEFAULT_STYLE
-def draw_learned(provenance: Mapping[str, Any], title: str = "") -> Figure:
+def draw_learned(provenance: Mapping[str, Any], title: str) -> Figure:
     """Mean fitness with a band of one standard deviation, and the best, by generation, of the run
     that envelopes came from: Lin et al., Fig. 4.
 
-    Raises InvalidInput for envelopes of another method, and for those written before their
-    provenance kept the variance.
+    Raises InvalidInput for envelopes of another method.
     """
     notes = provenance.get("notes", {})
     curves = tuple(notes.get(name, ()) for name in ("mean", "variance", "best"))
@@ -40,8 +56,19 @@ def draw_learned(provenance: Mapping[str, Any], title: str = "") -> Figure:
     axes.set_axisbelow(True)
     axes.set_xlabel("generation", color=INK)
     axes.set_ylabel("fitness: 1 − a − ρ max(0, b − δ)", color=INK)
-    axes.set_title(title or "Fitness of the population", color=INK, loc="left", size=13)
+    axes.set_title(title, color=INK, loc="left", size=13)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     axes.legend(frameon=False, loc="lower right")
     return figure
+
+
+def main(asked: Fitness) -> None:
+    """Draw and write."""
+    learned = read_envelopes(asked.envelopes)
+    title = f"{learned.problem_class}: fitness of the population"
+    save(draw_learned(learned.provenance, title), asked.picture)
+
+
+if __name__ == "__main__":
+    launch(main, Fitness, __doc__)
