@@ -5,7 +5,7 @@ patches per toe.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -285,10 +285,6 @@ class Leap:
     def patch(self, foothold: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
         """The patch under a foothold for a choice of candidates, shape (P,)."""
         return self.footholds[foothold].candidates[int(choice[foothold])]
-
-    def with_timing(self, timing: int) -> Leap:
-        """The leap with one of its timings alone."""
-        return replace(self, timings_s=(self.timings_s[timing],))
 
     def _check_phases(self, where: str) -> None:
         ends = [self.phases[0], self.phases[-1]] if self.phases else []

@@ -20,13 +20,15 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
-from stancekit.planners.problem.course_between import course_between
+from stancekit.planners.problem.course_between import LaidBetween, course_between
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.problem.passage import Passage
 from stancekit.planners.problem.terrain_spec import FileTerrain
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
+from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.patch import Patch
@@ -230,6 +232,16 @@ class BetweenScenario:
         if key not in self._laid:
             self._laid[key] = build_course(spec, sets=sets)
         return cast("Problem", self._laid[key])
+
+    def passage(self) -> Passage:
+        """The question itself, in whatever way a course is laid out for it.
+
+        Raises InvalidInput.
+        """
+        robot = robot_of(self.robot)
+        terrain = self.terrain.for_robot(robot)
+        ends = {"start_m": self.start_m, "goal_m": self.goal_m}
+        return LaidBetween(terrain=terrain, robot=robot, frames=self.frames, **ends).passage()
 
     def _spec(self, alternative: Alternative = AS_ASKED) -> CourseSpec:
         """The description of the course, made once in each way.

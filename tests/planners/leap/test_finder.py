@@ -19,13 +19,11 @@ from stancekit.planners.leap.prove import (
     plan_cut,
     proof_cut,
     ray,
-    remaining_leap,
     shapes,
     split,
 )
 from stancekit.planners.leap.scp import LeapAttempt, attempt
-from stancekit.planners.motion.gait_motion import feet_motion
-from stancekit.planners.problem.leap import BodyState, Leap
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify import check_certificate, explain
 from stancekit.planners.verify.leaps import check_leap
@@ -146,23 +144,6 @@ def test_an_explanation_names_what_would_have_to_give(refuted: Answer[LeapPlan])
     first = said.relaxations[0]
     assert_names(said.message, "infeasible", first.leg)
     assert first.needed > first.now
-
-
-def test_a_leap_under_way_is_planned_anew_from_where_it_is(found: Answer[LeapPlan]) -> None:
-    plan = found.solution
-    assert plan is not None
-    here = feet_motion(plan).at(0.4)
-    state = BodyState(
-        com_m=here.com_m + np.array([0.002, 0.0, 0.0]),
-        velocity_m_s=here.velocity_m_s,
-        momentum_m2_s=plan.momentum_m2_s[4],
-        rotation_rad=here.rotation_rad,
-    )
-    rest = remaining_leap(plan, 0.4, state)
-    assert [phase.limbs for phase in rest.phases] == [(), plan.problem.phases[2].limbs]
-    assert find_leap(rest).status is Status.FEASIBLE
-    with refuses("time_s"):
-        remaining_leap(plan, 2.0, state)
 
 
 def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(
