@@ -44,9 +44,10 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium import rows as conic_rows
 from stancekit.planners.equilibrium.batch import ScaledBatch
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch
-from stancekit.planners.search.batch import canonical, solve_all, without_moments
+from stancekit.planners.search.batch import canonical, relaxed, solve_all, solved
 from stancekit.planners.search.exact import ExactPlanner
 
 Points = dict[int, Array]
@@ -54,6 +55,16 @@ APART = 1e-5
 FRESH = 90210
 """Seed of rows that no bench has drawn."""
 CONFIG = Path(__file__).resolve().parents[1] / "configs" / "bench-envelopes.yaml"
+
+
+def without_moments(
+    programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6
+) -> dict[int, Plan]:
+    """``relaxed``, and where the iteration comes to no end ``solved``."""
+    postures = relaxed(batch, tolerance=tolerance)
+    rest = np.array([k for k in range(len(batch)) if k not in postures], dtype=np.intp)
+    ended = solved(programs, batch.select(rest), tolerance=tolerance)
+    return postures | {int(rest[k]): posture for k, posture in ended.items()}
 
 
 @dataclass(frozen=True, kw_only=True)

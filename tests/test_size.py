@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1509, 16850),
+    "api": (1506, 16809),
     "cli": (3586, 40077),
     "configs": (3, 30),
     "envs": (3010, 41632),
     "learners": (5487, 79470),
-    "planners": (34058, 545406),
+    "planners": (34068, 545463),
     "runner": (7193, 95328),
-    "views": (4496, 69949),
+    "views": (4509, 70085),
 }
 CAPS: dict[str, int] = {"tests": 43_905, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
@@ -53,7 +53,7 @@ ALLOWANCES: dict[str, int] = {
     "stepping over": 250,
     "sequences": 300,
     "pictures": 184,
-    "speed": 100,
+    "speed": 80,
     "margins": 0,
 }
 """Statements by which the package may still rise, per piece of work."""

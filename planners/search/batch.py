@@ -160,16 +160,6 @@ def relaxed(batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
     return {k: posture for k, (posture, _) in postures.items()}
 
 
-def without_moments(
-    programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6
-) -> dict[int, Plan]:
-    """``relaxed``, and where the iteration comes to no end ``solved``."""
-    postures = relaxed(batch, tolerance=tolerance)
-    rest = np.array([k for k in range(len(batch)) if k not in postures], dtype=np.intp)
-    ended = solved(programs, batch.select(rest), tolerance=tolerance)
-    return postures | {int(rest[k]): posture for k, posture in ended.items()}
-
-
 def solved(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Plan]:
     """The points of P̄ that the solver ends at; none where P̄ has none."""
     scaled, postures = ScaledBatch.of(batch), dict[int, Plan]()

@@ -239,9 +239,14 @@ class BetweenScenario:
         Raises InvalidInput.
         """
         robot = robot_of(self.robot)
-        terrain = self.terrain.for_robot(robot)
-        ends = {"start_m": self.start_m, "goal_m": self.goal_m}
-        return LaidBetween(terrain=terrain, robot=robot, frames=self.frames, **ends).passage()
+        asked = LaidBetween(
+            terrain=self.terrain.for_robot(robot),
+            start_m=self.start_m,
+            goal_m=self.goal_m,
+            robot=robot,
+            frames=self.frames,
+        )
+        return asked.passage()
 
     def _spec(self, alternative: Alternative = AS_ASKED) -> CourseSpec:
         """The description of the course, made once in each way.

@@ -15,7 +15,7 @@ from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search import witness
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.batch import LONG, SHORT, canonical, solve_all, without_moments
+from stancekit.planners.search.batch import LONG, SHORT, canonical, solve_all
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.witness import Iteration, witnesses
 from stancekit.planners.verify import check_plan
@@ -125,7 +125,6 @@ def test_a_claim_that_the_verifier_refuses_is_none():
 def test_of_nothing_nothing_is_found(programs):
     nothing = batch_of("wall-3", 0)
     assert canonical(nothing) == {}
-    assert without_moments(programs, nothing) == {}
     assert solve_all(ExactPlanner(programs=programs), nothing) == []
 
 
