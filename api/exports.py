@@ -61,12 +61,6 @@ class ExportedMotions:
     refused: Mapping[str, int] = field(default_factory=dict)
     without: str = ""
 
-    @property
-    def refused_share(self) -> float:
-        """Share of the draws that gave no motion."""
-        lost = sum(self.refused.values())
-        return lost / max(1, lost + len(self.paths))
-
 
 @checked
 def export(

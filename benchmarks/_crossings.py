@@ -1,5 +1,5 @@
 """Robots by their names, and files that are none, over four grounds: ``benchmarks/robots.py
---crossings FOLDER``.
+--crossings FOLDER``; or over grounds that are drawn, each of a family, a level and a seed.
 
 Each is asked for a plan over 1 m of flat ground, a step of 10 cm, a slope of 12° and a gap of 12
 cm, and what is planned is executed in MuJoCo. Rows are kept in the folder, one a line, and an
@@ -16,11 +16,13 @@ from itertools import pairwise
 from math import radians, tan
 from pathlib import Path
 
+import numpy as np
 from _bench import Lines, Row, tally
 
 import stancekit
 from stancekit.planners.robot.catalogue import as_they_come, catalogue, provider_folder
 from stancekit.planners.robot.robot_file import BUILT_IN
+from stancekit.planners.terrain.families import SCENES
 
 HALF_M = 1.5
 RISE = tan(radians(12.0))
@@ -31,6 +33,8 @@ PROFILES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
     "gap": (((-2.0, 0.0), (0.44, 0.0)), ((0.56, 0.0), (3.0, 0.0))),
 }
 """Grounds by their profiles (x, z), which go on across the way [m]."""
+LEVELS = 0.05, 0.3
+"""Of drawn grounds, of 1: what robots of half a metre can cross."""
 START, GOAL = (0.0, 0.0), (1.0, 0.0)
 NEGATIVES = {
     "example-robot-data": (
@@ -88,7 +92,17 @@ def ground(name: str, folder: Path) -> Path:
     return path
 
 
-def crossed(robot: str, terrain: Path, limit_s: float) -> Row:
+def grounds(folder: Path, drawn: int) -> dict[str, str | Path]:
+    """Grounds by name: the four, or so many that are drawn of families of polygons."""
+    if not drawn:
+        return {name: ground(name, folder) for name in PROFILES}
+    rng = np.random.default_rng(0)
+    levels = rng.uniform(*LEVELS, size=drawn)
+    names = [f"{SCENES[k % len(SCENES)]}:{level:.2f}:{k}" for k, level in enumerate(levels)]
+    return {name: name for name in names}
+
+
+def crossed(robot: str, terrain: str | Path, limit_s: float) -> Row:
     """What is answered, and what comes of it in MuJoCo."""
     begun, row = time.process_time(), {"status": "refused", "run": ""}
     try:
@@ -112,14 +126,14 @@ def crossed(robot: str, terrain: Path, limit_s: float) -> Row:
     return row | {"cpu_s": time.process_time() - begun}
 
 
-def rows(folder: Path, wanted: list[str], limit_s: float) -> Iterator[Row]:
-    """A row a robot and ground, asked or kept."""
+def rows(folder: Path, wanted: list[str], limit_s: float, drawn: int) -> Iterator[Row]:
+    """A row a robot and ground, asked or kept; over grounds that are drawn robots alone."""
     folder.mkdir(parents=True, exist_ok=True)
     kept = Lines(folder / "crossings.jsonl")
-    for name in PROFILES:
-        terrain = ground(name, folder)
+    for name, terrain in grounds(folder, drawn).items():
         for robot, called, negative in robots():
-            if wanted and not any(part in called for part in wanted):
+            left_out = wanted and not any(part in called for part in wanted)
+            if left_out or (negative and drawn):
                 continue
             if (key := f"{called} {name}") not in kept.rows:
                 with warnings.catch_warnings():
@@ -144,7 +158,7 @@ def counts(found: list[Row]) -> Row:
             for row in found
             if row["key"].endswith(f" {name}") and not row["negative"]
         )
-        for name in PROFILES
+        for name in dict.fromkeys(row["key"].split()[-1] for row in found)
     }
     accepted = [row["key"] for row in found if row["negative"] and row["status"] == "feasible"]
     return told | {"negatives": sum(row["negative"] for row in found), "accepted of them": accepted}

@@ -57,6 +57,16 @@ FRESH = 90210
 CONFIG = Path(__file__).resolve().parents[1] / "configs" / "bench-envelopes.yaml"
 
 
+def without_moments(
+    programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6
+) -> dict[int, Plan]:
+    """``relaxed``, and where the iteration comes to no end ``solved``."""
+    postures = relaxed(batch, tolerance=tolerance)
+    rest = np.array([k for k in range(len(batch)) if k not in postures], dtype=np.intp)
+    ended = solved(programs, batch.select(rest), tolerance=tolerance)
+    return postures | {int(rest[k]): posture for k, posture in ended.items()}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Arguments(Options):
     """Which study, and how much of it."""

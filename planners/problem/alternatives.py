@@ -101,9 +101,15 @@ ALTERNATIVES = (
     HIGHER,
 )
 """The layouts that there are; the first is tried first."""
-LEANING = (Alternative(spread=1.25, height=0.8), AS_ASKED, Alternative(spread=1.15))
-"""The layouts that are looked at first on steep ground: legs of wide and low ones have room uphill
-and length downhill."""
+LEANING = (
+    Alternative(spread=1.25, height=0.8),
+    AS_ASKED,
+    Alternative(spread=0.9, height=0.8),
+    Alternative(spread=0.9, height=0.8, near_toes=False),
+    Alternative(spread=1.15),
+)
+"""The layouts that are looked at first on steep ground: legs of low ones have room uphill and length
+downhill, and those of wide ones stand firmly."""
 TABLE = Path(__file__).with_name("layouts.json")
 """By what is missing over the first layout, the others with their successes there, in the order in
 which each next one adds most: ``benchmarks/stands.py layouts``."""

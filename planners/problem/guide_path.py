@@ -69,8 +69,10 @@ _TRIES = 32
 _NEAR, TURN_RAD = 6, np.pi / 4.0
 """The direction of a way at a node is that between nodes so far before and after it, to an eighth
 of a turn."""
-_GAPS = 12
-"""So often is the widest gap halved."""
+_MEASURED_M = 1e-3
+"""Widths of gaps are measured to that [m]."""
+_SHIFTS, _TURNED = 13, 8
+"""So many lattices, each moved by other parts of its spacing along x and along y, measure a gap."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -757,18 +759,17 @@ class _Lattice:
         """
         from scipy.ndimage import distance_transform_edt  # slow to import
 
-        low, high = 0.0, 1.0
         near = tuple(distance_transform_edt(np.isnan(self.z_m), return_indices=True)[1])
         corners, places = self._border, self._places()
         slope = self.slope[near]
         heights = self.z_m[near] + np.vecdot(slope, places - places[near])
 
-        def passes(scale: float) -> bool:
+        def passes(scale: float, shift: Array | float = 0.0) -> bool:
             from scipy.ndimage import label  # slow to import
 
-            hull = scale * self.footprint.hull_m
+            hull, at = scale * self.footprint.hull_m, places + shift
             inside = np.all(
-                (places + hull.min(axis=0) > corners[0]) & (places + hull.max(axis=0) < corners[1]),
+                (at + hull.min(axis=0) > corners[0]) & (at + hull.max(axis=0) < corners[1]),
                 axis=-1,
             )
             if self.heights_m is None:
@@ -777,7 +778,7 @@ class _Lattice:
                     self.footprint,
                     heights,
                     slope,
-                    self.corner_m,
+                    self.corner_m + shift,
                     self.spacing_m,
                     rooms=(0.0,),
                     scale=scale,
@@ -792,12 +793,19 @@ class _Lattice:
 
         if not passes(1e-3) or passes(1.0):
             return ""
-        for _ in range(_GAPS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if passes(middle) else (low, middle)
-        if low * width < self.spacing_m:
+        widest = 0.0
+        for k in range(_SHIFTS if self.heights_m is None else 1):  # nodes miss the middles of gaps
+            shift = self.spacing_m * (np.array([1, _TURNED]) * k % _SHIFTS) / _SHIFTS
+            low, high = widest, min(1.0, widest + 2.0 * self.spacing_m / width) if k else 1.0
+            if k and not passes(min(low + _MEASURED_M / width, 1.0), shift):
+                continue
+            while (high - low) * width > _MEASURED_M:
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if passes(middle, shift) else (low, middle)
+            widest = low
+        if widest * width < self.spacing_m:
             return ""
-        return f"; the robot is {_m(width)} m wide across it, and the widest gap about {_m(low * width)} m"
+        return f"; the robot is {_m(width)} m wide across it, and the widest gap about {_m(widest * width)} m"
 
     def _rise(self, ahead_m: float) -> float:
         """Rise of the body over so far ahead that is no wall: that of 45 degrees, or of a step [m]."""

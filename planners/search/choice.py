@@ -159,11 +159,14 @@ class SearchLimits:
         gap: relative to the best plan's objective; None stops at the first plan.
         share: of the clock's limits, for a search that has met a choice that P1 admits and P2 finds
             no plan for.
+        learns: whether a stance that cannot be held says anything: which patches are not to be
+            chosen, or that there is no plan.
     """
 
     max_nodes: int
     gap: float | None = None
     share: float = 1.0
+    learns: bool = True
 
 
 class ChoiceSearch:
@@ -401,7 +404,7 @@ class ChoiceSearch:
         chosen = self._scaled.chosen(choice)
         point = self._onto_surface(chosen, start, False)
         if not point.residual <= SURFACE and not hasty:
-            if self._nogoods.learn(choice, self._limits.share):
+            if self._limits.learns and self._nogoods.learn(choice, self._limits.share):
                 return
             point = self._onto_surface(chosen, start, True)
         if point.residual <= SURFACE and cost(chosen, point) < self.upper:

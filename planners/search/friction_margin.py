@@ -105,7 +105,7 @@ def plan_with_reserve(
             assert outcome.solution is not None
             provenance = {
                 **outcome.solution.provenance,
-                **({"friction_share": share} if len(shares) > 1 else {}),
+                **({"friction_share": share} if len(shares) > 1 or share < 1.0 else {}),
             }
             if press > 0.0:
                 provenance["press_share"] = press
@@ -158,7 +158,7 @@ def _braced(
     )
     deadline = min(deadline, time.perf_counter() + patience_s)
     for share in PUSHES:
-        limited = None if share <= borne else in_time(_quick(planner), _part_of_time(deadline))
+        limited = None if share <= borne else in_time(quick(planner), _part_of_time(deadline))
         if limited is None:
             break
         braced = limited.solve(pushed(course, share))
@@ -181,7 +181,7 @@ def _firmer(
     if steady(outcome.solution, min(presses)):
         return outcome, 0.0
     for press in presses:
-        limited = in_time(_quick(planner), _part_of_time(deadline))
+        limited = in_time(quick(planner), _part_of_time(deadline))
         if limited is None:
             break
         firmer = limited.solve(pressing(course, press))
@@ -196,13 +196,13 @@ def _part_of_time(deadline: float) -> float:
     return now + _EACH * (deadline - now)
 
 
-def _quick(planner: Planner) -> Planner:
-    """The planner without cuts in space: nobody waits half a minute for a plan that is only better
-    to have.
+def quick(planner: Planner) -> Planner:
+    """The planner without proofs and cuts in space: nobody waits half a minute for a plan that is
+    only better to have.
     """
     if isinstance(planner, TwoStagePlanner):
         planner = copy(planner)
-        planner.cuts = False
+        planner.cuts = planner.proves = False
     return planner
 
 

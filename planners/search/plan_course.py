@@ -29,7 +29,7 @@ from ..projection.held import PRESSES
 from ..projection.whole_body import WholeBodyLimits
 from ..robot.model import hexapod
 from .answer import Planner
-from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, slippery
+from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, quick, slippery
 from .pieces import (
     AT_ONCE,
     Detour,
@@ -70,6 +70,9 @@ _STEEP = 0.4
 """Gradient of the ground from which on layouts are looked at before any plan is bent (22°)."""
 _LOOK_S = 6.0
 """Processor time that such a look at a layout takes at most [s]."""
+_NEAR_M = 0.003
+"""A plan with no more than that missing between its bodies and on its feet's paths is bent in few
+steps [m]: no further layout is looked at."""
 _LAID = "no plan over this layout, which is one of many"
 """Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
 UNPROVED = (
@@ -143,6 +146,7 @@ def plan_course(
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
     spent = list[Effort]()
+    steep: Problem | None = None
 
     def piece(course: Problem, angles: Array | None, end: float) -> Answer[Plan]:
         from .witness import with_whole_body  # slow to import
@@ -154,12 +158,14 @@ def plan_course(
         assert limits is not None
         return with_whole_body(outcome, limits, angles, margins=False, deadline=end)
 
-    def answered(
-        course: Problem, end: float, alternative: Alternative = AS_ASKED, *, bend: bool = True
-    ) -> Answer[Plan]:
+    def bearing_pushes(course: Problem) -> Problem:
         if push_n > course.push_n:
             course = replace(course, push_n=push_n)
         check_push(course, planner)
+        return course
+
+    def answered(course: Problem, end: float, alternative: Alternative = AS_ASKED) -> Answer[Plan]:
+        course = bearing_pushes(course)
         so_far: Answer[Plan] | None = None
         if limits is not None and in_pieces(course) and start_rad is None:
             detour = _detour(question, alternative, push_n)
@@ -189,17 +195,32 @@ def plan_course(
         if limits is not None and outcome.solution is not None:
             from .witness import with_whole_body  # slow to import
 
-            within = limits if bend else replace(limits, steps=0)
-            outcome = with_whole_body(outcome, within, start_rad, deadline=end)
+            unbent = replace(limits, steps=0)
+            for within in (limits,) if steep is None else (unbent, limits):  # bending is dear there
+                judged = with_whole_body(outcome, within, start_rad, deadline=end)
+                if judged.status is Status.FEASIBLE:
+                    break
+            outcome = judged
         undecided = outcome.status not in (Status.FEASIBLE, Status.INFEASIBLE)
         return so_far if so_far is not None and undecided else outcome
+
+    def at_a_glance(course: Problem, end: float, *, firmly: bool) -> Answer[Plan]:
+        from .witness import with_whole_body  # slow to import
+
+        assert limits is not None
+        asked, pressed = bearing_pushes(course), presses if firmly else ()
+        found = plan_with_reserve(quick(planner), asked, shares[:1], pressed, deadline=end)
+        return with_whole_body(found, replace(limits, steps=0), start_rad, deadline=end)
 
     if not callable(question):
         return answered(question, deadline)
     outcome: Answer[Plan] | None = None
     try:
         if not stated and limits is not None and len(layouts) > 1:
-            outcome, layouts = _leaning(question, layouts, answered, deadline)
+            steep = _on_steep_ground(question)
+        if steep is not None:
+            own = steep.robot.source.own
+            outcome, layouts = _leaning(question, layouts, at_a_glance, own, deadline)
         if outcome is None:
             outcome = _laid_out(question, layouts, answered, deadline, stated)
     except (NoPlace, PlanningFailed):
@@ -318,36 +339,44 @@ def _loaded(question: Problem | LayOut, wrench: Array | None) -> Problem | LayOu
 def _leaning(
     question: LayOut,
     layouts: Sequence[Alternative],
-    answered: Callable[..., Answer[Plan]],
+    seen: Callable[..., Answer[Plan]],
+    own: bool,
     deadline: float,
 ) -> tuple[Answer[Plan] | None, Sequence[Alternative]]:
-    """On steep ground the answer over the first layout whose plan holds as it is found, without
-    being bent, None where there is none; and the layouts, those first whose plans are nearest to
-    holding.
+    """On steep ground the answer over the first layout that is looked at, where its plan holds as
+    it is found, else None; and the layouts, those first whose plans are nearest to holding.
+
+    Arguments:
+        seen: the answer over a course at a glance, with feet that press or without.
+        own: whether the robot has legs of its own.
     """
     began, short_m = (time.perf_counter(), time.process_time()), dict[Alternative, float]()
-    try:
-        course = question("inner", AS_ASKED)
-    except (InvalidInput, PlanningFailed):
-        return None, layouts
-    if _gradient(course) < _STEEP or in_pieces(course):
-        return None, layouts
-    first = AS_ASKED if course.robot.source.own else LEANING[0]  # whose belly is known to be high
+    first = AS_ASKED if own else LEANING[0]  # whose belly is known to be high
     for alternative in sorted(LEANING, key=lambda each: each is not first):
         try:
             course = question("inner", alternative)
         except (InvalidInput, PlanningFailed):
             continue
         end = min(time.perf_counter() + _wall_s(began, _LOOK_S), deadline)
-        outcome = answered(course, end, alternative, bend=False)
-        if outcome.status is Status.FEASIBLE:
+        outcome = seen(course, end, firmly=alternative is first)
+        if alternative is first and outcome.status is Status.FEASIBLE:
             return (_of_layout(outcome, alternative) if alternative.message else outcome), layouts
-        if outcome.solution is not None and outcome.report is not None:
-            short_m[alternative] = max(
-                float(group.figures.get("short_m", 0.0)) for group in outcome.report.groups
-            )
+        if outcome.report is not None and not outcome.report.late:
+            figures = [group.figures for group in outcome.report.groups]
+            short_m[alternative] = max(float(each.get("short_m", 0.0)) for each in figures)
+            if short_m[alternative] < _NEAR_M:
+                break
     nearest = sorted(short_m, key=lambda each: short_m[each])
     return None, [*nearest, *(each for each in layouts if each not in nearest)]
+
+
+def _on_steep_ground(question: LayOut) -> Problem | None:
+    """The course as it is laid out first where the ground is steep, else None."""
+    try:
+        course = question("inner", AS_ASKED)
+    except (InvalidInput, PlanningFailed):
+        return None
+    return None if _gradient(course) < _STEEP or in_pieces(course) else course
 
 
 def _gradient(course: Problem) -> float:

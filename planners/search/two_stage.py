@@ -104,7 +104,7 @@ class TwoStagePlanner(TimeLimited):
         self.gap = None if gap is None else checked(gap, "gap", above=0.0)
         self.max_nodes, self.max_solves = max_nodes, max_solves
         self.time_limit_s = time_limit_s
-        self.cuts = cuts
+        self.cuts, self.proves = cuts, True
         self.steps = steps
         self.programs = programs or Programs()
 
@@ -345,7 +345,8 @@ class TwoStagePlanner(TimeLimited):
         assert self.projection is not None
         share = _CHOICE_SHARE if self.cuts else 1.0
         max_nodes, projection = NODES if self.max_nodes is None else self.max_nodes, self.projection
-        limits = SearchLimits(max_nodes=max_nodes, gap=self.gap, share=share)
+        learns = scaled.options > 1 or (self.proves and not scaled.layout.pushes)
+        limits = SearchLimits(max_nodes=max_nodes, gap=self.gap, share=share, learns=learns)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, _QUICK)

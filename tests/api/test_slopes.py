@@ -18,18 +18,24 @@ def slope(folder, degrees):
     return path
 
 
-def planned(terrain, goal, friction=None):
-    """The answer for the hexapod."""
+def planned(terrain, goal, friction=None, robot=None):
+    """The answer for the hexapod, where no other robot is named."""
     if friction is not None:
-        terrain = stancekit.terrain(terrain, friction=friction)
-    return stancekit.plan(terrain, start_xy_m=(0.0, 0.0), goal_xy_m=goal)
+        terrain = stancekit.terrain(terrain, friction=friction, robot=robot)
+    return stancekit.plan(terrain, start_xy_m=(0.0, 0.0), goal_xy_m=goal, robot=robot)
 
 
 @pytest.mark.parametrize(
-    ("degrees", "goal"), [(20, (0.6, 0.0)), (30, (-0.4, 0.0)), (33, (0.6, 0.0))]
+    ("robot", "degrees", "goal"),
+    [
+        (None, 20, (0.6, 0.0)),
+        (None, 30, (-0.4, 0.0)),
+        (None, 33, (0.6, 0.0)),
+        ("a1", 30, (-0.4, 0.0)),
+    ],
 )
-def test_slopes_are_planned_over_layouts_that_need_no_bending(degrees, goal, tmp_path):
-    answer = planned(slope(tmp_path, degrees), goal, 0.9)
+def test_slopes_are_planned_over_layouts_that_need_no_bending(robot, degrees, goal, tmp_path):
+    answer = planned(slope(tmp_path, degrees), goal, 0.9, robot)
     assert answer.status.value == "feasible"
     assert answer.report.accepted
     assert answer.details["torque_steps"] == 0

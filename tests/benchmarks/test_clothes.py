@@ -19,7 +19,7 @@ ROWS = {
     "down30": ("off", "rounded", "grid"),
     "ramp25": ("stl", "rounded", "grid"),
     "steps": ("twice", "cut", "grid"),
-    "wall": ("twice", "rounded"),
+    "wall": ("rounded", "playground"),
 }
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import html
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -96,8 +96,8 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
 
 def patient_answer(scenario: Scenario) -> SceneAnswer:
     """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
-    where no plan over the layout that is asked for is accepted, one over another. Raises
-    nothing.
+    where no plan over the layout that is asked for is accepted, one over another; between places
+    that no balanced motion of a robot that does not leap joins, infeasible. Raises nothing.
     """
 
     def plan(question: LayOut) -> Answer[Plan]:
@@ -110,7 +110,15 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
             deadline=deadline,
         )
 
-    return _planned(scenario, plan, patient=True)
+    answer = _planned(scenario, plan, patient=True)
+    if not (isinstance(scenario, BetweenScenario) and answer.status is Status.UNDECIDED):
+        return answer
+    from stancekit.planners.search.flood import flood  # slow to import
+
+    passage = scenario.question.local.passage()
+    if passage.robot.source.own or flood(passage) is None:
+        return answer
+    return replace(answer, status=Status.INFEASIBLE, plan=None, report=None)
 
 
 def _planned(

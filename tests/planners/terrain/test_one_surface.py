@@ -1,6 +1,7 @@
 """One surface has the same footholds however it is cut into triangles, rounded, or given twice."""
 
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -57,6 +58,19 @@ def test_a_plane_as_two_triangles_or_four_thousand():
     assert fine.pieces[0].samples > 4000
     assert len(fine.pieces) == 1
     assert fine.area_m2 == pytest.approx(whole.area_m2, rel=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [0, 20])
+def test_bricks_whose_corners_are_within_the_edges_of_others_are_one_surface(degrees):
+    corners, slope = list[tuple[float, float, float]](), np.tan(np.radians(degrees))
+    for row in range(10):
+        ends = np.clip(np.arange(-1.0 - 0.2 * (row % 2), 1.3, 0.4), -1.0, 1.0)
+        for a, b in pairwise(ends):
+            y = 0.2 * row - 1.0
+            corners += [(x, z, slope * x) for x, z in ((a, y), (b, y), (b, y + 0.2), (a, y + 0.2))]
+    found = footholds(corners, np.concatenate([4 * k + QUAD for k in range(len(corners) // 4)]))
+    assert len(found.pieces) == 1
+    assert found.area_m2 == pytest.approx(1.96**2 / np.cos(np.arctan(slope)), rel=5e-3)
 
 
 def test_two_planes_that_meet_stay_two():
