@@ -35,22 +35,22 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3010, 41632),
     "learners": (5487, 79470),
-    "planners": (34058, 545406),
-    "runner": (7193, 95328),
+    "planners": (34411, 551848),
+    "runner": (7256, 96460),
     "views": (4496, 69949),
 }
 CAPS: dict[str, int] = {"tests": 43_905, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
-    "soles": 373,
+    "soles": 107,
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,
     "promises": 330,
     "worlds": 200,
     "formats": 38,
-    "stepping over": 250,
+    "stepping over": 100,
     "sequences": 300,
     "pictures": 184,
     "speed": 100,

@@ -39,7 +39,9 @@ def check_at_rest(
     samples = [motion.at(float(time_s)) for time_s in motion.knots_s]
     torques = np.array(
         [
-            kinematics.torques(angles, rotation_of(sample.rotation_rad), sample.forces_n)
+            kinematics.torques(
+                angles, rotation_of(sample.rotation_rad), sample.forces_n, sample.moments_nm
+            )
             for angles, sample in zip(wished.path_rad, samples, strict=True)
         ]
     )
