@@ -283,8 +283,9 @@ def contact_radii_m(robot: RobotModel) -> Array:
         radius = leg.radius_m if leg.sole is None else leg.sole.radius_m
         for shape in solid_shapes(robot.shapes) if leg.contact is not None or leg.sole else ():
             mount = robot.mounts[shape.link]
-            own = mount.leg == i and mount.joint == len(leg.joints) - 1
-            corners = shape_points(shape) if own else None
+            last = mount.leg == i and mount.joint == len(leg.joints) - 1
+            its = shape.link == leg.foot if leg.sole is None else last
+            corners = shape_points(shape) if its else None
             if corners is not None:
                 away = shape.origin_m + corners @ shape.rotation.T
                 away = mount.origin_m + away @ mount.rotation.T - leg.chain.tip_m

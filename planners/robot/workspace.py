@@ -55,9 +55,9 @@ _MISSED = 0.0008
 _DEAR = 25.0
 """Points within reach that may be lost with one that is not."""
 _MOST_TANGENTS = 20
-_USEFUL = 0.15
-"""Share of the leg's length: feet that are so far below the hip are of use, and count in
-``cover``."""
+_USEFUL, _USEFUL_LEVEL = 0.15, 0.65
+"""Share of the leg's length: feet that are so far below the hip are of use, and count in ``cover``;
+and the same of soles, on which nobody crouches lower."""
 _CUBE = np.ones((3, 3, 3), dtype=np.bool_)
 _CUBE.setflags(write=False)
 
@@ -142,7 +142,8 @@ class _Voxels:
         reached.ravel()[np.ravel_multi_index(tuple(cells.T), shape)] = True
         self.reached = binary_closing(reached, _CUBE)
         swings = leg.chain.frames(leg.stance_rad[None])[1][0, min(1, len(leg.joints) - 1)]
-        self.useful_m = float(swings[2] - _USEFUL * leg.chain.length_m)
+        useful = _USEFUL if leg.sole is None else _USEFUL_LEVEL
+        self.useful_m = float(swings[2] - useful * leg.chain.length_m)
 
     def _level(self, leg: Leg) -> Array:
         """Points of a grid about where a sole stands that it reaches level, by inverse kinematics,
@@ -305,7 +306,7 @@ def _kept(leg: Leg) -> Workspace:
     chain = leg.chain
     numbers = (chain.rotations, chain.origins, chain.axes, chain.slides, chain.tip_m)
     if leg.sole is not None:
-        numbers = (*numbers, leg.sole.points_m, leg.sole.rotation)
+        numbers = (*numbers, leg.sole.points_m, leg.sole.rotation, np.array(_USEFUL_LEVEL))
     key_parts = [
         _VERSION,
         *(each.tolist() for each in (*numbers, leg.lower_rad, leg.upper_rad, leg.stance_rad)),

@@ -133,7 +133,7 @@ def plan_with_reserve(
     )
 
 
-_SOLES = (0.5, 0.75, 1.0)
+_SOLES = (0.5, 0.65, 0.8)
 """Shares of soles within which plans with shares of the friction are made: what is left is their
 distance from the edge over which the robot tips."""
 
