@@ -133,14 +133,6 @@ def labelled(batch: PostureBatch, size: int) -> tuple[Points, Points]:
     return feasible, infeasible
 
 
-def without_moments(programs: Programs, batch: PostureBatch) -> dict[int, Plan]:
-    """Points of P̄: ``relaxed``, and where that comes to no end ``solved``."""
-    postures = relaxed(batch)
-    rest = np.array([k for k in range(len(batch)) if k not in postures], dtype=np.intp)
-    ended = solved(programs, batch.select(rest))
-    return postures | {int(rest[k]): posture for k, posture in ended.items()}
-
-
 def alone(batch: PostureBatch) -> Points:
     """[p, f] of the postures that ``ExactPlanner`` happens to find."""
     planner = ExactPlanner(time_limit_s=math.inf)

@@ -214,7 +214,8 @@ def _of_plan(
     motion, wished = unhurried_plan(
         plan, kinematics, world.capabilities, settings.timing, shared=settings.forces == "shared"
     )
-    pace, bound_by = 1.0, ""
+    pace = steady = motion.timing.foot_m_s / settings.timing.foot_m_s
+    bound_by = "the support of its soles" if pace < 1.0 else ""
     if settings.check_limits:
         if not settings.hung:
             check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
@@ -223,8 +224,8 @@ def _of_plan(
         )
         motion, pace, bound_by, wished = (
             timed.motion,
-            timed.pace,
-            timed.bound_by,
+            steady * timed.pace,
+            timed.bound_by or bound_by,
             timed.profile.wished,
         )
         _check_heat(accepted.source, timed.profile, world.drives)

@@ -36,8 +36,8 @@ def plan_hindrance(plan: Plan) -> str:
     course = plan.problem
     if course.uncarried:
         return NOBODY_CARRIES
-    if course.has_soles:
-        return "its feet are soles, and only point feet are executed"
+    if course.has_soles and not course.robot.source.own:
+        return "its feet are soles of legs that nobody knows"
     return course.robot.source.hindrance
 
 

@@ -409,6 +409,17 @@ class Plan:
         rows = [index for index, stance in enumerate(self.problem.stances) if stance.frame == frame]
         return np.asarray(self.forces_n[rows].mean(axis=0))
 
+    @property
+    def moments_nm(self) -> Array | None:
+        """Moments of the forces on soles about their middles, shape (S, N, 3) [Nm]; None of point
+        feet.
+        """
+        if self.points_m is None or self.point_forces_n is None:
+            return None
+        arms = self.points_m - self.toes_m[:, None]
+        holds = np.array([self.problem.holds[of.frame] for of in self.problem.stances])
+        return np.asarray(np.cross(arms[holds], self.point_forces_n).sum(axis=2))
+
     def posture(self, stance: int) -> Plan:
         """The plan of the posture problem of one stance: of one frame, with its limbs only."""
         of = self.problem.stances[stance]

@@ -597,9 +597,9 @@ def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
     if course.has_soles:
         points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
         soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
-    elif course.is_posture:
-        joints = {"joints_rad": (frames, 0)}
-    else:
+    if course.is_posture:
+        joints = {} if course.has_soles else {"joints_rad": (frames, 0)}
+    elif course.robot.source.own or not course.has_soles:
         joints = {"joints_rad": (frames, len(joint_names(course.robot)))}
     return {
         "com_m": (frames, 3),

@@ -298,7 +298,7 @@ class JointPath:
         self, moments: PathMoments, postures: PathPostures, t: int, limb: int
     ) -> Array:
         """A comfortable posture of a limb at a moment, near to where it is drawn."""
-        normals = self.path.normals[moments.surface[t]]
+        normals = self.path.ups(moments)[t]
         answer = self._kinematics.solve(
             moments.com_m[t],
             moments.rotation_rad[t],
@@ -327,21 +327,24 @@ class JointPath:
     def _postures(self, moments: PathMoments) -> PathPostures:
         kinematics, angles = self._kinematics, self._drawn(moments)
         rotations = rotations_of(moments.rotation_rad)
-        normals, feet, wished = self.path.normals[moments.surface], moments.feet_m, angles
+        normals, feet, wished = self.path.ups(moments), moments.feet_m, angles
         origins, error = moments.com_m, np.zeros(feet.shape[:2])
         for _ in range(_ROUNDS):
             shifts = np.array([kinematics.com_offset(q) for q in angles])
             origins = moments.com_m - np.einsum("tij,tj->ti", rotations, shifts)
             feet = moments.feet_m + _rolled(kinematics, moments, rotations, angles, normals)
             angles, error = _reached(
-                kinematics, np.einsum("tij,tni->tnj", rotations, feet - origins[:, None]), wished
+                kinematics,
+                np.einsum("tij,tni->tnj", rotations, feet - origins[:, None]),
+                wished,
+                np.einsum("tij,tni->tnj", rotations, normals),
             )
         return PathPostures(rotations=rotations, origins_m=origins, angles=angles, error_m=error)
 
 
 def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) -> WholeBody:
     """Postures as ``Bodies`` takes them."""
-    normals = path.normals[moments.surface]
+    normals = path.ups(moments)
     return WholeBody(
         rotation=postures.rotations,
         origin_m=postures.origins_m,
@@ -370,14 +373,17 @@ def key_postures(plan: Plan, angles: Array) -> WholeBody:
     )
 
 
-def _reached(kinematics: Kinematics, feet: Array, drawn: Array) -> tuple[Array, Array]:
+def _reached(kinematics: Kinematics, feet: Array, drawn: Array, up: Array) -> tuple[Array, Array]:
     """Joints whose feet are there, each leg as near to what it is drawn to as it goes; and what
     they miss.
+
+    Arguments:
+        up: directions that feet have up in the base's frame, shape (T, N, 3).
     """
     angles, errors = np.empty_like(drawn), np.empty(feet.shape[:2])
     for i, leg in enumerate(kinematics.model.legs):
         joints = kinematics.joints_of(i)
-        angles[:, joints], errors[:, i] = descend(leg, feet[:, i], drawn[:, joints])
+        angles[:, joints], errors[:, i] = descend(leg, feet[:, i], drawn[:, joints], up[:, i])
     return angles, errors
 
 

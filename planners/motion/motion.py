@@ -43,6 +43,7 @@ class Samples:
             known.
         angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J); None where they are not
         known.
+        moments_nm: of the forces on soles about their middles, shape (T, N, 3); None of point feet.
     """
 
     com_m: Array
@@ -60,6 +61,7 @@ class Samples:
     angles_rad: Array | None = None
     rates_rad_s: Array | None = None
     torques_nm: Array | None = None
+    moments_nm: Array | None = None
 
     @property
     def angular_velocity_rad_s(self) -> Array:
@@ -115,6 +117,8 @@ class Samples:
         shape (T, 6).
         """
         turning = cross(self.arms_m, self.forces_n).sum(axis=-2)
+        if self.moments_nm is not None:
+            turning = turning + self.moments_nm.sum(axis=-2)
         return np.concatenate([self.forces_n.sum(axis=-2), turning], axis=-1)
 
     @cached_arrays

@@ -19,6 +19,7 @@ from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..robot.leg import levelled
 from ..robot.robot_file import FOOT_RADIUS_M
 from ..terrain.patch import Solids, solids_of
 
@@ -55,6 +56,8 @@ def touch_downs_m(plan: Plan) -> Array:
 
 _KEPT_M = 0.006
 """Feet of a robot of size 1 stay this far from the terrain on their path across [m]."""
+_ROOM_M = 0.01
+"""Feet are so much larger all around than their soles [m]."""
 _RAISES_M = np.array(
     sorted(
         product((0.0, 0.02, 0.04, 0.07, 0.10, 0.14), repeat=2),
@@ -99,6 +102,7 @@ def clear_swing(
     radius_m: float = FOOT_RADIUS_M,
     kept_m: float = _KEPT_M,
     raises_m: Array = _RAISES_M,
+    corners_m: Array | None = None,
 ) -> _Swing:
     """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one
     where none does.
@@ -107,12 +111,17 @@ def clear_swing(
         ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m].
         lift_m: least lift.
         radius_m: of the foot.
+        corners_m: of a sole about its centre where it leaves and where it comes, shape (2, K, 3)
+            [m]; None for a ball.
     """
     lifted = ends[0] + (lift_m + raises_m[:, :1]) * normals[0]
     lowered = ends[1] + (lift_m + raises_m[:, 1:]) * normals[1]
 
     def gaps(its: slice) -> Array:
         paths = lifted[its, None] + _SHARES[:, None] * (lowered[its] - lifted[its])[:, None]
+        if corners_m is not None:
+            around = corners_m[0] + _SHARES[:, None, None] * (corners_m[1] - corners_m[0])
+            paths = (paths[:, :, None] + around).reshape(len(paths), -1, 3)
         return np.asarray(solids.distances(paths).min(axis=(1, 2), initial=np.inf) - radius_m)
 
     gap = gaps(slice(1))
@@ -125,6 +134,8 @@ def clear_swing(
 
 LIFT_M = 0.05
 """Least height to which feet of a robot of size 1 are lifted [m]."""
+_SOLE_LIFT_M = 0.02
+"""The same of soles, whose ankles have no room to keep them level high behind the body [m]."""
 APART_M = 0.01
 """Between two moments that are judged no foot and no body's origin of a robot of size 1 goes
 farther [m]."""
@@ -214,7 +225,6 @@ class PlanPath:
     def __init__(self, plan: Plan, *, uncarried: bool = False) -> None:
         self.plan, course = plan, plan.problem
         self.size = course.robot.size
-        self.lift_m = LIFT_M * self.size
         self._names = course.robot.limb_names
         if course.uncarried and not uncarried:
             raise InvalidInput(
@@ -230,6 +240,9 @@ class PlanPath:
         radii = self.radii_m[[self._names.index(each.limb) for each in course.footholds]]
         self.feet_m = plan.toes_m + radii[:, None] * self.normals
         self._holds = np.asarray(course.holds)
+        legs = course.robot.source.own_model().legs if course.robot.source.own else ()
+        self.soles = {leg.name: leg.sole for leg in legs if leg.sole is not None}
+        self.lift_m = (_SOLE_LIFT_M if self.soles else LIFT_M) * self.size
         insets = [0.0 if patch.certainty is None else patch.certainty.inset_m for patch in patches]
         self.touch_downs_m = touch_downs_m(plan)
         self._kept_m = (
@@ -275,6 +288,7 @@ class PlanPath:
                 float(self.radii_m[i]),
                 float(self._kept_m[[old[i], new[i]]].max()),
                 self.size * _RAISES_M,
+                self._corners(i, (old[i], new[i])),
             )
             corners[:, i] = swing.corners
         held = np.isin(np.arange(len(old)), moving, invert=True)
@@ -296,6 +310,28 @@ class PlanPath:
             across,
             Segment(frames=(k, k), foothold=foothold, surface=comes, feet_m=corners[2:], part=2),
         )
+
+    def _corners(self, limb: int, footholds: tuple[int, int]) -> Array | None:
+        """Corners of a limb's sole about its centre on two footholds, each a little farther out,
+        shape (2, K, 3) [m]; None for a ball.
+        """
+        sole = self.soles.get(self._names[limb])
+        if sole is None:
+            return None
+        out = sole.points_m * (1.0 + _ROOM_M / np.linalg.norm(sole.points_m, axis=1)[:, None])
+        axes = levelled(self.normals[list(footholds)])
+        return np.asarray(out @ np.swapaxes(axes[:, :, :2], 1, 2))
+
+    def ups(self, moments: PathMoments) -> Array:
+        """Directions that feet have up, shape (T, N, 3): normals of what they stand on, leave or come
+        to. A sole in the air turns from the one to the other.
+        """
+        normals = self.normals[moments.surface]
+        if not self.soles:
+            return np.asarray(normals)
+        left = self.normals[self._holds[moments.before]]
+        share = np.where(moments.part == 1, moments.passed, 1.0)[:, None, None]
+        return np.asarray(left + share * (normals - left))
 
     def swing(self, foothold: int, shares: Array) -> Array:
         """Place of a toe at shares of its way to a foothold, shape (K, 3) [m]: up, across and

@@ -78,7 +78,8 @@ class PlanMotion:
     position control can do that.
 
     Arguments:
-        forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None.
+        forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None. Those of soles have
+            their moments about their middles behind them, shape (S, N, 6) [N, Nm].
         longer: so many times as long as ``Timing`` says every phase lasts, shape (P,).
         standing_n: of all limbs where nobody lifts, at its beginning and while the body moves
             alone, by key frame, shape (N, 3) [N] each; where there are none those carry that are to
@@ -101,6 +102,8 @@ class PlanMotion:
         self.plan, self.timing = plan, timing
         self.path = PlanPath(plan, uncarried=uncarried)
         self.forces_n, self.longer = plan.forces_n if forces_n is None else forces_n, longer
+        if self.path.soles and (moments := plan.moments_nm) is not None:
+            self.forces_n = np.concatenate([self.forces_n[..., :3], moments], axis=2)
         self.standing_n = standing_n or {}
         course = plan.problem
         self.solids, self.normals = self.path.solids, self.path.normals
@@ -164,6 +167,7 @@ class PlanMotion:
         """The samples at times; the ends are held."""
         phase, s, rate = self._passed(times_s)
         of, along, speed = self._tables, s[..., None], rate[..., None]
+        forces = of["forces"][phase] + along[..., None] * of["loaded"][phase]
         return Samples(
             com_m=of["com"][phase] + along * of["moved"][phase],
             velocity_m_s=speed * of["moved"][phase],
@@ -172,9 +176,10 @@ class PlanMotion:
             frame=of["frame"][phase] + s * of["frames"][phase],
             feet_m=of["feet"][phase] + along[..., None] * of["stepped"][phase],
             radii_m=self.path.radii_m,
-            forces_n=of["forces"][phase] + along[..., None] * of["loaded"][phase],
+            forces_n=forces[..., :3],
+            moments_nm=forces[..., 3:] if forces.shape[-1] > 3 else None,
             foothold=self._foothold[phase],
-            normals=of["normals"][phase],
+            normals=of["normals"][phase] + along[..., None] * of["tilted"][phase],
             friction=of["friction"][phase],
         )
 
@@ -264,6 +269,11 @@ class PlanMotion:
         forces = np.array([phase.forces for phase in self.phases])
         surface = np.array([phase.segment.surface for phase in self.phases])
         (a, b), last = frames.T, frames[:, 1] - frames[:, 0]
+        normals = up = self.normals[surface]
+        if self.path.soles:  # which turn in the air
+            across = np.array([phase.segment.part == 1 for phase in self.phases])
+            holds = np.asarray(plan.problem.holds)[a]
+            up = np.where(across[:, None, None], self.normals[holds], normals)
         return {
             "com": plan.com_m[a],
             "moved": plan.com_m[b] - plan.com_m[a],
@@ -275,7 +285,8 @@ class PlanMotion:
             "stepped": feet[:, 1] - feet[:, 0],
             "forces": forces[:, 0],
             "loaded": forces[:, 1] - forces[:, 0],
-            "normals": self.normals[surface],
+            "normals": up,
+            "tilted": normals - up,
             "friction": self._friction[surface],
         }
 

@@ -154,8 +154,9 @@ def course_between(
         aside = float(np.linalg.norm(toes[:, :2], axis=1).max())
         between = np.linalg.norm(toes[:, None, :2] - toes[:, :2], axis=2)
         nearest = float(between[between > 0.0].min(initial=np.inf))
-        window = min(update["candidates"]["window_m"], max(_APART * nearest, 0.02 * body.size))
-        update["candidates"]["window_m"] = window
+        if not body.relative_reach:  # which keeps soles apart wherever they are
+            window = min(update["candidates"]["window_m"], max(_APART * nearest, 0.02 * body.size))
+            update["candidates"]["window_m"] = window
         room = max(spec.body.com_radius_m, _SWAY * aside)
         rooms |= {"com_radius_m": room, "last_radius_m": min(room, near_of(body))}
         update["body"] = spec.body.model_copy(update=rooms)

@@ -307,7 +307,8 @@ class CourseSpec(_Keys):
             high_m = -float(standing_toes(model)[:, 2].mean())
             body["com_radius_m"] = max(self.body.com_radius_m * robot.size, _BODY_ROOM * high_m)
         if "tilt_limit_rad" not in self.body.model_fields_set and sets == "inner":
-            body["tilt_limit_rad"] = LEVEL_RAD
+            soles = any(limb.sole_m is not None for limb in robot.limbs)  # whose legs have no room
+            body["tilt_limit_rad"] = 0.0 if soles else LEVEL_RAD
         if body:
             update["body"] = self.body.model_copy(update=body)
         if "com_path" not in self.weights.model_fields_set:

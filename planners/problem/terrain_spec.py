@@ -112,9 +112,15 @@ def _foot(robot: Robot | str | Path | None) -> tuple[float, float]:
     if robot is None or str(robot) in BUILT_IN:
         return 0.0, 1.0
     if isinstance(robot, Robot):
-        return robot.source.known_radius_m, robot.size
+        soles = any(limb.sole_m is not None for limb in robot.limbs)
+        return _EDGE_M if soles else robot.source.known_radius_m, robot.size
     model = named_robot(robot)
-    return max((leg.radius_m for leg in model.legs), default=0.0), model.size
+    radii = (leg.radius_m if leg.sole is None else _EDGE_M for leg in model.legs)
+    return max(radii, default=0.0), model.size
+
+
+_EDGE_M = 0.01
+"""Distance of a sole, all of which is on the ground, from borders, where a riser may be [m]."""
 
 
 class FileTerrain(TerrainSpec):

@@ -100,13 +100,17 @@ class WholeBodyLimits:
 def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
     """Largest torque of a plan with joints, as a share of its limit: (share, Nm)."""
     assert plan.joints_rad is not None
-    rows = zip(plan.problem.stances, plan.forces_n, strict=True)
+    moments = plan.moments_nm if solver.soles else None
+    rows = enumerate(zip(plan.problem.stances, plan.forces_n, strict=True))
     torques = np.abs(
         [
             solver.torques(
-                plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces
+                plan.joints_rad[of.frame],
+                rotation_of(plan.rotation_rad[of.frame]),
+                forces,
+                None if moments is None else moments[s],
             )
-            for of, forces in rows
+            for s, (of, forces) in rows
         ]
     )
     at = np.unravel_index(int(np.argmax(torques / limit_nm)), torques.shape)
@@ -241,6 +245,10 @@ def whole_body(
         [answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)]
     )
     plan = replace(plan, joints_rad=angles)
+    if solver.soles:  # whose steps have no rows for what keeps a sole flat
+        share, torque_nm = largest(plan, solver, limits.of(solver))
+        known = Measured(share=share, torque_nm=torque_nm, depth_m=np.nan, too_near_m=0.0)
+        return _WholeBodyPlan(plan=plan, steps=0, before=known, after=known)
     if plan.problem.robot.source.own and push_share(plan):  # its plans have to bear one
         return _bent(plan, limits, solver, deadline, braced=True)
     bent = _bent(plan, limits, solver, deadline)

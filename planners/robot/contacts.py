@@ -12,6 +12,9 @@ the planes of half of the hull's surface, are no farther from it than a part of 
 a millimetre: balls that are cut off on their sides, or have a neck, are balls, boxes and cylinders
 not. Where it may touch, away from the leg's last joint, it has to be round: half a ball with its
 flat side down is none.
+
+The foot of a robot on two legs is a sole where it is flat: the convex hull of what is within 2 mm of
+the lowest plane while it stands level.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .leg import Leg, Mount
+from .leg import FootSole, Leg, Mount
 from .meshes import Shape, shape_elements, shape_points, solid_shapes
 
 Index = NDArray[np.intp]
@@ -262,6 +265,97 @@ def touch_of(pieces: Sequence[_PlacedShape]) -> Touch | None:
     return None
 
 
+_FLAT_M, _LEAST_M = 2e-3, (0.04, 0.02)
+"""Corners this near to the plane that a foot stands on are its sole's [m]; a sole is at least so
+long and so wide [m]."""
+_UPRIGHT_RAD = 0.3
+"""A sole is level while all joints are at 0, or leans by no more than this."""
+_LARGER = 1.02
+"""A plane that leans is taken where its sole is so much larger than that of a level one."""
+_MOST_CORNERS = 8
+
+
+def sole_of(pieces: Sequence[_PlacedShape], base: Array) -> tuple[FootSole, Array, str] | None:
+    """The flat face with which a leg's last body stands, its middle in the last joint's frame,
+    shape (3,) [m], and the link that has it; None for a body without one.
+
+    Arguments:
+        base: rotation from the base's axes into the last joint's while all joints are at 0, shape
+            (3, 3).
+    """
+    from scipy.spatial import ConvexHull  # slow to import
+
+    clouds, owners = [np.zeros((0, 3))], list[str]()
+    for piece in pieces:
+        ends = [centre - radius_m * base[:, 2] for centre, radius_m in piece.balls]
+        if not ends and (corners := shape_points(piece.shape)) is not None:
+            ends = list(piece.origin_m + corners @ piece.rotation.T)
+        clouds.append(np.array(ends).reshape(-1, 3))
+        owners += [piece.shape.link] * len(ends)
+    points, best, most = np.vstack(clouds), None, 0.0
+    if len(points) < 3:
+        return None
+    faces = ConvexHull(points, qhull_options="QJ").equations[:, :3] if len(points) > 3 else []
+    leaning = [face for face in faces if -face @ base[:, 2] > np.cos(_UPRIGHT_RAD)]
+    for down in (-base[:, 2], *leaning):
+        low = points @ down
+        near = low > low.max() - _FLAT_M
+        ahead = base[:, 0] - (base[:, 0] @ down) * down
+        ahead = ahead / np.linalg.norm(ahead)
+        turn = np.column_stack([ahead, np.cross(-down, ahead), -down])
+        flat = (points[near] @ turn)[:, :2]
+        if len(flat) < 3 or np.any(np.ptp(flat, axis=0) < _LEAST_M[1]):
+            continue
+        hull = ConvexHull(flat, qhull_options="QJ")
+        if hull.volume > _LARGER * most:
+            most, best = hull.volume, (flat[hull.vertices], turn, low.max(), near)
+    if best is None or np.ptp(best[0], axis=0).max() < _LEAST_M[0]:
+        return None
+    corners, turn, depth, near = best
+    corners = _fewer_corners(corners)
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    links = [link for link, low in zip(owners, near, strict=True) if low]
+    sole = FootSole(points_m=np.round(corners - middle, 6), rotation=turn)
+    return sole, turn @ np.array([*middle, -depth]), max(links, key=links.count)
+
+
+def _fewer_corners(corners: Array) -> Array:
+    """A polygon of few corners within a convex one, shapes (K, 2) [m]: the corner that takes least
+    area goes first.
+    """
+    while len(corners) > _MOST_CORNERS:
+        one = corners - np.roll(corners, 1, axis=0)
+        two = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
+        area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+        corners = np.delete(corners, int(np.argmin(area)), axis=0)
+    return corners
+
+
+_WHEEL = 0.1
+"""Share of its radius by which a wheel may be out of round, and the sine of the angle by which its
+axis may leave the ground."""
+
+
+def is_wheel(pieces: Sequence[_PlacedShape], axis: Array, up: Array) -> bool:
+    """Tell whether shapes that turn freely about an axis through the origin are a wheel: round
+    about it, and the axis level.
+
+    Arguments:
+        axis, up: unit vectors in the shapes' frame, shape (3,).
+    """
+    if abs(float(axis @ up)) > _WHEEL:
+        return False
+    ends = [np.zeros((0, 3))]
+    for piece in pieces:
+        if (corners := shape_points(piece.shape)) is not None:
+            ends.append(piece.origin_m + corners @ piece.rotation.T)
+    points = np.vstack(ends)
+    turn = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)[:, None]
+    rims = np.cos(turn) * up + np.sin(turn) * np.cross(axis, up)
+    radii = (rims @ points.T).max(axis=1, initial=0.0)
+    return bool(radii.max() > 0.0 and np.ptp(radii) <= _WHEEL * radii.max())
+
+
 def _farthest(piece: _PlacedShape) -> Array:
     """The end of a shape that is farthest from the link's origin, about, in the last joint's frame,
     shape (3,) [m].
@@ -402,10 +496,11 @@ def check_contacts(
             doubts.setdefault(leg.doubt, []).append(leg.foot)
     if doubts:
         doubts_text = "; ".join(f"{', '.join(links)} {text}" for text, links in doubts.items())
-        example = _example(next(leg for leg in legs if leg.doubt), shapes, mounts)
+        unsaid = next((leg for leg in legs if leg.doubt.endswith(":")), None)
+        example = "" if unsaid is None else _example(unsaid, shapes, mounts)
         raise InvalidInput(
             f"robot {name}: expected feet that are balls or that its YAML file describes: "
-            f"{doubts_text} {example}"
+            f"{doubts_text} {example}".rstrip()
         )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .leg import Leg
+from .leg import Leg, levelled
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,18 +99,26 @@ _LONGEST_STEP = 0.5
 
 
 def descend(
-    leg: Leg, feet: ArrayLike, start: ArrayLike, *, steps: int = _STEPS, exact_m: float = EXACT_M
+    leg: Leg,
+    feet: ArrayLike,
+    start: ArrayLike,
+    up: ArrayLike = (0.0, 0.0, 1.0),
+    *,
+    steps: int = _STEPS,
+    exact_m: float = EXACT_M,
 ) -> tuple[Array, Array]:
-    """Bring feet to where they should be, from given postures, joint limits kept.
+    """Bring feet to where they should be, from given postures, joint limits kept; soles flat on
+    ground with these normals, looking ahead.
 
     Arguments:
         feet: p_BF, shape (K, 3) [m].
         start: shape (K, n).
+        up: normals below soles in the base's frame, shape (K, 3) or (3,).
         exact_m: a foot this close to its target is there.
 
     Returns:
-        The best postures that were met, shape (K, n), and how far their feet are from the targets,
-        shape (K,) [m].
+        The best postures that were met, shape (K, n), and how far their feet, or the corners of
+        their soles, are from the targets, shape (K,) [m].
     """
     target = np.asarray(feet, dtype=np.float64)
     lower, upper = (
@@ -120,9 +128,14 @@ def descend(
     best = np.clip(np.asarray(start, dtype=np.float64), lower, upper)
     error = np.full(len(best), np.inf)
     open_, q = np.arange(len(best)), best.copy()
+    level = None if leg.sole is None else levelled(np.broadcast_to(up, target.shape))
     for _ in range(steps):
         now, jacobian = leg.chain.feet_and_jacobian(q)
         gap = target[open_] - now
+        if level is not None:
+            turned, axes = _tilts(leg, q, level[open_])
+            gap = np.concatenate([gap, turned], axis=1)
+            jacobian = np.concatenate([jacobian, axes], axis=1)
         far = np.sqrt(np.einsum("ki,ki->k", gap, gap))
         better = far < error[open_]
         best[open_[better]], error[open_[better]] = q[better], far[better]
@@ -145,10 +158,29 @@ def descend(
     return leg.wrapped(best), error
 
 
+def _tilts(leg: Leg, angles: Array, level: Array) -> tuple[Array, Array]:
+    """Ways of a sole's farthest corner to where its axes are these, by rotation vectors, shape (K,
+    3) [m], and derivatives of such ways in the joints, shape (K, 3, n).
+
+    Arguments:
+        level: axes as columns, in the base's frame, shape (K, 3, 3).
+    """
+    assert leg.sole is not None
+    turns = leg.chain.frames(angles)[0]
+    between = level @ np.swapaxes(turns[:, -1] @ leg.sole.rotation, 1, 2)
+    skew = 0.5 * (between - np.swapaxes(between, 1, 2))
+    vector = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    sine = np.linalg.norm(vector, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(between, axis1=1, axis2=2) - 1.0))
+    vector = vector * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0.0)[:, None]
+    axes = np.einsum("knij,nj->kin", turns, leg.chain.axes) * ~leg.chain.slides
+    return leg.sole.radius_m * vector, leg.sole.radius_m * axes
+
+
 def _damped(jacobian: Array, gap: Array, far: Array) -> Array:
     """Jᵀ(J Jᵀ + λ I)⁻¹ e, shape (K, n)."""
     square = jacobian @ jacobian.transpose(0, 2, 1)
-    diagonal = np.arange(3)
+    diagonal = np.arange(square.shape[1])
     square[:, diagonal, diagonal] += (_DAMPING * far)[:, None]
     return np.asarray(
         (jacobian.transpose(0, 2, 1) @ np.linalg.solve(square, gap[:, :, None]))[:, :, 0]
@@ -175,17 +207,24 @@ class Seeds:
 
         return cKDTree(self.leg.chain.feet(self.angles), balanced_tree=False, compact_nodes=False)
 
-    def solve(self, feet: ArrayLike, near: ArrayLike | None = None) -> tuple[Array, Array]:
+    def solve(
+        self,
+        feet: ArrayLike,
+        near: ArrayLike | None = None,
+        up: ArrayLike = (0.0, 0.0, 1.0),
+    ) -> tuple[Array, Array]:
         """Angles, shape (K, n), and errors, shape (K,) [m], of feet p_BF of shape (K, 3) [m].
 
         Arguments:
             near: postures to stay close to, shape (K, n); tried first, and seeds only where they do
                 not get there.
+            up: as for ``descend``.
         """
         target = np.asarray(feet, dtype=np.float64)
         best, error = np.zeros((len(target), self.leg.chain.joints)), np.full(len(target), np.inf)
+        up = np.broadcast_to(up, target.shape)
         if near is not None:
-            best, error = descend(self.leg, target, near)
+            best, error = descend(self.leg, target, near, up)
         missed = np.flatnonzero(error > REACHED_M)
         if not len(missed):
             return best, error
@@ -195,7 +234,7 @@ class Seeds:
             if not len(left):
                 break
             at = missed[left]
-            again, far = descend(self.leg, target[at], start[left])
+            again, far = descend(self.leg, target[at], start[left], up[at])
             closer = far < error[at]
             best[at[closer]], error[at[closer]] = again[closer], far[closer]
         return best, error
@@ -204,7 +243,22 @@ class Seeds:
 def seeds_of(legs: Sequence[Leg]) -> list[Seeds]:
     """Seeds all over the workspace of every leg, always the same."""
     rng = np.random.default_rng(0)
-    return [Seeds(leg, leg.random_angles(_SAMPLES, rng)) for leg in legs]
+    return [Seeds(leg, starts_of(leg, _SAMPLES, rng)) for leg in legs]
+
+
+_ABOUT_RAD, _FEWER = 0.3, 16
+"""Deviation of a sole's seeds from where it stands, and how many fewer there are: others are level
+nowhere near."""
+
+
+def starts_of(leg: Leg, count: int, rng: np.random.Generator) -> Array:
+    """Postures to start from, shape (K, n) [rad]: all over the limits, of a sole about the posture
+    in which it stands.
+    """
+    if leg.sole is None:
+        return leg.random_angles(count, rng)
+    off = rng.normal(0.0, _ABOUT_RAD, (count // _FEWER, len(leg.joints)))
+    return np.asarray(np.clip(leg.stance_rad + off, leg.lower_rad, leg.upper_rad))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -239,21 +293,29 @@ class InverseKinematics:
         """
         self.legs = tuple(seeds)
 
-    def solve(self, feet: ArrayLike, *, near: Sequence[ArrayLike] | None = None) -> LegPostures:
+    def solve(
+        self,
+        feet: ArrayLike,
+        *,
+        near: Sequence[ArrayLike] | None = None,
+        up: ArrayLike = (0.0, 0.0, 1.0),
+    ) -> LegPostures:
         """Angles for feet in the base's frame, shape (K, N, 3) [m].
 
         Raises InvalidInput for feet of another shape.
 
         Arguments:
             near: postures to stay near to, one per leg, as ``Seeds.solve`` takes them.
+            up: normals below soles in the base's frame, shape (K, N, 3) or (3,).
         """
         target = np.asarray(feet, dtype=np.float64)
         if target.ndim != 3 or target.shape[1:] != (len(self.legs), 3):
             raise InvalidInput(
                 f"feet: expected shape (any, {len(self.legs)}, 3), got {target.shape}"
             )
+        ups = np.broadcast_to(up, target.shape)
         answers = [
-            leg.solve(target[:, i], None if near is None else near[i])
+            leg.solve(target[:, i], None if near is None else near[i], ups[:, i])
             for i, leg in enumerate(self.legs)
         ]
         return LegPostures(

@@ -21,7 +21,7 @@ from ..physics import GRAVITY_M_S2
 from ..terrain.patch import Solid
 from .chain import rotation_of
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
-from .leg import Mount
+from .leg import Mount, levelled
 from .leg_ik import limb_postures
 from .model import Robot
 from .robot_file import Servo
@@ -67,9 +67,10 @@ class Kinematics:
     velocity_rad_s: limits of the joints, shape (J,); torque is inf where the robot's own file has
     none that can be believed, velocity 0 where it has none. rotor_kg_m2: inertia of every joint's
     rotor, behind its gears, shape (J,). legs: the number of the leg of every joint, shape (J,). known:
-    pinocchio's model; columns: where it has the joints' velocities, shape (J,). near_rad: posture of a
-    robot that is already somewhere, at which motions begin, shape (J,); None elsewhere. Raises InvalidInput
-    where pinocchio is not installed, and for a robot whose legs are not known.
+    pinocchio's model; columns: where it has the joints' velocities, shape (J,). soles: whether a foot
+    is one. near_rad: posture of a robot that is already somewhere, at which motions begin, shape
+    (J,); None elsewhere. Raises InvalidInput where pinocchio is not installed, and for a robot whose
+    legs are not known.
     """
 
     def __init__(
@@ -86,6 +87,7 @@ class Kinematics:
         self._pin = pin = pinocchio()
         legs, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
         self.joints, self.radii_m = self.model.joint_names, robot.source.foot_radii_m
+        self.soles = any(leg.sole is not None for leg in legs)
         self.rotor_kg_m2 = self.model.rotors_kg_m2
         self.lower_rad, self.upper_rad = (
             np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad")
@@ -126,6 +128,16 @@ class Kinematics:
         self._feet_of, self._turning = _factors(self.legs, 3), 3 + _factors(self.columns, 6)[::-1]
         self._middles = [self._data.oMf[foot].translation for foot in self._feet]
         self._turns = [self._data.oMf[foot].rotation for foot in self._feet]
+        soles = [leg.sole for leg in legs]
+        self._sole_radii = np.array([0.0 if sole is None else sole.radius_m for sole in soles])
+        self._sole_axes = np.array(
+            [
+                np.eye(3)
+                if sole is None
+                else self.model.mounts[leg.foot].rotation.T @ sole.rotation
+                for leg, sole in zip(legs, soles, strict=True)
+            ]
+        )
         self._even = bool(np.all(np.bincount(self.legs) == self._most))
 
     def _places(self) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
@@ -203,7 +215,7 @@ class Kinematics:
             rotation_rad: rotation vector of the body, taken exactly, shape (3,) [rad].
             toes_m: contact points of the limbs, shape (N, 3) [m].
             normals: normals of the surfaces, shape (N, 3): the foot's centre is a radius away along
-                them; without them it is at the toe.
+                them, and a sole flat on them; without them it is at the toe, and a sole level.
             forces_n: forces on the robot, world frame, shape (N, 3) [N].
             seed: angles to stay close to, shape (J,).
             obstacles: solids that the links of drawn-up legs should keep away from.
@@ -215,6 +227,7 @@ class Kinematics:
         com = read_only(com_m, (3,), "com_m")
         feet = self.targets(com, turn, read_only(toes_m, (count, 3), "toes_m"), out)
         near = None if seed is None else read_only(seed, (len(self.joints),), "seed")
+        up = np.array([0.0, 0.0, 1.0]) if normals is None else out @ turn
         if self.drawn:
             wished = limb_postures(
                 self.robot.limbs,
@@ -226,13 +239,13 @@ class Kinematics:
                 obstacles=obstacles,
             )
         else:
-            wished = self._near(feet, near)
+            wished = self._near(feet, near, up)
         if near is not None:
             far = self.by_leg(np.abs(wished - near)).max(axis=1) > most_rad
             wished = np.where(self.of_joints(far), near, wished)
-        angles, error = self.reach(feet, wished, wished)
+        angles, error = self.reach(feet, wished, wished, up)
         excess, torques = np.zeros(count), np.zeros(len(self.joints))
-        if np.any(error > REACHED_M):
+        if np.any(error > REACHED_M) and not self.soles:
             beyond, missed = self.reach(feet, wished, wished, limits=False)
             over = self.by_leg(np.maximum(beyond - self.highest_rad, self.lowest_rad - beyond)).max(
                 axis=1
@@ -261,19 +274,30 @@ class Kinematics:
         """
         return InverseKinematics(seeds_of(self.model.legs))
 
-    def _near(self, feet: Array, near: Array | None) -> Array:
+    def _near(self, feet: Array, near: Array | None, up: Array) -> Array:
         """Postures of own legs for feet in the base's frame, near those given or those in which it
         stands, (J,).
+
+        Arguments:
+            up: as for ``reach``.
         """
         start = (
             np.concatenate([leg.stance_rad for leg in self.model.legs]) if near is None else near
         )
         split = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
-        postures = self.own.solve(feet[None], near=[part[None] for part in np.split(start, split)])
+        postures = self.own.solve(
+            feet[None], near=[part[None] for part in np.split(start, split)], up=up
+        )
         return np.concatenate([angles[0] for angles in postures.angles])
 
     def reach(
-        self, feet: Array, start: Array, wished: Array, *, limits: bool = True
+        self,
+        feet: Array,
+        start: Array,
+        wished: Array,
+        up: ArrayLike = (0.0, 0.0, 1.0),
+        *,
+        limits: bool = True,
     ) -> tuple[Array, Array]:
         """Damped least squares from ``start``, drawn towards ``wished`` where that moves no foot;
         joints that would go beyond a limit at which they are wait there, and a limb that ends no
@@ -281,13 +305,15 @@ class Kinematics:
 
         Arguments:
             feet: centres in the base's frame, shape (N, 3) [m].
+            up: normals below soles in the base's frame, shape (N, 3) or (3,).
 
         Returns:
             Angles, shape (J,), and errors, shape (N,) [m].
         """
         lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
         start = np.minimum(np.maximum(start, lower), upper)
-        pull, angles, gap = 0.5, start, feet - self._placed(start)
+        level = None if not self.soles else levelled(np.broadcast_to(up, feet.shape))
+        pull, angles, gap = 0.5, start, self._gap(feet, start, level)
         first = gap
         for _ in range(_STEPS):
             if (farthest := abs(gap).max()) < EXACT_M:
@@ -301,13 +327,28 @@ class Kinematics:
                 step = self._step(free, gap, np.where(held, 0.0, pulled), farthest)
             step = np.minimum(np.maximum(step, -_LONGEST_STEP_RAD), _LONGEST_STEP_RAD)
             angles = np.minimum(np.maximum(angles + step, lower), upper)
-            gap = feet - self._placed(angles)
+            gap = self._gap(feet, angles, level)
         error = lengths(gap)
         if error.max() <= EXACT_M:  # as good as any start
             return angles, error
         before = lengths(first)
         better = error <= np.maximum(before, EXACT_M)
         return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
+
+    def _gap(self, feet: Array, angles: Array, level: Array | None) -> Array:
+        """Ways of the feet to where they should be, shape (N, 3) [m], and those of the farthest
+        corners of soles as they turn, shape (N, 6).
+
+        Arguments:
+            level: axes that soles should have, shape (N, 3, 3); None without soles.
+        """
+        gap = feet - self._placed(angles)
+        if level is None:
+            return np.asarray(gap)
+        between = level @ (np.array(self._turns) @ self._sole_axes).transpose(0, 2, 1)
+        skew = 0.5 * (between - between.transpose(0, 2, 1))
+        turn = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+        return np.concatenate([gap, self._sole_radii[:, None] * turn], axis=1)
 
     def _step(self, jacobian: Array, gap: Array, drawn: Array, farthest: float) -> Array:
         """Step of the joints that brings feet this far and draws joints this far where it does not
@@ -317,7 +358,8 @@ class Kinematics:
             farthest: the largest entry of the gap [m].
         """
         transposed = jacobian.transpose(0, 2, 1)
-        inverse = transposed @ np.linalg.inv(jacobian @ transposed + _DAMPING * farthest)
+        damping = _DAMPING if jacobian.shape[1] == 3 else DAMPING * np.eye(6)
+        inverse = transposed @ np.linalg.inv(jacobian @ transposed + damping * farthest)
         along = self.by_leg(drawn)[:, :, None]
         step = inverse @ (gap[:, :, None] - jacobian @ along) + along
         return np.asarray(step.reshape(-1) if self._even else step[self.legs, self._nth, 0])
@@ -378,21 +420,59 @@ class Kinematics:
         self._placed(angles)
         return np.array(self._turns)
 
+    def corners(self, angles: Array, leg: int, points_m: Array) -> Array:
+        """Points (forward, left) of a leg's sole in the base's frame, shape (K, 2) to (K, 3) [m]."""
+        its = self.model.legs[leg]
+        assert its.sole is not None
+        turn = its.chain.frames(angles[None, self.legs == leg])[0][0, -1] @ its.sole.rotation
+        return np.asarray(self.feet(angles)[leg] + points_m @ turn[:, :2].T)
+
+    def sole_offsets(self, angles: Array) -> list[Array]:
+        """Vectors from the centres of the feet to the corners of their soles in the base's frame, by
+        leg, shape (K, 3) [m]; a foot without one is its centre.
+        """
+        return [
+            np.zeros((1, 3))
+            if leg.sole is None
+            else self.corners(angles, i, leg.sole.points_m) - self.feet(angles)[i]
+            for i, leg in enumerate(self.model.legs)
+        ]
+
     def com_offset(self, angles: Array) -> Array:
         """The whole robot's centre of mass in the base's frame, shape (3,) [m]: Lin et al. take it
         for ``origin_m``.
         """
         return np.array(self._pin.centerOfMass(self.known, self._masses, self._configured(angles)))
 
-    def torques(self, angles: Array, rotation: Array, forces_n: Array) -> Array:
+    def torques(
+        self, angles: Array, rotation: Array, forces_n: Array, moments_nm: Array | None = None
+    ) -> Array:
         """τ = g(q) − Σ Jᵢᵀ fᵢ: what the joints give so that the robot stands still, shape (J,)
         [Nm].
 
         Arguments:
             rotation: R_WB, shape (3, 3).
             forces_n: on the feet, world frame, shape (N, 3) [N].
+            moments_nm: of forces on soles about their middles, shape (N, 3) [Nm]; None for points.
         """
-        return self.torques_of(self.loads(angles, rotation), forces_n)
+        torques = self.torques_of(self.loads(angles, rotation), forces_n)
+        if moments_nm is None:
+            return torques
+        return torques - self.turning(angles, rotation, moments_nm)
+
+    def turning(self, angles: Array, rotation: Array, moments_nm: Array) -> Array:
+        """Torques that moments on the feet take off what joints give, shape (J,) [Nm].
+
+        Arguments:
+            rotation: R_WB, shape (3, 3).
+            moments_nm: about the centres of the feet, world frame, shape (N, 3) [Nm].
+        """
+        torques = np.zeros(len(self.joints))
+        for i, leg in enumerate(self.model.legs):
+            turns = leg.chain.frames(angles[None, self.legs == i])[0][0]
+            axes = np.einsum("nij,nj->ni", turns, leg.chain.axes) * ~leg.chain.slides[:, None]
+            torques[self.legs == i] = axes @ rotation.T @ moments_nm[i]
+        return torques
 
     def torques_of(self, loads: tuple[Array, Array], forces_n: Array) -> Array:
         """Torques as of ``torques``, from ``loads``, which many forces share."""
@@ -474,11 +554,15 @@ class Kinematics:
 
     def _jacobian(self) -> Array:
         """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N,
-        3, n).
+        3, n), of soles as ``_gap`` has them, shape (N, 6, n).
         """
-        jacobian, levers = np.zeros((len(self._feet), 3, self._most)), self._levers()
+        levers = self._levers()
+        if self.soles:
+            axes = self._sole_radii[self.legs, None] * self._spatial[self._column, 3:]
+            levers = np.concatenate([levers, axes], axis=1)
+        jacobian = np.zeros((len(self._feet), levers.shape[1], self._most))
         if self._even:
-            jacobian[:] = levers.reshape(len(jacobian), -1, 3).transpose(0, 2, 1)
+            jacobian[:] = levers.reshape(len(jacobian), self._most, -1).transpose(0, 2, 1)
         else:
             jacobian[self.legs, :, self._nth] = levers
         return jacobian

@@ -7,7 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..errors import InvalidInput
 from ..files.arrays import Array, checked, cross, read_only
+from ..files.codec import LATER
+from ..terrain.polygon import half_planes
+from ..terrain.sole import checked_sole
 from .chain import Chain
 
 FULL_TURN = 2.0 * np.pi - 1e-6
@@ -33,19 +37,69 @@ class Joint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FootContact:
-    """A foot's contact as a person describes it: a point, or a ball about that point.
+    """A foot's contact as a person describes it: a point, a ball about that point, or a flat sole
+    around it.
 
     Arguments:
         point_m: the point in the frame of the foot's link, shape (3,) [m].
-        radius_m: radius of the ball, 0 for a point [m].
+        radius_m: radius of the ball, 0 for a point and for a sole [m].
+        sole_m: corners (forward, left) of a sole about the point, level while all joints are at 0,
+            shape (K, 2) [m]; None for a foot without one.
     """
 
     point_m: Array = field(default_factory=lambda: np.zeros(3))
     radius_m: float = 0.0
+    sole_m: Array | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point_m", read_only(self.point_m, (3,), "contact: point_m"))
         object.__setattr__(self, "radius_m", checked(self.radius_m, "contact: radius_m", least=0.0))
+        if self.sole_m is not None:
+            object.__setattr__(self, "sole_m", checked_sole(self.sole_m, "contact: sole_m"))
+            if self.radius_m > 0.0:
+                raise InvalidInput(
+                    f"contact: radius_m: expected 0 beside a sole, got {self.radius_m:g}"
+                )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FootSole:
+    """A flat foot, whose middle is its chain's end.
+
+    Arguments:
+        points_m: corners (forward, left) about the middle, counterclockwise, shape (K, 2) [m].
+        rotation: from the sole's axes, forward, left and up, into those of the last joint, shape
+            (3, 3).
+    """
+
+    points_m: Array
+    rotation: Array
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Length and width [m]."""
+        length, width = np.ptp(self.points_m, axis=0).tolist()
+        return length, width
+
+    @property
+    def radius_m(self) -> float:
+        """Distance of the farthest corner from the middle [m]."""
+        return float(np.linalg.norm(self.points_m, axis=1).max())
+
+    def holds(self, points_m: Array) -> bool:
+        """Tell whether points, shape (K, 2) [m], are on the sole."""
+        normals, offsets = half_planes(self.points_m)
+        return bool(np.all(points_m @ normals.T <= offsets + 1e-6))
+
+
+def levelled(up: Array) -> Array:
+    """Axes of a sole that looks along x, on ground along these normals, as columns, shapes (…, 3) to
+    (…, 3, 3).
+    """
+    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
+    ahead = np.array([1.0, 0.0, 0.0]) - up[..., :1] * up
+    ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+    return np.stack([ahead, cross(up, ahead), up], axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,6 +131,7 @@ class Leg:
         stance_rad: the posture in which it stands, shape (n,).
         contact: shape that touches, as a YAML file gives it; None if the collision shapes show it.
         doubt: reason why the contact shape is not known; plans for such a leg are refused.
+        sole: the flat foot that touches, in place of a sphere; None for others.
     """
 
     name: str
@@ -87,6 +142,7 @@ class Leg:
     stance_rad: Array
     contact: FootContact | None = None
     doubt: str = ""
+    sole: FootSole | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(

@@ -20,8 +20,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
 from .chain import Chain
-from .contacts import Fits, Touch, placed_shapes, touch_of
-from .leg import FULL_TURN, FootContact, Joint, Leg
+from .contacts import Fits, Touch, is_wheel, placed_shapes, sole_of, touch_of
+from .leg import FULL_TURN, FootContact, FootSole, Joint, Leg
 from .meshes import Shape
 from .plausibility import points_up
 from .urdf_reader import base_joint, matching, pinocchio
@@ -46,6 +46,8 @@ _APART = 0.2
 """Two ends of one chain that are farther apart than this share of its length are two feet."""
 _WHOLE_LEG = 3
 """Joints of a leg of its own, at least: what hangs below a waist."""
+_LEVEL = 5
+"""Joints of a leg that keeps a sole level somewhere, at least."""
 _SHORTEST_M = 0.02
 _MOST_JOINTS = 24
 """Most joints of a leg."""
@@ -118,8 +120,13 @@ def legs_of(
         guesses.append(f"legs and feet, by their shape and names: {names}")
     tree.doubts.clear()  # of chains that are no legs
     known = _contacts(ends, contacts or {})
+    tree.flat = len(ends) == 2
     result = [tree.leg(name, end, known.get(name)) for name, end in ends.items()]
     tree.doubts += [(f"link {leg.foot}", leg.doubt) for leg, _ in result if leg.doubt]
+    soles = [(leg.foot, *leg.sole.size_m) for leg, _ in result if leg.sole and not leg.contact]
+    if soles:
+        sizes = ", ".join(f"{foot} {long:.3f} × {wide:.3f} m" for foot, long, wide in soles)
+        guesses.append(f"soles, by their shapes: {sizes}")
     legs, indices = tuple(leg for leg, _ in result), tuple(index for _, index in result)
     return Found(
         legs=legs,
@@ -161,6 +168,7 @@ class _Tree:
 
     def __init__(self, model: Any, shapes: Sequence[Shape]) -> None:
         self._model, self._shapes = model, shapes
+        self.flat = False  # feet may be soles, as of who stands on two
         self.doubts, self._fits = list[tuple[str, str]](), Fits()
         pin = pinocchio()
         self._bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
@@ -333,9 +341,9 @@ class _Tree:
             raise InvalidInput(
                 f"leg {shown(name)}: expected {_MOST_JOINTS} joints or fewer, got {len(end.joints)}"
             )
-        touch = self._touch(end, contact)
-        chain = self._chain(end, touch.centre_m)
         joints = tuple(self._joint(j) for j in end.joints)
+        touch, sole = self._touch(end, contact, joints)
+        chain = self._chain(end, touch.centre_m)
         middle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in joints])
         leg = Leg(
             name=name,
@@ -346,6 +354,7 @@ class _Tree:
             stance_rad=middle,
             contact=contact,
             doubt=touch.doubt,
+            sole=sole,
         )
         return leg, touch.index
 
@@ -468,18 +477,40 @@ class _Tree:
             velocity_rad_s=velocity if np.isfinite(velocity) else 0.0,
         )
 
-    def _touch(self, end: _End, contact: FootContact | None) -> Touch:
-        """Shape with which the leg touches, in the last joint's frame."""
+    def _touch(
+        self, end: _End, contact: FootContact | None, joints: Sequence[Joint]
+    ) -> tuple[Touch, FootSole | None]:
+        """Shape with which the leg touches, in the last joint's frame, and the sole that it is."""
         body = [frame for frame in self._bodies if frame.parentJoint == end.joints[-1]]
         places = {
             frame.name: (np.array(frame.placement.rotation), np.array(frame.placement.translation))
             for frame in body
         }
         turn, place = places[end.foot]
+        base = self._in_base[end.joints[-1]].rotation.T
         if contact is not None:
-            centre = place + turn @ contact.point_m
-            return Touch(link=end.foot, centre_m=centre, radius_m=contact.radius_m, index=-1)
-        touch = touch_of(placed_shapes(self._shapes, places, self._fits))
+            centre, flat = place + turn @ contact.point_m, contact.sole_m
+            sole = None if flat is None else FootSole(points_m=flat, rotation=base)
+            return Touch(link=end.foot, centre_m=centre, radius_m=contact.radius_m, index=-1), sole
+        pieces = placed_shapes(self._shapes, places, self._fits)
+        free = joints[-1].upper_rad - joints[-1].lower_rad > FULL_TURN and not joints[-1].slides
+        if free and is_wheel(pieces, self._twists[end.joints[-1]][3:], base[:, 2]):
+            doubt = "is a wheel, whose axis is along the ground: no foot stands on it"
+            wheel = Touch(link=end.foot, centre_m=place, radius_m=0.0, index=-1, doubt=doubt)
+            return wheel, None
+        flat = sole_of(pieces, base) if self.flat and len(joints) >= _LEVEL else None
+        if flat is not None:
+            sole, middle, link = flat
+            return Touch(link=link, centre_m=middle, radius_m=0.0, index=-1), sole
+        return self._pointed(end, touch_of(pieces), place), None
+
+    def _pointed(self, end: _End, touch: Touch | None, place: Array) -> Touch:
+        """Shape with which a leg touches that is no sole.
+
+        Arguments:
+            touch: as its shapes show it.
+            place: of its foot in the last joint's frame, shape (3,) [m].
+        """
         if touch is not None and not touch.doubt:
             return touch
         doubt, link = ("", end.foot) if touch is None else (touch.doubt, touch.link)

@@ -228,10 +228,13 @@ class Robot:
                 "got "
                 f"{self.mass_kg:.9g}"
             )
-        if any(limb.sole_m is not None for limb in self.limbs):
-            raise InvalidInput(
-                f"robot {self.name}: expected point feet with a model of its legs, got soles"
-            )
+        for limb, leg in zip(self.limbs, model.legs, strict=True):
+            same = (limb.sole_m is None) == (leg.sole is None)
+            if not same or (leg.sole is not None and not leg.sole.holds(limb.sole_m)):
+                raise InvalidInput(
+                    f"robot {self.name}: limb {limb.name}: sole_m: expected points of the soles that "
+                    "its model has there, got others"
+                )
 
     def check_limbs(self) -> None:
         """Raise InvalidInput for a robot whose limbs are the boxes of a walker's feet."""
@@ -304,14 +307,8 @@ class Robot:
         from .reach_sets import limbs_over  # measures legs, which is slow to import
 
         limbs = limbs_over(self.source.own_model(), which)
-        soles = (limb.sole_m for limb in self.limbs)
-        return replace(
-            self,
-            feet=(),
-            limbs=tuple(
-                replace(limb, sole_m=sole) for limb, sole in zip(limbs, soles, strict=True)
-            ),
-        )
+        rows = self.relative_reach if which == "inner" else ()
+        return replace(self, feet=(), limbs=limbs, relative_reach=rows)
 
     @property
     def size(self) -> float:

@@ -275,17 +275,20 @@ def _beyond(box: Array, low: Array, high: Array) -> float:
 
 def contact_radii_m(robot: RobotModel) -> Array:
     """Distance from each foot's centre within which the foot may touch, shape (N,) [m]: the radius
-    of a ball; where a person stated the contact, all of the foot's own shapes, since a sole touches
-    with any part of it.
+    of a ball; where a person stated the contact, and of a sole, all of the foot's own shapes, since
+    a sole touches with any part of it.
     """
     radii = []
-    for leg in robot.legs:
-        radius, mount = leg.radius_m, robot.mounts[leg.foot]
-        centre = (leg.chain.tip_m - mount.origin_m) @ mount.rotation
-        for shape in solid_shapes(robot.shapes) if leg.contact is not None else ():
-            corners = shape_points(shape) if shape.link == leg.foot else None
+    for i, leg in enumerate(robot.legs):
+        radius = leg.radius_m if leg.sole is None else leg.sole.radius_m
+        for shape in solid_shapes(robot.shapes) if leg.contact is not None or leg.sole else ():
+            mount = robot.mounts[shape.link]
+            last = mount.leg == i and mount.joint == len(leg.joints) - 1
+            its = shape.link == leg.foot if leg.sole is None else last
+            corners = shape_points(shape) if its else None
             if corners is not None:
-                away = shape.origin_m + corners @ shape.rotation.T - centre
+                away = shape.origin_m + corners @ shape.rotation.T
+                away = mount.origin_m + away @ mount.rotation.T - leg.chain.tip_m
                 radius = max(radius, float(np.linalg.norm(away, axis=1).max()))
         radii.append(radius)
     return np.array(radii)
@@ -507,7 +510,7 @@ class Extent:
             model = robot.source.own_model()
             model.check_known()
             sets, radii = outer_sets(model), contact_radii_m(model)
-            stated = [leg.contact is not None for leg in model.legs]
+            stated = [leg.contact is not None or leg.sole is not None for leg in model.legs]
             return cls(
                 reach_m=float((sets.reach_m + radii).max()),
                 apart_m=float((sets.apart_m + radii[:, None] + radii).max()),

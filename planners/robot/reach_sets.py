@@ -36,6 +36,8 @@ NAME = re.compile(r"^(?P<what>.+)_constraints_in_(?P<foot>[A-Za-z0-9]+).*\.obj$"
 COM = "COM"
 _PREFERRED = "reduced"
 """Of several files for the same set, the one whose name has this."""
+_GAP_M = 0.02
+"""Distance of two soles [m]."""
 _SLACK_M = 1e-6
 """The ball about a limb's half-spaces is this much larger than the one about their corners."""
 
@@ -222,11 +224,16 @@ def limbs_over(
 
     Raises:
         InvalidInput: for a leg whose foot is larger than its inner set, for one whose workspace has
-            no inside, and where a person has to say first what a leg touches with, or which way is
+            no inside, for outer sets of soles, and where a person has to say first what a leg touches with, or which way is
             up.
     """
     robot.check_known()
     if sets == "outer":
+        if any(leg.sole is not None for leg in robot.legs):
+            raise InvalidInput(
+                f"robot {robot.name}: expected feet that are balls for outer sets, got soles, which "
+                "may touch with any part of them"
+            )
         return _outer_limbs(robot)
     measured = workspaces_of(robot) if workspaces is None else workspaces
     return tuple(
@@ -281,5 +288,29 @@ def _limb(leg: Leg, workspace: Workspace, com_m: Array) -> Limb:
         shoulder_m=centre - com_m,
         reach_m=radius,
         reach_rows=rows,
+        sole_m=None if leg.sole is None else leg.sole.points_m,
         hip_m=leg.hip_m - com_m,
+    )
+
+
+def soles_apart(robot: RobotModel) -> tuple[RelativeReach, ...]:
+    """Rows that keep the soles of two feet apart, whatever the body does: y_left − y_right is at
+    least what both are wide, and ``_GAP_M``; none of other robots.
+    """
+    if len(robot.legs) != 2:
+        return ()
+    left, right = sorted(robot.legs, key=lambda leg: -float(leg.nominal_m[1]))
+    if left.sole is None or right.sole is None:
+        return ()
+    wide = float(right.sole.points_m[:, 1].max() - left.sole.points_m[:, 1].min()) + _GAP_M
+    aside = {left.name: 1.0, right.name: -1.0}
+    return tuple(
+        RelativeReach(
+            limb=one.name,
+            other=other.name,
+            rows=ReachRows(
+                normals=np.array([[0.0, aside[one.name], 0.0]]), bounds_m=np.array([-wide])
+            ),
+        )
+        for one, other in (robot.legs, robot.legs[::-1])
     )

@@ -72,6 +72,8 @@ def standing(leg: Leg) -> Array:
     reaches. Of the sampled postures whose feet are near, the one nearest the middle of its limits
     is brought there.
     """
+    if leg.sole is not None:
+        return _standing_flat(leg)
     rest = np.clip(np.zeros(len(leg.joints)), leg.lower_rad, leg.upper_rad)
     turns, places = (each[0] for each in leg.chain.frames(rest[None]))
     hip = places[min(1, len(leg.joints) - 1)]
@@ -118,6 +120,60 @@ def _eased(leg: Leg, angles: Array) -> Array:
     return found[0] if error[0] <= REACHED_M else angles
 
 
+_BENT_DEPTH = 0.95
+"""Share of its greatest depth at which a sole stands: thighs and shanks of one length bend by 0.65
+rad."""
+_DEPTHS, _STARTS, _SPREAD_RAD = 41, 60, 0.4
+"""Depths that are tried for a sole, and postures that it is brought there from, so far from rest."""
+
+
+def _standing_flat(leg: Leg) -> Array:
+    """Posture of a leg with a sole: level, its ankle under the hip, no wider than at rest, the knee a
+    little bent, shape (n,) [rad].
+    """
+    rest = np.clip(np.zeros(len(leg.joints)), leg.lower_rad, leg.upper_rad)
+    places, foot = leg.chain.frames(rest[None])[1][0], leg.chain.feet(rest[None])[0]
+    hip = places[:3].mean(axis=0)
+    off = np.random.default_rng(0).normal(0.0, _SPREAD_RAD, (_STARTS, len(rest)))
+    starts = np.clip(rest + off, leg.lower_rad, leg.upper_rad)
+    column = np.array([hip[0] + foot[0] - places[-1, 0], foot[1], 0.0])
+    targets = np.repeat(column[None], _DEPTHS, axis=0)
+    targets[:, 2] = hip[2] + np.linspace(0.5, 1.1, _DEPTHS) * (foot[2] - hip[2])
+    reached = np.zeros(_DEPTHS, dtype=np.bool_)
+    for start in (rest, *starts[:3]):
+        reached |= descend(leg, targets, np.tile(start, (_DEPTHS, 1)))[1] <= REACHED_M
+    if not reached.any():
+        return rest
+    column[2] = hip[2] + _BENT_DEPTH * (targets[reached, 2].min() - hip[2])
+    found, error = descend(leg, np.tile(column, (_STARTS, 1)), starts)
+    half = np.maximum(0.5 * (leg.upper_rad - leg.lower_rad), 1e-9)
+    strain = np.linalg.norm(found / half, axis=1) + 1e3 * np.maximum(error - REACHED_M, 0.0)
+    return np.asarray(found[int(np.argmin(strain))])
+
+
+_MIRROR = np.array([1.0, -1.0, 1.0])
+_SAME_M = 1e-3
+"""Legs whose feet stand so near to each other's mirror images are these."""
+
+
+def _mirrored(leg: Leg, other: Leg) -> Array | None:
+    """Posture of a leg that is the mirror image of another one, as that stands, shape (n,) [rad];
+    None where it is not its image.
+    """
+    if len(leg.joints) != len(other.joints):
+        return None
+    mine, theirs = (
+        np.einsum(
+            "nij,nj->ni", one.chain.frames(np.zeros((1, len(one.joints))))[0][0], one.chain.axes
+        )
+        for one in (leg, other)
+    )
+    angles = np.sign(np.vecdot(mine, -_MIRROR * theirs)) * other.stance_rad
+    angles = np.clip(angles, leg.lower_rad, leg.upper_rad)
+    off = leg.chain.feet(angles[None])[0] - _MIRROR * other.nominal_m
+    return angles if float(np.linalg.norm(off)) <= _SAME_M else None
+
+
 _STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is
 there."""
@@ -127,6 +183,9 @@ units of what holds the robot's weight at a leg's length [Nm]."""
 _STIFFNESS, DAMPING_S = 1.0, 0.04
 """Gains of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the
 robot's weight at a leg's length [Nm], and Kd / Kp [s]."""
+_IN_SERIES = 2.0
+"""Factor on the stiffness of legs with soles: the body is a pendulum upside down over ankle, knee and
+hip, which give way one after the other."""
 _STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 _SLIDES, _IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
@@ -239,6 +298,8 @@ class RobotModel:
                 content.update(
                     f"\0contact\0{leg.contact.point_m.tolist()}\0{leg.contact.radius_m}".encode()
                 )
+            if leg.sole is not None:
+                content.update(f"\0sole\0{leg.sole.points_m.tolist()}".encode())
         for i, shape in enumerate(self.shapes):
             if shape.corners_m is not None:
                 for part in (shape.corners_m, *shape.parts_m):
@@ -307,7 +368,8 @@ class RobotModel:
         """
         if self.servo is not None:
             return self.servo.stiffness_nm_rad, self.servo.damping_nms_rad, self.servo.rotor_kg_m2
-        stiffness = _STIFFNESS * self.carried_nm
+        soles = any(leg.sole is not None for leg in self.legs)
+        stiffness = (_IN_SERIES if soles else 1.0) * _STIFFNESS * self.carried_nm
         return stiffness, DAMPING_S * stiffness, _ROTOR_S2 * self.carried_nm
 
     @cached_property
@@ -539,8 +601,13 @@ def _stand(
                 [angles[name] for name in leg.joint_names], leg.lower_rad, leg.upper_rad
             )
         else:
-            stance = standing(leg)
+            alike = [each for each in stood if leg.sole is not None and each.name in unsaid]
+            image = _mirrored(leg, alike[0]) if alike else None
+            stance = standing(leg) if image is None else image
             unsaid.append(leg.name)
+        if leg.sole is not None:
+            level, error = descend(leg, leg.chain.feet(stance[None]), stance[None])
+            stance = level[0] if error[0] <= REACHED_M else stance
         stood.append(replace(leg, stance_rad=stance))
     if unsaid:
         guesses.append(f"posture to stand in, of {', '.join(unsaid)}")

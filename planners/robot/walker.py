@@ -11,10 +11,11 @@ where the two stand, so that every foot is nearer to its own place than to anoth
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
-from typing import get_args
+from typing import cast, get_args
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -28,7 +29,7 @@ from .leg_sources import no_legs
 from .limb import Foot, half_sides
 from .meshes import shape_points, solid_shapes
 from .model import DEEPEST, Limb, Robot
-from .reach_sets import Sets, limbs_over, standing_toes
+from .reach_sets import Sets, limbs_over, soles_apart, standing_toes
 from .robot_file import ROBOTS, model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel, model_of
 from .single_body import anymal, hexapod_walker, legged_anymal, read_walker
@@ -52,6 +53,7 @@ def contact_robot(
         name=robot.name,
         mass_kg=robot.body.mass_kg,
         limbs=limbs_over(robot, sets, workspaces),
+        relative_reach=soles_apart(robot) if sets == "inner" else (),
         model=robot,
     )
 
@@ -60,13 +62,12 @@ def sets_of(robot: Robot) -> Sets | None:
     """The sets of its model's legs that a robot's limbs have; None where it has no model, or they
     have others.
     """
-    try:
-        each = {sets: robot.sets(sets) for sets in get_args(Sets)}
-    except (
-        InvalidInput
-    ):  # no legs of its own, or some without an inside, whose limbs were given other sets
-        return None
-    return next((sets for sets, made in each.items() if _same_reach(made, robot)), None)
+    for sets in get_args(Sets):
+        # of robots without legs of their own, and of legs without an inside, there are none
+        with suppress(InvalidInput):
+            if _same_reach(robot.sets(sets), robot):
+                return cast(Sets, sets)
+    return None
 
 
 def _same_reach(one: Robot, other: Robot) -> bool:

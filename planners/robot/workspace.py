@@ -24,7 +24,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, read_archive
 from ..files.writing import cache_folder, write_bytes
 from .hulls import Polytope
-from .inverse_kinematics import REACHED_M, Seeds
+from .inverse_kinematics import REACHED_M, Seeds, descend, starts_of
 from .leg import Leg
 
 if TYPE_CHECKING:
@@ -35,6 +35,9 @@ _SAMPLES = 60_000
 """Postures a joint, by which voxels are reached."""
 _VOXELS = 36
 """Along the leg's length."""
+_VOXELS_LEVEL, _AROUND = 26, 0.5
+"""The same of a leg with a sole, and where these are: as far from where it stands, in lengths of the
+leg."""
 _MOST_FACES, _ROUNDS = 200, 4
 """Most faces of a polytope while it grows; ellipsoids that are tried."""
 _MOST_INSIDE = 12_000
@@ -52,9 +55,9 @@ _MISSED = 0.0008
 _DEAR = 25.0
 """Points within reach that may be lost with one that is not."""
 _MOST_TANGENTS = 20
-_USEFUL = 0.15
-"""Share of the leg's length: feet that are so far below the hip are of use, and count in
-``cover``."""
+_USEFUL, _USEFUL_LEVEL = 0.15, 0.65
+"""Share of the leg's length: feet that are so far below the hip are of use, and count in ``cover``;
+and the same of soles, on which nobody crouches lower."""
 _CUBE = np.ones((3, 3, 3), dtype=np.bool_)
 _CUBE.setflags(write=False)
 
@@ -90,8 +93,13 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
             f"leg {leg.name}: expected three joints or more for a workspace with an inside, got "
             f"{len(leg.joints)}"
         )
+    if leg.sole is not None and len(leg.joints) < 6:
+        raise InvalidInput(
+            f"leg {leg.name}: expected six joints or more to keep its sole level wherever it stands, "
+            f"got {len(leg.joints)}"
+        )
     rng = np.random.default_rng(seed)
-    voxels, seeds = _Voxels(leg, rng), Seeds(leg, leg.random_angles(_SEEDS, rng), tries=_TRIES)
+    voxels, seeds = _Voxels(leg, rng), Seeds(leg, starts_of(leg, _SEEDS, rng), tries=_TRIES)
     cover, inner = -1.0, Polytope(normals=np.zeros((0, 3)), offsets_m=np.zeros(0))
     for retreat in _RETREATS:
         tried = _cut(voxels.polytope(leg.nominal_m, retreat), seeds, rng)
@@ -118,17 +126,40 @@ class _Voxels:
     def __init__(self, leg: Leg, rng: np.random.Generator) -> None:
         from scipy.ndimage import binary_closing  # slow to import
 
-        self.size = leg.chain.length_m / _VOXELS
-        feet = leg.chain.feet(leg.random_angles(_SAMPLES * len(leg.joints), rng))
+        self.size = leg.chain.length_m / (_VOXELS if leg.sole is None else _VOXELS_LEVEL)
+        feet = (
+            leg.chain.feet(leg.random_angles(_SAMPLES * len(leg.joints), rng))
+            if leg.sole is None
+            else self._level(leg)
+        )
         self.reach_m = float(np.linalg.norm(feet - leg.hip_m, axis=1).max())
         self.corner = feet.min(axis=0) - 2.0 * self.size
+        if leg.sole is not None:  # points of a grid are in the middles of cells
+            self.corner -= 0.5 * self.size
         cells = ((feet - self.corner) / self.size).astype(np.intp)
         shape = tuple(cells.max(axis=0) + 3)
         reached = np.zeros(shape, dtype=np.bool_)
         reached.ravel()[np.ravel_multi_index(tuple(cells.T), shape)] = True
         self.reached = binary_closing(reached, _CUBE)
         swings = leg.chain.frames(leg.stance_rad[None])[1][0, min(1, len(leg.joints) - 1)]
-        self.useful_m = float(swings[2] - _USEFUL * leg.chain.length_m)
+        useful = _USEFUL if leg.sole is None else _USEFUL_LEVEL
+        self.useful_m = float(swings[2] - useful * leg.chain.length_m)
+
+    def _level(self, leg: Leg) -> Array:
+        """Points of a grid about where a sole stands that it reaches level, by inverse kinematics,
+        shape (K, 3) [m].
+        """
+        far = _AROUND * leg.chain.length_m
+        steps = np.arange(-far, far, self.size)
+        grid = np.stack(np.meshgrid(steps, steps, steps[steps > -0.5 * far]), axis=-1)
+        points = leg.nominal_m + grid.reshape(-1, 3)
+        start = np.repeat(leg.stance_rad[None], len(points), axis=0)
+        level = points[descend(leg, points, start)[1] <= REACHED_M]
+        if not len(level):
+            raise InvalidInput(
+                f"leg {leg.name}: expected a sole that stays level near where it stands, got none"
+            )
+        return np.asarray(level)
 
     def polytope(self, home: Array, retreat: float) -> Polytope:
         """Half-spaces around the home of a foot that no unreached voxel is in, so many voxels away
@@ -274,6 +305,8 @@ def _kept(leg: Leg) -> Workspace:
     """
     chain = leg.chain
     numbers = (chain.rotations, chain.origins, chain.axes, chain.slides, chain.tip_m)
+    if leg.sole is not None:
+        numbers = (*numbers, leg.sole.points_m, leg.sole.rotation, np.array(_USEFUL_LEVEL))
     key_parts = [
         _VERSION,
         *(each.tolist() for each in (*numbers, leg.lower_rad, leg.upper_rad, leg.stance_rad)),

@@ -14,12 +14,15 @@ from copy import copy
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
+
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..problem import Problem
 from ..projection.held import PRESSES, PUSHES, pressing, push_share, pushed, steady
 from ..terrain.patch import Patch
+from ..terrain.sole import sole_offsets, sole_region
 from .answer import COURSE_LIMIT_S, Planner
 from .two_stage import TwoStagePlanner
 
@@ -91,6 +94,8 @@ def plan_with_reserve(
         if limited is None:
             continue
         dulled = slippery(course, share)
+        if course.has_soles and course.robot.source.own and len(shares) > 1:
+            dulled = narrowed(dulled, _SOLES[min(shares.index(share), len(_SOLES) - 1)])
         outcome = limited.solve(dulled)
         LOG.info(
             "plan: contacts with %.0f %% of the friction: %s after %d solves, %.2f s",
@@ -98,7 +103,7 @@ def plan_with_reserve(
         )
         if outcome.solution is not None:
             push = press = 0.0
-            if presses:
+            if presses and not dulled.has_soles:  # whose reserve is on their soles
                 outcome, push = _braced(planner, dulled, outcome, cautious)
                 if push == 0.0:
                     outcome, press = _firmer(planner, dulled, outcome, presses, cautious)
@@ -111,7 +116,9 @@ def plan_with_reserve(
                 provenance["press_share"] = press
             if push > 0.0:
                 provenance["push_share"] = push
-            plan: Plan = replace(outcome.solution, problem=course, provenance=provenance)
+            plan: Plan = replace(
+                on_whole_soles(outcome.solution, course), problem=course, provenance=provenance
+            )
             exact = (
                 share >= 1.0 and outcome.problem is dulled
             )  # a bound of another course bounds nothing here
@@ -124,6 +131,59 @@ def plan_with_reserve(
     return outcome or Answer(
         status=Status.UNDECIDED, method=planner.name, problem=course, message=_TIME_ENDED
     )
+
+
+_SOLES = (0.5, 0.65, 0.8)
+"""Shares of soles within which plans with shares of the friction are made: what is left is their
+distance from the edge over which the robot tips."""
+
+
+def narrowed(course: Problem, share: float) -> Problem:
+    """The course with soles that are so much smaller about their middles, which may be where those of
+    the whole soles may.
+    """
+    soles = {limb.name: limb.sole_m for limb in course.robot.limbs}
+    limbs = tuple(
+        limb if limb.sole_m is None else replace(limb, sole_m=share * limb.sole_m)
+        for limb in course.robot.limbs
+    )
+    footholds = []
+    for foothold in course.footholds:
+        whole, candidates = soles[foothold.limb], foothold.candidates
+        if whole is not None and share < 1.0:
+            candidates = tuple(
+                sole_region(patch, sole_offsets((1.0 - share) * whole, patch, yaw))
+                for patch, yaw in zip(candidates, foothold.yaws_rad, strict=True)
+            )
+        footholds.append(replace(foothold, candidates=candidates))
+    return replace(course, robot=replace(course.robot, limbs=limbs), footholds=tuple(footholds))
+
+
+def on_whole_soles(plan: Plan, course: Problem) -> Plan:
+    """The plan with the same forces and moments on the soles that the course has.
+
+    A point of a smaller sole is between that of the whole one and its middle, and the middle is a
+    mean of its points: forces at the one are forces at the others, within the same cones.
+    """
+    if not course.has_soles or plan.points_m is None or plan.point_forces_n is None:
+        return plan
+    from scipy.optimize import nnls  # slow to import
+
+    forces, points = np.array(plan.point_forces_n), np.array(plan.points_m)
+    for i, (own, limb) in enumerate(zip(plan.problem.robot.limbs, course.robot.limbs, strict=True)):
+        if limb.sole_m is None or own.sole_m is None or np.array_equal(own.sole_m, limb.sole_m):
+            continue
+        count = len(limb.sole_m)
+        share = float(np.abs(own.sole_m).max() / np.abs(limb.sole_m).max())
+        mean = nnls(np.vstack([limb.sole_m.T, np.ones(count)]), np.array([0.0, 0.0, 1.0]))[0]
+        its = forces[:, i, :count]
+        middle = (1.0 - share) * mean[:, None] * its.sum(axis=1, keepdims=True)
+        forces[:, i, :count] = share * its + middle
+        for p, foothold in enumerate(course.footholds):
+            if foothold.limb == limb.name:
+                toe = plan.toes_m[p]
+                points[p, :count] = toe + (points[p, :count] - toe) / share
+    return replace(plan, points_m=points, point_forces_n=forces)
 
 
 def in_time(planner: Planner, deadline: float) -> Planner | None:

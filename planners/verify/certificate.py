@@ -529,6 +529,11 @@ def _short_sets(course: Problem) -> str:
     from ..robot.reach_sets import contains_all
     from ..robot.walker import sets_of
 
+    if course.has_soles:
+        return (
+            f"robot {course.robot.name}: expected feet that are balls, got soles, which may touch "
+            "with any part of them"
+        )
     try:
         if contains_all(course.robot) or sets_of(course.robot) == "inner":
             return ""

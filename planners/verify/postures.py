@@ -205,12 +205,16 @@ def joint_report(
     course = plan.problem
     solver = solver or Kinematics(course.robot, servo, gravity_m_s2=course.gravity_m_s2)
     angles, error, limit, wrong = _postures(plan, solver, reached_m)
-    torque = np.array(
+    moments = plan.moments_nm if solver.soles else None
+    torque = np.abs(
         [
-            np.abs(
-                solver.torques(angles[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces)
+            solver.torques(
+                angles[of.frame],
+                rotation_of(plan.rotation_rad[of.frame]),
+                forces,
+                None if moments is None else moments[s],
             )
-            for of, forces in zip(course.stances, plan.forces_n, strict=True)
+            for s, (of, forces) in enumerate(zip(course.stances, plan.forces_n, strict=True))
         ]
     )
     most = np.minimum(solver.torque_nm, _torque_cap(plan))
@@ -277,6 +281,7 @@ def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, 
             for k in frames
         ]
         error = np.array([np.linalg.norm(solver.feet(angles[k]) - feet[k], axis=1) for k in frames])
+        error = np.maximum(error, _off_soles(plan, solver, angles))
         limit = _by_leg(solver, solver.beyond(angles))
     wrong = list[str]()
     (far, limb), (bent, owner) = _where(error, frames, course), _where(limit, frames, course)
@@ -293,6 +298,24 @@ def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, 
             f"frame {bent}, limb {owner}: a joint is {limit.max():.3g} rad beyond its limit"
         )
     return angles, error, limit, "; ".join(wrong)
+
+
+def _off_soles(plan: Plan, solver: Kinematics, angles: Array) -> Array:
+    """Distance of the farthest point of each sole that bears forces from where the plan has it, shape
+    (M, N) [m].
+    """
+    from ..robot.chain import rotation_of
+
+    off = np.zeros((plan.problem.frames, len(plan.problem.robot.limbs)))
+    for k, i in np.ndindex(off.shape):
+        sole = plan.problem.robot.limbs[i].sole_m
+        if sole is None or plan.points_m is None:
+            continue
+        turn = rotation_of(plan.rotation_rad[k])
+        placed = solver.corners(angles[k], i, sole) - solver.robot.origin_m
+        wanted = plan.points_m[plan.problem.holds[k, i], : len(sole)]
+        off[k, i] = np.linalg.norm(plan.com_m[k] + placed @ turn.T - wanted, axis=1).max()
+    return off
 
 
 def _by_leg(solver: Kinematics, values: Array) -> Array:

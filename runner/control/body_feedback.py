@@ -35,7 +35,9 @@ _TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
 _ROUNDS = 4
 """The least force holds others in hardly more rounds than two: then the program is asked."""
-_EVEN = EVEN * np.eye(6)
+_EVEN, _FIRM = EVEN * np.eye(6), 1e-5 * np.eye(6)
+"""The same as a matrix, and where forces are at the corners of soles, whose arms are short."""
+_CORNER_ROUNDS = 8
 WEIGHTS = read_only(np.repeat([1.0, _TURNING], 3), (6,), "weights")
 _PLANNED = 0.95
 """Share of μ that forces may use where the plan uses as much."""
@@ -170,6 +172,44 @@ class BodyController:
         result = np.array(planned_n)
         result[rows] = force_n
         return result
+
+    def at_corners(
+        self,
+        wrench: Array,
+        sample: Samples,
+        owner: NDArray[np.int_],
+        arms_m: Array,
+        planned_n: Array,
+        stands: NDArray[np.bool_],
+    ) -> Array:
+        """Forces at K corners of soles that make a wrench on the body, as near to planned ones as
+        goes, shape (K, 3) [N]. Corners that would pull bear nothing, and what is outside of a
+        cone is cut off.
+
+        Arguments:
+            wrench: all of it, about the centre of mass, world frame, shape (6,).
+            owner: the foot of every corner, shape (K,).
+            arms_m: from the centre of mass, world frame, shape (K, 3).
+            planned_n: shape (K, 3).
+            stands: which corners touch, shape (K,).
+        """
+        frames, friction = sample.frames[owner], self._friction(sample)[owner]
+        maps = np.concatenate([frames, _TURNING * skew(arms_m) @ frames], axis=1)
+        planned = np.einsum("nik,ni->nk", frames, planned_n) / self._weight
+        wanted, force, held = WEIGHTS * wrench / self._weight, planned, ~stands
+        for _ in range(_CORNER_ROUNDS):
+            start = np.where(held[:, None], 0.0, planned)
+            arms = np.where(held[:, None, None], 0.0, maps).transpose(1, 0, 2).reshape(6, -1)
+            lacks = wanted - arms @ start.ravel()
+            force = start + (np.linalg.solve(arms @ arms.T + _FIRM, lacks) @ arms).reshape(-1, 3)
+            pulls = held | (force[:, 0] < 0.0)
+            if (pulls == held).all():
+                break
+            held = pulls
+        force[:, 0] = np.maximum(force[:, 0], 0.0)
+        across = np.maximum(lengths(force[:, 1:]), 1e-9)
+        force[:, 1:] *= np.minimum(1.0, friction * force[:, 0] / across)[:, None]
+        return np.asarray(np.einsum("nik,nk->ni", frames, self._weight * force))
 
     def _of_no_cone(self, question: _Asked) -> Array | None:
         """The program's forces where no cone holds them, p + Aᵀ y, and where they would be less, the

@@ -454,6 +454,8 @@ class Tracker:
         rotation = sample.rotation
         loads = self._kinematics.loads(angles, rotation)
         planned = self._kinematics.torques_of(loads, sample.forces_n)
+        if sample.moments_nm is not None:
+            planned = planned - self._kinematics.turning(angles, rotation, sample.moments_nm)
         torques = self._given(sample, loads, origin, rotation)
         rates = (angles - self._angles) / self._period_s
         rising = (rates - self._rates) / self._period_s
@@ -486,7 +488,10 @@ class Tracker:
         pressed = sample.forces_n + self._pressed
         placed, self._placed = self._placed, (origin, rotation)
         if self._found is None:
-            return self._kinematics.torques_of(loads, pressed)
+            torques = self._kinematics.torques_of(loads, pressed)
+            if sample.moments_nm is None:
+                return torques
+            return torques - self._kinematics.turning(self._angles, rotation, sample.moments_nm)
         if placed is not None:
             turn = self._log(rotation @ placed[1].T)
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
@@ -497,10 +502,51 @@ class Tracker:
         state = self._found.state
         seen = BodyPose(origin_m=state.position_m, rotation=state.rotation, velocity=state.velocity)
         arms = state.feet_m - state.position_m - state.rotation @ self._shift
-        forces = self._body.forces(
-            self._body.wrench(wanted, seen), sample, arms, pressed, self._feet.touched
-        )
+        wrench, touched = self._body.wrench(wanted, seen), self._feet.touched
+        if self._kinematics.soles:
+            turn, loads = state.rotation, self._found.loads
+            return self._on_soles(sample, wrench, arms, pressed, touched, turn, loads)
+        forces = self._body.forces(wrench, sample, arms, pressed, touched)
         return self._kinematics.torques_of(self._found.loads, forces)
+
+    def _on_soles(
+        self,
+        sample: Samples,
+        wrench: Array,
+        arms: Array,
+        pressed: Array,
+        touched: NDArray[np.bool_],
+        rotation: Array,
+        loads: tuple[Array, Array],
+    ) -> Array:
+        """Torques for forces at the corners of the soles that touch: about the middle of a sole they
+        have moments, which its ankle gives.
+
+        Arguments:
+            wrench: on the body beside its weight, world frame, shape (6,).
+            arms: from the centre of mass to the middles of the soles, shape (N, 3) [m].
+            pressed: planned forces, shape (N, 3) [N].
+            loads: of the joints where they are.
+        """
+        assert self._found is not None
+        kinematics, angles = self._kinematics, self._found.state.angles_rad
+        offsets = kinematics.sole_offsets(angles)
+        counts = [len(its) for its in offsets]
+        owner = np.repeat(np.arange(len(counts)), counts)
+        off = np.concatenate(offsets) @ rotation.T
+        forces = self._body.at_corners(
+            wrench + sample.wrench,
+            sample,
+            owner,
+            arms[owner] + off,
+            pressed[owner] / np.repeat(counts, counts)[:, None],
+            touched[owner],
+        )
+        on_feet, moments = np.zeros_like(arms), np.zeros_like(arms)
+        np.add.at(on_feet, owner, forces)
+        np.add.at(moments, owner, np.cross(off, forces))
+        torques = kinematics.torques_of(loads, on_feet)
+        return np.asarray(torques - kinematics.turning(angles, rotation, moments))
 
     def _roll(self, sample: Samples, turned: Array) -> None:
         """A sphere that rolls by a small turn ω moves by ω × r n.
@@ -530,7 +576,8 @@ class Tracker:
         feet = (sample.feet_m + self._rolled + self._feet.moved_m - origin) @ rotation
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
-        angles, error = self._kinematics.reach(feet, near, near)
+        up = sample.normals @ rotation
+        angles, error = self._kinematics.reach(feet, near, near, up)
         if (stands := sample.stands).all():
             return angles, error, origin
         air, aside = ~stands, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
@@ -538,7 +585,7 @@ class Tracker:
         if (
             stuck.any()
         ):  # at a limit on its path, or in another posture: begin again where it should end
-            other, missed = self._kinematics.reach(feet, wish, wish)
+            other, missed = self._kinematics.reach(feet, wish, wish, up)
             straight = (error <= STRAY_M) & (missed <= STRAY_M)
             other = np.where(
                 self._of(straight), self._angles + self._drawn * (other - self._angles), other

@@ -265,7 +265,8 @@ def _followed(samples: Sequence[Samples], kinematics: Kinematics, near_rad: Arra
         rotation = rotation_of(sample.rotation_rad)
         for _ in range(2 if path else 4):  # the shift of the centre of mass depends on the posture
             origin = sample.com_m - rotation @ kinematics.com_offset(angles)
-            angles, _ = kinematics.reach((sample.feet_m - origin) @ rotation, angles, angles)
+            feet, up = (sample.feet_m - origin) @ rotation, sample.normals @ rotation
+            angles, _ = kinematics.reach(feet, angles, angles, up)
         path.append(angles)
     return np.array(path)
 

@@ -10,6 +10,7 @@ second profile checks it.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -66,7 +67,9 @@ def check_at_rest(
     samples = [motion.at(float(time_s)) for time_s in motion.knots_s]
     torques = np.array(
         [
-            kinematics.torques(angles, rotation_of(sample.rotation_rad), sample.forces_n)
+            kinematics.torques(
+                angles, rotation_of(sample.rotation_rad), sample.forces_n, sample.moments_nm
+            )
             for angles, sample in zip(wished.path_rad, samples, strict=True)
         ]
     )
@@ -176,7 +179,7 @@ def soft_start(
     if depth <= _SLACK_M:
         return [first_rad]
     above = kinematics.feet(first_rad) + clearance_m * normals @ pose[1]
-    off, _ = kinematics.reach(above, first_rad, first_rad)
+    off, _ = kinematics.reach(above, first_rad, first_rad, normals @ pose[1])
     around, _ = _deepest(kinematics, solids, pose, [measured_rad, off, first_rad])
     if around <= _SLACK_M:
         return [off, first_rad]
@@ -695,11 +698,14 @@ def unhurried_plan(
     drawn to.
 
     Arguments:
-        shared: forces are shared anew among the limbs of every stance, with a reserve of friction.
+        shared: forces are shared anew among the limbs of every stance, with a reserve of friction;
+            those of soles stay as planned, at a pace that their support bears.
 
     Raises:
         InvalidInput: where all limbs lift at once.
     """
+    if kinematics.soles:
+        shared, timing = False, timing.at_pace(_steady_pace(plan, timing))
     forces_n = distribute_forces(plan, kinematics) if shared else None
     standing_n = standing_forces(plan, kinematics) if shared else None
     motion = PlanMotion(plan, timing, forces_n, standing_n=standing_n)
@@ -707,6 +713,32 @@ def unhurried_plan(
     longer = unhurried(motion, wished, can.velocity_rad_s, _most(kinematics))
     motion = PlanMotion(plan, timing, forces_n, longer, standing_n)
     return motion, wished.retimed(motion.knots_s)
+
+
+_PEAK = 10.0 / math.sqrt(3.0)
+"""Greatest acceleration of a smooth way from rest to rest, of its length over its squared time."""
+_SUPPORT, _PASSED = 0.8, 0.1
+"""Share of the least support, and of a way, that the weight of a body which speeds up may leave the
+place under it by: it has gone on so far when it speeds up most."""
+
+
+def _steady_pace(plan: Plan, timing: Timing) -> float:
+    """Pace at which the weight of the body, c − h/g c̈ on the ground, stays on the soles: 1 where that
+    of the timing does.
+    """
+    from stancekit.planners.verify.margins import margin_group  # Clarabel, of soles alone
+
+    model = plan.problem.robot.source.own_model()
+    support_m = float(margin_group(plan).figures["support_m"])
+    ways = np.linalg.norm(np.diff(plan.com_m[:, :2], axis=0), axis=1)
+    seconds = np.maximum(timing.swing_s, ways / timing.body_m_s)
+    room = np.maximum(_SUPPORT * support_m + _PASSED * ways, _LEAST_ROOM_M)
+    needed = np.sqrt(_PEAK * model.stand_height_m / plan.problem.gravity_m_s2 * ways / room)
+    return float(min(1.0, (seconds / np.maximum(needed, 1e-9)).min(initial=1.0)))
+
+
+_LEAST_ROOM_M = 1e-3
+"""Support is counted as this much at least, or a motion would take for ever [m]."""
 
 
 def timed_plan(
