@@ -10,8 +10,6 @@ import pytest
 import stancekit
 from tests.refusals import refuses
 
-pytest.importorskip("pyarrow")
-
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> list[stancekit.Dataset]:

@@ -16,7 +16,6 @@ import stancekit
 from tests.doors import DOORS, PLACES, WALKS, ask, differences, questions
 from tests.planners.robot.small_urdfs import quadruped
 
-pytest.importorskip("pinocchio")
 FEW = (
     "flat-2-0.4",
     "gait-all",

@@ -11,9 +11,6 @@ from stancekit.planners.motion.plan_motion import Timing
 from stancekit.runner.worlds import WORLDS, WorldSettings
 from tests.refusals import refuses
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 
 @pytest.fixture(scope="module")
 def plan() -> stancekit.Plan:

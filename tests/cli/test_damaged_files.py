@@ -20,12 +20,6 @@ import numpy as np
 import pytest
 import yaml
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-pytest.importorskip("mcap")
-pytest.importorskip("trimesh")
-pytest.importorskip("stable_baselines3")
-
 from stancekit.cli import console
 from stancekit.cli.main import INTERNAL, parse, run
 from stancekit.cli.verify import Verify

@@ -22,8 +22,6 @@ def run(*arguments: object) -> int:
 def test_an_export_is_read_back_and_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("minari")
-    pytest.importorskip("h5py")
     label(
         LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4), tmp_path / "set"
     )

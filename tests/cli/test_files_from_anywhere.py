@@ -16,9 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("pypcd4")
-
 from stancekit.cli.sample import Sample
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import hexapod_urdf
@@ -156,7 +153,7 @@ def test_a_cloud_as_fine_as_its_grid_is_a_terrain_or_one_line(
 def test_an_outline_that_geometry_cannot_cut_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shapely = pytest.importorskip("shapely")
+    import shapely
 
     def torn(*_: Any) -> Any:
         raise shapely.errors.GEOSException("TopologyException: side location conflict at 1 2")
@@ -193,7 +190,8 @@ def test_the_command_as_a_process_takes_a_broken_mesh(tmp_path: Path) -> None:
 def test_where_the_axes_of_a_file_went_is_said(tmp_path: Path, up: str) -> None:
     low = np.zeros(3)
     high = np.array([0.4, 0.8, 1.2])
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     trimesh.creation.box(bounds=[low, high]).export(tmp_path / "box.stl")
     code, out, _ = command(
         ("terrain", str(tmp_path / "box.stl"), "--up", up, "--json", "--margin-m", "0")
@@ -238,7 +236,6 @@ def test_a_mesh_that_is_broken_or_flat_is_a_doubt_that_names_link_and_file(tmp_p
 
 
 def test_a_broken_mesh_that_is_only_seen_is_a_doubt_where_it_is_drawn(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     (tmp_path / "cut.ply").write_bytes(CUT_OFF)
     robot = tmp_path / "robot.urdf"
     seen = '<visual><geometry><mesh filename="cut.ply"/></geometry></visual></link>'

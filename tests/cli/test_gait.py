@@ -75,7 +75,8 @@ def test_an_accepted_walk_is_written_with_its_verdict(gait, short):
 
 
 def test_a_urdf_walks_and_its_own_legs_reach_every_foot(gait, stancekit, tmp_path):
-    pin = pytest.importorskip("pinocchio")
+    import pinocchio as pin
+
     (tmp_path / "dog.urdf").write_text(quadruped(effort=60.0))
     code, out, err = gait(*SHORT, "--robot", "dog.urdf", "--out", "walk.json", "--json")
     record = json.loads(out)
@@ -191,7 +192,6 @@ def test_the_portfolio_stops_at_the_first_chart_that_is_accepted(gait):
 
 @pytest.mark.usefixtures("gl")
 def test_pictures_pages_and_films_are_drawn(gait, monkeypatch):
-    pytest.importorskip("imageio_ffmpeg")
     whole = GaitView.frames
     monkeypatch.setattr(GaitView, "frames", lambda *of: islice(whole(*of), 3))
     files = ["a.png", "b.svg", "c.mp4", "d.html"]
@@ -475,7 +475,6 @@ def test_a_wall_on_the_way_that_is_too_steep_for_friction_is_said_before_any_wor
 
 
 def test_a_walk_is_simulated_at_its_own_pace_and_filmed_not_drawn(gait, short, stancekit):
-    pytest.importorskip("mujoco")
     short(gait)
     ran = stancekit("simulate", "walk.json", "--json")
     (said,) = ran.records

@@ -18,9 +18,6 @@ from stancekit.planners.robot.robot_file import named_robot
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("trimesh")
-
 PLACES = [
     (0.31 * i, 0.31 * j, 0.02 * ((3 * i + 5 * j) % 4)) for i in range(-4, 4) for j in range(-4, 4)
 ]

@@ -9,9 +9,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mcap")
-
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
@@ -194,7 +191,6 @@ def test_a_world_without_a_latch_and_one_that_raises_are_one_line(folder, stance
 
 
 def test_a_simulation_of_ones_own_is_a_subclass_and_simulated_like_the_others(folder, stancekit):
-    pytest.importorskip("mujoco")
     (folder / "moon.py").write_text(
         "from dataclasses import replace\n"
         "from stancekit.runner.worlds.mujoco import MujocoWorld\n"

@@ -232,7 +232,6 @@ def test_a_file_of_modes_that_is_none_is_told(refusal, tmp_path):
 
 @pytest.mark.usefixtures("gl")
 def test_a_page_and_a_video_are_written(plan, tmp_path, monkeypatch):
-    pytest.importorskip("imageio_ffmpeg")
     whole = PlanView.frames
     monkeypatch.setattr(PlanView, "frames", lambda *of: islice(whole(*of), 3))
     try:
@@ -331,7 +330,6 @@ terrain: {kind: flat, friction: 0.6}
 
 def test_the_papers_own_gait_is_planned_and_judged_and_not_run(stancekit):
     """Decision 0006: only its frames can be checked, and nobody can execute it."""
-    pytest.importorskip("pinocchio")
     said = "balanced in every frame; cannot be executed: nobody carries between frames"
     Path("gall.yaml").write_text(GAIT_ALL)
     planned = stancekit("plan", "gall.yaml", "--out", "gall.json")

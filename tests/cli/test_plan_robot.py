@@ -18,8 +18,6 @@ from stancekit import courses
 from stancekit.cli.main import parse, run
 from tests.planners.robot.small_urdfs import quadruped
 
-pytest.importorskip("pinocchio")
-
 COURSE = """
 name: flat
 robot: dog.urdf

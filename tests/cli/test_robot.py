@@ -10,8 +10,6 @@ from stancekit.cli.robot import ShowRobot
 from stancekit.planners.robot.robot_file import named_robot
 from tests.planners.robot.small_urdfs import MASS, fixed, link, quadruped, robot
 
-pytest.importorskip("pinocchio")
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -15,10 +15,6 @@ import numpy as np
 import pytest
 import yaml
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-pytest.importorskip("mcap")
-
 from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
 from stancekit.cli.run import RunMotion
@@ -431,8 +427,6 @@ def test_a_pose_from_which_feet_would_go_through_a_wall_is_one_line_before_any_m
 def test_a_stop_topic_that_is_pressed_lets_nothing_begin(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("roslibpy")
-    pytest.importorskip("websockets")
     from tests.emulators.rosbridge import RosBridge
 
     with RosBridge(["a"]) as bridge:

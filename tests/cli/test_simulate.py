@@ -16,9 +16,6 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 
 @cache
 def step() -> Plan:

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("stable_baselines3")
-
 from stancekit.cli.main import run
 from stancekit.cli.train import Train
 from stancekit.learners.training.train_config import TrainConfig

@@ -10,9 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("coal")
-
 import stancekit
 from stancekit.cli.main import main
 
@@ -45,7 +42,6 @@ def test_a_motion_is_judged_by_the_command(walk: Path, capsys: pytest.CaptureFix
 
 
 def test_mujocos_key_frames_are_judged(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("mujoco")
     assert run("export", walk, "--to", "mujoco") == 0
     assert (
         run("verify", walk.with_suffix(".xml"), "--robot", "anymal", "--terrain", walk, "--json")

@@ -15,9 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("dynamixel_sdk")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.robot_file import joint_names

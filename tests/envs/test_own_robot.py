@@ -22,9 +22,6 @@ from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("trimesh")
-
 PLANE = "v -2 -2 {0}\nv 2 -2 {0}\nv 2 2 {0}\nv -2 2 {0}\nf 1 2 3\nf 1 3 4\n"
 COURSE = """
 name: field

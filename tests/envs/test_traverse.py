@@ -371,7 +371,7 @@ def test_a_course_of_one_frame_has_nowhere_to_go():
 
 @pytest.mark.parametrize("terrain", ["ground", "wall"])
 def test_the_experts_envelopes_are_those_of_the_selector(terrain):
-    heuristic = pytest.importorskip("stancekit.learners.selectors.selector")
+    import stancekit.learners.selectors.selector as heuristic
     from stancekit.envs.distributions.postures import distribution
 
     name = f"{terrain}-3"
@@ -429,7 +429,6 @@ def networks(tmp_path_factory) -> dict[str, Any]:
     """Networks that have learned next to nothing, of the ground, of walls, and for P1 joined with
     the lift.
     """
-    pytest.importorskip("torch")
     folder, found = tmp_path_factory.mktemp("networks"), dict[str, Any]()
     rows = {
         name: stancekit.label(name, folder / name, rows=(6, 6)) for name in ("ground-3", "wall-3")

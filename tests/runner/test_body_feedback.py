@@ -13,9 +13,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 import stancekit
 from stancekit.pictures import view_of
 from stancekit.planners.answer.plan import Plan
@@ -273,7 +270,6 @@ def test_a_page_of_an_executed_walk_shows_the_feet_where_the_world_had_them(
         feet = [bodies[f"{leg} foot"] for leg in ("LF", "RF", "LH", "RH")]
         row = int(np.argmin(np.abs(times_s - k * film.step_s)))
         np.testing.assert_allclose(feet, run.trace.feet_m[row], atol=1e-3)
-    pytest.importorskip("viser")
     stancekit.film(walked.trajectory, tmp_path / "walk.html", run)
     assert walked.trajectory.robot.name in (tmp_path / "walk.html").read_text()
 

@@ -9,10 +9,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("dynamixel_sdk")
-pytest.importorskip("mcap")
-
 from stancekit.cli.main import main
 from tests.emulators.devices import DeviceProcess
 from tests.emulators.servo_bus import FAULTS

@@ -16,9 +16,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("dynamixel_sdk")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names

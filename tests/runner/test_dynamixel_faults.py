@@ -10,9 +10,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-pytest.importorskip("dynamixel_sdk")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names

@@ -5,9 +5,6 @@ nowhere.
 from __future__ import annotations
 
 import numpy as np
-import pytest
-
-pytest.importorskip("pinocchio")
 
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics

@@ -16,8 +16,6 @@ from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from tests.refusals import assert_names
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
 FAST = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
 
 

@@ -8,8 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.kinematics import Kinematics

@@ -10,9 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion, footholds

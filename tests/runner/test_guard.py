@@ -317,7 +317,6 @@ def test_a_world_is_an_actuator_by_what_it_can_do() -> None:
     world: World = MemoryWorld()
     assert isinstance(world, Actuator)
     assert isinstance(world, Stoppable)
-    pytest.importorskip("mujoco")
     from stancekit.runner.worlds import make_world
 
     with make_world("mujoco", world.robot) as simulated:

@@ -10,7 +10,6 @@ from stancekit.planners.motion.leap_motion import LeapRun
 from stancekit.runner.motion.redundancy import MeanForces
 from stancekit.runner.worlds import make_world
 
-pytest.importorskip("pinocchio")
 FILE = Path(__file__).parents[1] / "data" / "leap-hop-anymal.json"
 
 
@@ -44,7 +43,6 @@ def test_what_carries_in_a_part_of_a_period_stands_in_it(motion: LeapRun):
 
 
 def test_loads_may_lead_beyond_the_limits_of_angles(motion: LeapRun):
-    pytest.importorskip("mujoco")
     robot = motion.plan.problem.robot
     with make_world("mujoco", robot) as world:
         model = robot.source.own_model()

@@ -16,8 +16,6 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from tests.refusals import refuses
 
-pytest.importorskip("mujoco")
-pytest.importorskip("pinocchio")
 FILE = Path(__file__).parents[1] / "data" / "leap-hop-anymal.json"
 
 

@@ -10,8 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.problem.course_file import read_course

@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("mcap")
-
 from stancekit.runner.log import FORMAT, TOPICS, McapLog, read_log, state_from_json, state_json
 from tests.emulators.faulty_disk import ended
 from tests.emulators.memory_world import MemoryWorld

@@ -9,9 +9,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("coal")
-
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.path import APART_M

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-
-pytest.importorskip("pinocchio")
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.plan_motion import PlanMotion

@@ -10,8 +10,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array

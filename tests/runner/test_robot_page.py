@@ -10,12 +10,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-pytest.importorskip("mcap")
-pytest.importorskip("dynamixel_sdk")
-
 from stancekit.cli.main import main
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course

@@ -10,10 +10,6 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import Servo

@@ -10,10 +10,6 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.errors import HardwareFault
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names

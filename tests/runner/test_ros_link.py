@@ -8,9 +8,6 @@ from contextlib import ExitStack
 
 import pytest
 
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-
 from stancekit.runner.worlds.ros.bridge import RosLink
 from tests.emulators.rosbridge import RosBridge
 

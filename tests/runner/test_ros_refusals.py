@@ -7,10 +7,6 @@ import time
 
 import pytest
 
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.errors import InvalidInput
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import RosSetup, same_names

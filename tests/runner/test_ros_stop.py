@@ -11,10 +11,6 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.errors import HardwareFault
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.worlds.ros.driver import RosWorld

@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
@@ -116,7 +114,6 @@ def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_a
 def test_a_plan_is_followed_from_the_pose_that_was_found_to_its_last_frame(
     accepted: Accepted, tmp_path: Path
 ) -> None:
-    pytest.importorskip("mcap")
     near = MemoryWorld()
     with McapLog(tmp_path / "run.mcap") as log:
         report = ran(near, accepted, log=log)
@@ -317,8 +314,6 @@ def test_a_wall_clock_that_jumps_changes_nothing(
 def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_the_same(
     accepted: Accepted, tmp_path: Path
 ) -> None:
-    pytest.importorskip("mujoco")
-    pytest.importorskip("mcap")
     from stancekit.runner.worlds import make_world
     from stancekit.views.gait_plot import draw_tracking
 
@@ -371,8 +366,6 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
 def test_a_set_up_file_that_names_another_robot_is_refused(
     accepted: Accepted, tmp_path: Path
 ) -> None:
-    pytest.importorskip("dynamixel_sdk")
-    pytest.importorskip("roslibpy")
     from stancekit.runner.worlds import make_world
     from stancekit.runner.worlds.dynamixel.control_table import nominal
     from stancekit.runner.worlds.ros.setup import same_names
@@ -395,7 +388,6 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
 
 
 def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accepted) -> None:
-    pytest.importorskip("mujoco")
     from stancekit.runner.worlds import make_world
     from stancekit.runner.worlds.drives import Imperfections
 

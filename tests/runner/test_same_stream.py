@@ -8,10 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-pytest.importorskip("dynamixel_sdk")
-
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod

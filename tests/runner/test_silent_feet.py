@@ -7,9 +7,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
-
-pytest.importorskip("pinocchio")
 
 from stancekit.runner.control.friction import SILENT_S, SilentFeet
 from tests.runner.test_friction import PERIOD_S, felt

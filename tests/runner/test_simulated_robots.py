@@ -12,8 +12,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Limb, Robot
@@ -264,7 +262,6 @@ def test_a_heavier_robot_and_softer_loops_are_as_said() -> None:
         for m in ElementTree.fromstring(again.urdf).findall("link/inertial/mass")
     ]
     assert sum(masses) == pytest.approx(1.15 * of.body.mass_kg)
-    pytest.importorskip("mujoco")
     sunk, legs = [], Kinematics(robot(of))
     for share in (1.0, 0.7):
         with make_world(

@@ -5,9 +5,6 @@ go on as before.
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain import Patch

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
@@ -179,7 +177,6 @@ def test_a_set_up_file_that_is_wrong_is_refused_in_one_line(
 
 
 def test_worlds_of_other_people_without_soft_ground_are_made_as_before() -> None:
-    pytest.importorskip("mujoco")
     from stancekit.runner.worlds.mujoco import MujocoWorld
 
     class Plain(MujocoWorld):
@@ -199,7 +196,6 @@ def test_worlds_of_other_people_without_soft_ground_are_made_as_before() -> None
 
 def test_feet_that_feel_hold_a_robot_between_walls_that_yield_and_joints_alone_do_not() -> None:
     """In MuJoCo; ``benchmarks/soft_ground.py`` has both simulators and more courses."""
-    pytest.importorskip("mujoco")
     plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert plan is not None
     accepted, soft = Accepted.verified(plan, "walls"), SoftContact(stiffness_n_m=2e4)

@@ -15,10 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dynamixel_sdk")
-pytest.importorskip("pinocchio")
-
 from dynamixel_sdk import PortHandler
 
 from stancekit.planners.answer.plan import Plan

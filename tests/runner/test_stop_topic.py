@@ -7,9 +7,6 @@ from collections.abc import Iterator
 
 import pytest
 
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-
 from stancekit.runner.safety.estop import watched
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.safety.stop_topic import StopTopic

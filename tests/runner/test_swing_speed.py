@@ -9,8 +9,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion
 from stancekit.planners.robot import hexapod

@@ -8,9 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 from stancekit.cli.main import run
 from stancekit.cli.run import RunMotion
 from stancekit.cli.simulate import Simulate
@@ -30,11 +27,6 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
-
-LINE = (
-    r": margin: \w+( \w+)* at frame \d bear a push of [\d.]+ N, expected [\d.]+ N or more, 90 % of the "
-    r"weight; {}least.push 0 runs it all the same"
-)
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.path import touch_downs_m

@@ -11,9 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 import stancekit
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.motion.plan_motion import Timing

@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from stancekit.planners.errors import InvalidInput
@@ -24,7 +25,6 @@ from stancekit.views.sheet import to_rgb
 from tests.planners.motion.test_walk_joints import leaning
 from tests.planners.robot.small_urdfs import quadruped
 
-pin = pytest.importorskip("pinocchio")
 TURN = np.array(pin.exp3(np.array([0.2, -0.3, 0.5])))
 COM = np.array([0.4, -0.3, 0.7])
 BLOCK = '<{0}><origin xyz=".01 .02 -.1" rpy=".3 0 0"/><geometry>{1}</geometry></{0}>'

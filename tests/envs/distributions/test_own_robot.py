@@ -25,9 +25,6 @@ from stancekit.planners.terrain.reference import named_terrain
 from tests.planners.robot.small_urdfs import leg, quadruped, robot
 from tests.refusals import assert_names, refuses
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("trimesh")
-
 GROUNDS = ["stairs:0.3:7"]
 PLANE = "v -2 -2 {0}\nv 2 -2 {1}\nv 2 2 {1}\nv -2 2 {0}\nf 1 2 3\nf 1 3 4\n"
 

@@ -308,7 +308,6 @@ def test_a_driver_that_dies_hangs_or_gives_up_is_one_line(
 
 
 def test_a_cluster_that_is_not_there_is_one_line() -> None:
-    pytest.importorskip("ray")
     with socket.create_server(("127.0.0.1", 0)) as closed:
         address = f"127.0.0.1:{closed.getsockname()[1]}"
     with pytest.raises(InvalidInput) as error:
@@ -319,7 +318,6 @@ def test_a_cluster_that_is_not_there_is_one_line() -> None:
 
 
 def test_a_ray_cluster_gives_the_same_answers(tmp_path: Path) -> None:
-    pytest.importorskip("ray")
     run = executor("ray", address="local")
     tasks = [partial(die_once, tmp_path / "died", x) for x in range(8)]
     assert gather(run, tasks) == list(range(8))  # one worker was killed meanwhile

@@ -39,8 +39,6 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def written(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> tuple[Exported, Any]:
-    pytest.importorskip("minari")
-    pytest.importorskip("h5py")
     done = export(dataset, tmp_path_factory.mktemp("minari") / "out")
     return done, load_exported(done.root)
 
@@ -94,8 +92,6 @@ def test_minari_itself_loads_it_in_another_process(written: tuple[Exported, Any]
 def test_nothing_is_written_elsewhere(
     dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("minari")
-    pytest.importorskip("h5py")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.delenv("MINARI_DATASETS_PATH", raising=False)
     export(dataset.select([0, 1]), tmp_path / "new" / "out")
@@ -105,8 +101,6 @@ def test_nothing_is_written_elsewhere(
 
 
 def test_bad_input_is_refused_and_leaves_nothing(dataset: Dataset, tmp_path: Path) -> None:
-    pytest.importorskip("minari")
-    pytest.importorskip("h5py")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").touch()
     (tmp_path / "file").touch()

@@ -17,8 +17,6 @@ from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.reference import reference_terrain
 from tests.refusals import refuses
 
-pytest.importorskip("torch")
-
 
 def played(folder, name):
     rows = map(json.loads, (folder / "rows.jsonl").read_text().splitlines()[1:])

@@ -103,8 +103,9 @@ def test_any_number_of_processes_gives_the_same_shares(
 def test_stable_baselines3_comes_to_the_same_mean_reward(
     scenes: list[LabelledScene], envelopes: EnvelopeSet
 ) -> None:
-    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
-    monitor = pytest.importorskip("stable_baselines3.common.monitor")
+    import stable_baselines3.common.evaluation as evaluation
+    import stable_baselines3.common.monitor as monitor
+
     selector = FixedSelector("quantile", envelopes)
     infos = rollout(
         selector, EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)), len(scenes)

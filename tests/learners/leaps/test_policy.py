@@ -4,16 +4,11 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from sb3_contrib import MaskablePPO
 
 import stancekit
 import stancekit.envs
-from stancekit.learners.leaps.policy import LeapScorer
-
-pytest.importorskip("sb3_contrib")
-
-from sb3_contrib import MaskablePPO
-
-from stancekit.learners.leaps.policy import ScorePolicy
+from stancekit.learners.leaps.policy import LeapScorer, ScorePolicy
 from tests.refusals import refuses
 
 

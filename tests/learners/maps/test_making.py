@@ -148,7 +148,6 @@ def test_a_map_goes_on_from_its_file(
 def test_likely_answers_are_held_by_the_rest_of_the_map(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    pytest.importorskip("torch")
     monkeypatch.setattr(making, "SHARE_OF_FIT", 0.0)
     monkeypatch.setattr(making, "CALIBRATION", 180)
     made = poses("rubble:0.4:3", spacing_m=0.5, headings=4, friction=0.4)
@@ -176,7 +175,6 @@ def test_likely_answers_are_held_by_the_rest_of_the_map(
 def test_a_surrogate_of_the_robot_is_calibrated_on_the_map(
     level: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("torch")
     rows = stancekit.label("ground-6", tmp_path / "rows", rows=(20, 10), natural=True)
     surrogate = stancekit.fit(rows, "surrogate", epochs=2, width=16, layers=1)
     surrogate.save(tmp_path / "s.safetensors")

@@ -44,7 +44,6 @@ def friction_box(request):
 '''
 
 
-NETWORKS = ("chooser", "neural", "joint")
 SHORT = {
     "gmm": {"steps": 2},
     "gmm-printed": {"time_limit_s": 5.0},
@@ -76,10 +75,7 @@ def learned(name: str, rows: stancekit.Dataset, board: Path):
     if name == "own by name":
         return load_selector(f"{board}:FrictionBox")
     if name == "shipped":
-        pytest.importorskip("torch")
         return load_selector("neural-ground-3")
-    if name in NETWORKS:
-        pytest.importorskip("torch")
     return stancekit.fit(rows, name, **SHORT.get(name, {}))
 
 

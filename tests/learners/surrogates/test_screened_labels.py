@@ -9,9 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("pyarrow")
-
 import stancekit
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data import shards

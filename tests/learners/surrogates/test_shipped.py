@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-pytest.importorskip("torch")
-
 import stancekit
 from stancekit.learners.surrogates.surrogate import surrogate_of
 from stancekit.learners.zoo import card_of, shipped

@@ -29,8 +29,6 @@ from stancekit.planners.verify.postures import LIMIT_RAD, REACHED_M
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
 
-pytest.importorskip("pinocchio")
-
 COURSE = """
 name: flat
 robot: dog.urdf
@@ -40,11 +38,6 @@ start_m: [0.0, 0.0]
 goal_m: [0.1, 0.0, 0.45]
 terrain: {kind: flat, friction: 0.7}
 """
-SHAPELESS = (
-    "bodies, motion: NOT CHECKED (joints LF_HFE, LF_KFE, RF_HFE, RF_KFE, LH_HFE, LH_KFE, RH_HFE, RH_KFE: "
-    "no shape of what they carry)"
-)
-"""The quadruped's file has a trunk and feet alone."""
 Forgery = Callable[[dict[str, Any], dict[str, Any]], None]
 """Changes the header and the arrays of a file."""
 

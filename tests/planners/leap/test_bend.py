@@ -27,7 +27,6 @@ from stancekit.planners.problem.leap import LeapLimits
 from stancekit.planners.verify.leaps import LeapBodyMeasurements
 from tests.refusals import assert_names
 
-pytest.importorskip("pinocchio")
 FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
 
 

@@ -5,7 +5,7 @@ level.
 from dataclasses import replace
 
 import numpy as np
-import pytest
+import pinocchio as pin
 
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.motion.joints import walk_joints
@@ -17,7 +17,6 @@ from tests.refusals import refuses
 
 from ..robot.small_urdfs import quadruped
 
-pin = pytest.importorskip("pinocchio")
 SLOPE = 0.2
 
 

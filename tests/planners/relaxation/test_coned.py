@@ -103,7 +103,8 @@ def test_solve_plan_and_the_environment_reach_it():
     outcome = stancekit.solve(problem, TwoStage(relaxation="coned", envelopes=learned))
     assert outcome.status is not stancekit.Status.INFEASIBLE
     assert "margin" in outcome.details
-    gym = pytest.importorskip("gymnasium")
+    import gymnasium as gym
+
     env = gym.make("stancekit.envs:stancekit/EnvelopeSelection-v0", relaxation="coned")
     env.reset(seed=0)
     wide = np.repeat(np.float32([-1.0, 1.0]), 18)

@@ -371,7 +371,6 @@ def test_a_margin_is_feasible_up_to_the_tolerance_of_the_solver():
 
 @pytest.mark.parametrize("seed", [1, 3])
 def test_the_choice_is_that_of_binaries_on_scip(programs, mixed, written, seed):
-    pytest.importorskip("pyscipopt")
     problem = mixed(seed, (3, 4))
     scaled, rng = Scaled.of(problem), np.random.default_rng(seed)
     boxes = [Envelope.from_vector(rng.uniform(-0.5, 0.5, 24)) for _ in range(3)]

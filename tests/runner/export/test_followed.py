@@ -6,14 +6,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
-mujoco = pytest.importorskip("mujoco")
-pytest.importorskip("pinocchio")
-
-import stancekit  # noqa: E402
-from stancekit.planners.robot.catalogue import provider_folder  # noqa: E402
+import stancekit
+from stancekit.planners.robot.catalogue import provider_folder
 
 KP_NM_RAD, KD_NMS_RAD = 200.0, 4.0
 

@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 import yaml
 
-pytest.importorskip("pinocchio")
-
 import stancekit
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
@@ -92,7 +90,8 @@ def test_tables_come_back_to_the_last_bit(to: str, moved: Moved, tmp_path: Path)
 
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
 def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: Path) -> None:
-    typesys = pytest.importorskip("rosbags.typesys")
+    import rosbags.typesys as typesys
+
     path = tmp_path / f"walk{suffix}"
     FORMATS["jointtrajectory"].write(moved, path)
     message = (json.loads if suffix == ".json" else yaml.safe_load)(path.read_text())
@@ -125,7 +124,8 @@ def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: P
 
 
 def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     FORMATS["mujoco"].write(moved, tmp_path / "walk.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "walk.xml"))
     data, table = mujoco.MjData(model), moved.table
@@ -152,7 +152,8 @@ def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: P
 
 
 def test_a_plans_key_frames_have_their_names(plan: Plan, tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     FORMATS["mujoco"].write(moved_of(plan, "mujoco", 50.0), tmp_path / "climb.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "climb.xml"))
     named = [model.key(k).name for k in range(model.nkey) if "frame" in model.key(k).name]
@@ -162,7 +163,6 @@ def test_a_plans_key_frames_have_their_names(plan: Plan, tmp_path: Path) -> None
 def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
     moved: Moved, tmp_path: Path
 ) -> None:
-    pytest.importorskip("mujoco")
     FORMATS["reference"].write(moved, tmp_path / "walk.npz")
     held = np.load(tmp_path / "walk.npz")
     rows, joints, bodies = len(moved.table.time_s), len(moved.table.joints), len(held["body_names"])
@@ -177,8 +177,9 @@ def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
 
 
 def test_mcap_and_ros_read_the_log(moved: Moved, tmp_path: Path) -> None:
-    reader = pytest.importorskip("mcap.reader")
-    typesys = pytest.importorskip("rosbags.typesys")
+    import mcap.reader as reader
+    import rosbags.typesys as typesys
+
     FORMATS["foxglove"].write(moved, tmp_path / "walk.mcap")
     store, states, seen = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), [], set()
     with (tmp_path / "walk.mcap").open("rb") as stream:
@@ -310,7 +311,6 @@ def test_a_walk_from_python_is_judged_as_its_file_is(walk: Trajectory, tmp_path:
 
 
 def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> None:
-    pytest.importorskip("mcap")
     leap = stancekit.plan("leap-given:0").solution
     assert isinstance(leap, LeapPlan)
     for to in ("csv", "npz", "foxglove"):

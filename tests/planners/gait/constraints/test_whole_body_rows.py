@@ -23,8 +23,6 @@ from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 from tests.planners.verify.test_trajectory_whole_body import stepping
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("coal")
 LOW = WalkLimits(torque=0.3)
 """Most joints are near this."""
 
