@@ -2,14 +2,13 @@
 same.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.ledger import LabelPlan
-from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.genetic import GeneticSettings
 from stancekit.learners.selectors.selector import FixedSelector, load_selector
 from stancekit.learners.training.fitting import (
@@ -43,10 +42,8 @@ SETTINGS = FitSettings(
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    path = tmp_path_factory.mktemp("fitting") / "set"
-    label(LabelPlan(distribution="wall-3", feasible=20, infeasible=20, shard_size=20, seed=4), path)
-    return Dataset.open(path)
+def dataset(labelled: Callable[..., Dataset]) -> Dataset:
+    return labelled(20, 20, 4, shard_size=20)
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS.names() if name != "modes"])
