@@ -21,8 +21,6 @@ OLD_FORM = re.compile(r"\b[Ee]qs?\. ?\(?\d|\bAlgorithms? \d")
 @pytest.fixture(scope="module")
 def equations() -> ModuleType:
     spec = importlib.util.spec_from_file_location("equations", ROOT / "docs" / "equations.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules["equations"] = module
     spec.loader.exec_module(module)

@@ -11,12 +11,11 @@ import pytest
 import stancekit
 from stancekit.cli import main as command
 from stancekit.planners.answer.report import Group
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RELAXATIONS
 from stancekit.planners.verify import bodies
 from stancekit.planners.verify.bodies import FURTHER
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 SELECTION = "stancekit.envs:stancekit/EnvelopeSelection-v0"
 MINE = '''
@@ -74,7 +73,8 @@ def test_a_relaxation_of_ones_own_is_named_in_solve_plan_and_the_environment(min
         assert own.details["margin"] <= plain.details["margin"] + 1e-6 or np.isinf(
             plain.details["margin"]
         )
-    gym = pytest.importorskip("gymnasium")
+    import gymnasium as gym
+
     env = gym.make(SELECTION, relaxation=name)
     env.reset(seed=1)
     assert np.isfinite(env.step(env.action_space.sample())[1])
@@ -99,15 +99,15 @@ def test_relaxations_that_do_not_fit_are_one_line(learned):
             "envelopes",
         ),
     ):
-        with pytest.raises(InvalidInput) as refused:
+        with refuses(line):
             stancekit.solve(problem, stancekit.TwoStage(**method))
-        assert_names(str(refused.value), line)
     with refuses("relaxation"):
         stancekit.plan("stairs", stancekit.TwoStage(relaxation="joint", envelopes=boxes), frames=2)
 
 
 def test_a_reward_term_of_ones_own_is_weighed_and_told(mine):
-    gym = pytest.importorskip("gymnasium")
+    import gymnasium as gym
+
     env = gym.make(SELECTION, weights={f"{mine}:spread": 2.0, "agreement": 0.0})
     _, info = env.reset(seed=3)
     assert info["reward_spread"] == 0.0

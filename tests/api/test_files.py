@@ -1,7 +1,14 @@
 """Files: what is saved is what is loaded, by what it says that it is; anything else is one line."""
 
+import ast
 import dataclasses
+import doctest
+import inspect
 import json
+import subprocess
+import sys
+from dataclasses import fields, is_dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -182,3 +189,137 @@ def test_a_certificate_knows_what_it_is_a_proof_of(problems):
     assert stancekit.verify(read.of(problems[0])).accepted
     other = stancekit.sample("ground-3", rng=3)[0]
     assert not stancekit.verify(certificate.of(other)).accepted
+
+
+LARGE = ("casadi", "pyarrow", "cvxpy", "matplotlib", "torch")
+SOLVE = """
+problem = stancekit.sample("wall-3", rng=8)[0]
+outcome = stancekit.solve(problem)
+assert outcome.status.value == "infeasible"
+"""
+EXPLAIN = """
+assert stancekit.verify(outcome.certificate).accepted
+assert stancekit.explain(outcome.certificate).relaxations
+"""
+ENVIRONMENT = """
+import gymnasium
+env = gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+"""
+
+
+def loaded_by(code: str) -> list[str]:
+    """Those of the large packages that a fresh interpreter has loaded after it ran the code."""
+    code = (
+        f"import sys, stancekit\n{code}\nprint(*(name for name in {LARGE} if name in sys.modules))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout.split()
+
+
+@pytest.mark.parametrize(
+    "code", ["", SOLVE, SOLVE + EXPLAIN, ENVIRONMENT], ids=["import", "solve", "explain", "env"]
+)
+def test_neither_the_import_nor_a_first_answer_loads_a_large_package(code: str) -> None:
+    assert loaded_by(code) == []
+
+
+def test_a_plan_of_a_climb_loads_no_large_package() -> None:
+    assert loaded_by("assert stancekit.plan('stairs', frames=2).solution is not None") == []
+
+
+def test_a_package_is_loaded_by_what_needs_it() -> None:
+    assert loaded_by(SOLVE + "stancekit.draw(problem)") == ["matplotlib"]
+
+
+NAMES = sorted(name for name in dir(stancekit) if not name.startswith("_"))
+FUNCTIONS = (
+    "draw",
+    "evaluate",
+    "explain",
+    "export",
+    "film",
+    "fit",
+    "label",
+    "load",
+    "plan",
+    "robot",
+    "run",
+    "sample",
+    "save",
+    "simulate",
+    "solve",
+    "terrain",
+    "verify",
+    "walk",
+)
+
+IMPORTED = """
+import json, sys
+before = set(sys.modules)
+import stancekit
+loaded = sorted(set(sys.modules) - before)
+names = dir(stancekit)
+print(json.dumps([loaded, len(set(sys.modules) - before), len(names)]))
+"""
+
+
+def test_the_import_loads_nothing_that_takes_time():
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True
+    )
+    loaded, after_names, names = json.loads(done.stdout)
+    others = {name.partition(".")[0] for name in loaded} - set(sys.stdlib_module_names)
+    assert (others, names > 20) == ({"stancekit"}, True)
+    assert len(loaded) == after_names < 40  # a solver has hundreds
+
+
+def test_type_checkers_are_told_the_same_names_from_the_same_homes():
+    tree = ast.parse(Path(inspect.getfile(stancekit)).read_text("utf-8"))
+    guarded = next(node for node in tree.body if isinstance(node, ast.If))
+    message = {
+        alias.asname: node.module
+        for node in guarded.body
+        if isinstance(node, ast.ImportFrom) and node.level == 1
+        for alias in node.names
+        if alias.asname == alias.name
+    }
+    assert message == stancekit._HOME
+    assert len(message) > 20
+
+
+def test_the_verbs_are_there_and_a_wrong_name_is_an_attribute_error():
+    assert set(FUNCTIONS) <= set(NAMES)
+    assert stancekit.__version__.count(".") == 2
+    with refuses("stancekit", "slove", kind=AttributeError):
+        _ = stancekit.slove
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_docstring_names_every_argument_and_its_source(name):
+    thing = getattr(stancekit, name)
+    text = inspect.getdoc(thing) or ""
+    assert "Source:\n" in text
+    if inspect.isfunction(thing):
+        wanted = [*inspect.signature(thing).parameters]
+        assert "Returns:\n" in text or name == "save"
+        assert "Raises:\n" in text or not wanted
+    else:
+        named = [field.name for field in fields(thing)] if is_dataclass(thing) else []
+        wanted = [argument for argument in named if not argument.startswith("_")]
+    assert [argument for argument in wanted if argument not in text] == []
+    assert "Arguments:\n" in text or not wanted
+
+
+@pytest.mark.parametrize("name", [*NAMES, "stancekit"])
+def test_the_example_in_a_docstring_does_what_it_says(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    thing = stancekit if name == "stancekit" else getattr(stancekit, name)
+    (test,) = doctest.DocTestFinder(recurse=False).find(thing, name, module=False, globs={})
+    assert test.examples
+    report: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    runner.run(test, out=report.append, clear_globs=False)
+    assert runner.failures == 0, "".join(report)

@@ -4,6 +4,8 @@ without a use.
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,13 @@ import numpy as np
 import pytest
 
 import stancekit
+from stancekit import Answer, Plan, Status
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import make_planner
-from tests.refusals import refuses
+from stancekit.planners.terrain.frame import Frame
+from tests.doors import DOORS, PLACES, WALKS, ask, differences, questions
+from tests.planners.robot.small_urdfs import quadruped
+from tests.refusals import assert_names, refuses
 
 BLOCK = """v -1 -1 0
 v 1 -1 0
@@ -182,8 +189,324 @@ def test_a_plan_goes_over_a_ground_by_its_name_as_over_its_footholds(name: str) 
         stancekit.plan(name, **between),
         stancekit.plan(stancekit.terrain(name), **between),
     )
-    assert found.solution is not None
-    assert same.solution is not None
     np.testing.assert_array_equal(found.solution.toes_m, same.solution.toes_m)
     assert isinstance(found.problem, stancekit.Problem)
     assert found.problem.name == name
+
+
+class Says:
+    """Answers every question so."""
+
+    name = "mine"
+
+    def __init__(self, answer: Any) -> None:
+        self.answer = answer
+
+    def solve(self, _: Any) -> Any:
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture(scope="module")
+def held() -> Answer[Plan]:
+    return stancekit.solve(stancekit.sample("ground-3", rng=3)[0])
+
+
+@pytest.fixture(scope="module")
+def refuted() -> Answer[Plan]:
+    return stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
+
+
+def test_a_posture_that_does_not_hold_is_refused(held):
+    floating = replace(held.solution, forces_n=0.0 * held.solution.forces_n)
+    outcome = stancekit.solve(held.problem, Says(replace(held, solution=floating, method="mine")))
+    assert (outcome.status, outcome.solution) == (Status.UNDECIDED, None)
+    assert "force_balance" in [group.name for group in outcome.report.refused]
+    assert_names(outcome.message, "force_balance")
+
+
+def test_a_proof_of_another_problem_is_refused(held, refuted):
+    outcome = stancekit.solve(held.problem, Says(replace(refuted, problem=held.problem)))
+    assert (outcome.status, outcome.certificate) == (Status.UNDECIDED, None)
+
+
+@pytest.mark.parametrize("status", [Status.FEASIBLE, Status.INFEASIBLE])
+def test_a_claim_without_evidence_is_undecided(status, held):
+    outcome = stancekit.solve(held.problem, Says(Answer(status=status, method="mine")))
+    assert (outcome.status, outcome.claim) == (Status.UNDECIDED, status.value)
+    course = stancekit.load("stairs")
+    planned = stancekit.plan(course, Says(Answer(status=status, method="mine")))
+    assert (planned.status, planned.solution, planned.certificate) == (Status.UNDECIDED, None, None)
+
+
+def test_evidence_that_is_accepted_counts(held, refuted):
+    for whole, evidence in ((held, held.solution), (refuted, refuted.certificate)):
+        for answer in (whole, evidence):
+            outcome = stancekit.solve(whole.problem, Says(answer))
+            assert outcome.status is whole.status
+            assert outcome.method == "mine"
+
+
+def test_a_planner_of_the_package_is_asked_itself(held):
+    planner = ExactPlanner()
+    assert stancekit.solve(held.problem, planner).bound == held.bound
+    assert stancekit.solve(held.problem, planner).method == held.method
+
+
+def test_an_answer_is_verified_by_what_it_rests_on(held, refuted):
+    for answer in (held, refuted):
+        report = stancekit.verify(answer)
+        assert report.accepted
+        assert report.answer is (answer.solution or answer.certificate)
+    forged = replace(held, solution=replace(held.solution, forces_n=0.0 * held.solution.forces_n))
+    assert not stancekit.verify(forged).accepted
+    with refuses("verify"):
+        stancekit.verify(Answer(status=Status.UNDECIDED, method="mine"))
+
+
+ONE_KIND = """
+class Postures:
+    answers = "postures"
+
+    def __init__(self, options):
+        pass
+
+    def solve(self, problem):
+        return None
+
+class Courses:
+    answers = "courses"
+
+    def __init__(self, options):
+        pass
+
+    def solve(self, course):
+        return None
+
+class Both:
+    def __init__(self, options):
+        pass
+
+    def solve(self, problem):
+        return None
+"""
+
+
+def test_a_planner_of_one_kind_of_question_says_so_where_it_is_asked_another(tmp_path, held):
+    path = tmp_path / "kinds.py"
+    path.write_text(ONE_KIND, encoding="utf-8")
+    course = stancekit.load("stairs")
+    for name, kinds in (
+        ("Postures", "postures"),
+        ("Courses", "courses"),
+        ("Both", "postures courses"),
+    ):
+        asked = f"{path}:{name}"
+        for kind, put in (
+            ("postures", lambda asked=asked: stancekit.solve(held.problem, asked)),
+            ("courses", lambda asked=asked: stancekit.plan(course, asked)),
+        ):
+            if kind in kinds:
+                assert put().status is Status.UNDECIDED
+                continue
+            with refuses(asked, kind):
+                put()
+
+
+FEW = (
+    "flat-2-0.4",
+    "gait-all",
+    "slick-2-0.1",
+    "dog-0.7",
+    "wall-0",
+    "ground-1",
+    "step-big",
+    "beam-big",
+)
+QUESTIONS = {question.name: question for question in questions()}
+
+
+def test_there_are_forty_questions_of_every_kind() -> None:
+    expected = Counter(question.expected for question in QUESTIONS.values())
+    assert len(QUESTIONS) >= 40
+    assert expected["feasible"] >= 8
+    assert expected["infeasible"] >= 8
+    assert expected["undecided"] >= 4
+    assert sum("robot" in question.keys for question in QUESTIONS.values()) >= 6
+    assert set(FEW) <= set(QUESTIONS)
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_every_door_says_the_same(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    question = QUESTIONS[name]
+    replies = ask(question, tmp_path)
+    assert not differences(replies)
+    answers = [reply for each in replies.values() for reply in each.values()]
+    assert len(answers) >= len(DOORS["course"]) - 1
+    if question.expected:
+        assert {reply.status for reply in answers} == {question.expected}
+    assert all(bool(reply.proved) == (reply.status == "infeasible") for reply in answers)
+
+
+POWERS = {"xyz": 1.0, "radius": 1.0, "size": 1.0, "value": 3.0, "effort": 4.0, "velocity": -0.5}
+"""Powers of its size by which the numbers of a URDF rise; those of inertias by the fifth."""
+
+
+def of_size(size: float) -> str:
+    """The quadruped, this many times as large: one robot, by similarity."""
+
+    def larger(found: re.Match[str]) -> str:
+        power, numbers = POWERS.get(found[1], 5.0), found[2].split()
+        return f'{found[1]}="{" ".join(repr(float(each) * size**power) for each in numbers)}"'
+
+    return re.sub(
+        r'(?<!axis )(\bxyz|radius|size|value|effort|velocity|i[xyz]{2})="(.*?)"',
+        larger,
+        quadruped(),
+    )
+
+
+@pytest.mark.parametrize("robot", ["hexapod", "dog"])
+def test_a_plan_that_is_moved_and_turned_with_its_world_is_that_plan(
+    robot: str, tmp_path: Path
+) -> None:
+    (tmp_path / "dog.urdf").write_text(quadruped())
+    who = stancekit.robot("hexapod" if robot == "hexapod" else tmp_path / "dog.urdf")
+    path = QUESTIONS["step-small"].file(tmp_path)
+    ground, plans = stancekit.terrain(path, robot=who), list[stancekit.Answer[stancekit.Plan]]()
+    worlds = [
+        Frame(origin_m=np.array([400_000.0, 90_000.0, 0.0])),
+        Frame(origin_m=np.array([4000.0, -3.0, 1.0]), heading_rad=-2.0),
+    ]
+    for world in (Frame(origin_m=np.zeros(3)), *worlds):
+        start, goal = (world.places(np.array([*place, 0.0]))[:2] for place in PLACES.values())
+        asked = {"robot": who.turned(world), "start_xy_m": start, "goal_xy_m": goal}
+        plans.append(stancekit.plan(ground.moved(world), settings=WALKS, **asked))
+    one, *others = plans
+    for world, other in zip(worlds, others, strict=True):
+        assert other.objective == pytest.approx(one.objective, rel=1e-4)
+        there = world.inverse.places(other.solution.com_m)
+        assert there == pytest.approx(one.solution.com_m, abs=3e-4)
+        stancekit.save(other, tmp_path / "there.json")
+        assert stancekit.verify(tmp_path / "there.json").accepted
+
+
+@pytest.mark.parametrize("size", [0.25, 4.0])
+@pytest.mark.parametrize("legs", [False, True])
+def test_a_plan_of_a_robot_of_any_size_is_one_plan_scaled(
+    size: float, legs: bool, tmp_path: Path
+) -> None:
+    plans = list[stancekit.Plan]()
+    for each in (1.0, size):
+        robot: stancekit.Robot = stancekit.hexapod()
+        limbs = [
+            replace(one, shoulder_m=each * one.shoulder_m, reach_m=each * one.reach_m)
+            for one in robot.limbs
+        ]
+        robot = stancekit.Robot(name="six", mass_kg=each**3, limbs=tuple(limbs))
+        if legs:
+            (tmp_path / "dog.urdf").write_text(of_size(each))
+            robot = stancekit.robot(tmp_path / "dog.urdf")
+        step = QUESTIONS["step-small"]
+        boxes = (each * np.array(step.boxes)).tolist()
+        ground = stancekit.terrain(replace(step, boxes=boxes).file(tmp_path), robot=robot)
+        start, goal = (each * np.array(place) for place in PLACES.values())
+        found = stancekit.plan(
+            ground, start_xy_m=start, goal_xy_m=goal, robot=robot, settings=WALKS
+        )
+        assert found.status.value == "feasible", found.message
+        assert found.solution is not None
+        plans.append(found.solution)
+    one, other = (plan.com_m for plan in plans)
+    np.testing.assert_allclose(other / size, one, atol=0.05 if legs else 1e-5)
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory: pytest.TempPathFactory) -> list[stancekit.Dataset]:
+    folder, seen = tmp_path_factory.mktemp("rows"), list[tuple[int, int]]()
+
+    def show(done: int, total: int) -> None:
+        seen.append((done, total))
+
+    train = stancekit.label("wall-3", folder / "train", rows=(4, 4), shard_size=4, progress=show)
+    test = stancekit.label("wall-3", folder / "test", rows=(3, 3), natural=True, seed=1)
+    assert seen == [(0, 8), (4, 8), (8, 8)]
+    assert train.header.plan.shards == 2
+    assert (test.header.plan.natural, len(test)) == (True, 6)
+    return [train, test]
+
+
+def test_selectors_are_fitted_and_compared_with_the_lift(rows: list[stancekit.Dataset]) -> None:
+    train, test = rows
+    seen = list[int]()
+    fitted = stancekit.fit(train, "quantile", progress=lambda done, total: seen.append(done))
+    scores = [
+        stancekit.evaluate(
+            one, test, projections=["fix-p"], progress=lambda done, total: seen.append(done)
+        )
+        for one in (fitted, "lift")
+    ]
+    assert [score.selector for score in scores] == ["selector", "lift"]
+    assert seen[-1] == scores[0].p1_feasible.of + scores[0].p1_infeasible.of
+    with refuses("workers"):
+        stancekit.fit(train, "quantile", workers=2)
+    with refuses("selector"):
+        stancekit.evaluate(fitted, train)
+
+
+def test_files_and_data_sets_are_verified_by_their_names(
+    rows: list[stancekit.Dataset], tmp_path: Path
+) -> None:
+    problem = stancekit.sample("wall-3", rng=8)[0]
+    certificate = stancekit.solve(problem).certificate
+    assert certificate is not None
+    proof = tmp_path / "proof.json"
+    stancekit.save((problem, certificate), proof)
+    check = stancekit.verify(proof)
+    assert isinstance(check, stancekit.FileCheck)
+    assert (check.kind, check.accepted, check.to_json()["verdict"]) == (
+        "no-posture",
+        True,
+        "accepted",
+    )
+    report = stancekit.verify(rows[0].ledger.folder)
+    assert report.accepted
+    for name, asked in (
+        ("tolerance", {"tolerance": 1e-3}),
+        ("robot", {"robot": "hexapod"}),
+        ("course", {"course": "x"}),
+    ):
+        for where in (proof, rows[0].ledger.folder):
+            with refuses(name):
+                stancekit.verify(where, **asked)
+    with refuses("none"):
+        stancekit.verify("none")
+
+
+def test_heights_of_a_file_are_walked_over_and_flattened(tmp_path: Path) -> None:
+    np.save(tmp_path / "level.npy", np.zeros((21, 21)))
+    field = stancekit.heights(tmp_path / "level.npy", spacing_m=0.2)
+    assert field.domain_m == ((-2.0, 2.0), (-2.0, 2.0))
+    fit = stancekit.warp(field, cells=(4, 4, 2))
+    fit.map.check_fits(field)
+    assert fit.report.least_det > 0.0
+    raw = stancekit.walk(
+        field, (0.2, 0.0), robot="hexapod", duration_s=2.5, chart="decoupled", raw=True
+    )
+    assert raw.effort.solves == 1  # the second phase would take more
+    for name, asked in (
+        ("seeds", {"seeds": 0}),
+        ("dynamics", {"dynamics": "none"}),
+        ("raw", {"raw": 1}),
+    ):
+        with refuses(name):
+            stancekit.walk(field, (0.2, 0.0), **asked)
+    for name, asked in (("cells", {"cells": (1, 4, 2)}), ("iterations", {"iterations": 0})):
+        with refuses(name):
+            stancekit.warp(field, **asked)
+    with refuses("unit"):
+        stancekit.heights(tmp_path / "level.npy", unit=1)

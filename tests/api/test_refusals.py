@@ -13,10 +13,13 @@ import pytest
 
 import stancekit
 import stancekit.envs
+from stancekit.envs.distributions.courses import icy_walls
 from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import SETTINGS
 from stancekit.postures import planner_of
+from stancekit.runner.worlds import WORLDS, WorldSettings
 from tests.refusals import refuses
 
 SELECTION, REFINEMENT = "stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"
@@ -146,6 +149,11 @@ ENVIRONMENTS: list[tuple[str, str, dict[str, Any]]] = [
     ("amount", TRAVERSE, {"amount": -1.0}),
     ("amount", TRAVERSE, {"amount": float("inf")}),
     ("patience", TRAVERSE, {"patience": 1.0}),
+    ("patience", TRAVERSE, {"patience": 0}),
+    ("frames", TRAVERSE, {"frames": 0}),
+    ("regions", TRAVERSE, {"courses": icy_walls}),
+    ("course", TRAVERSE, {"courses": ("wals",)}),
+    ("render_mode", TRAVERSE, {"render_mode": "ansi"}),
     ("limbs", TRAVERSE, {"limbs": 0}),
     ("regions", TRAVERSE, {"regions": "1"}),
     ("corners", TRAVERSE, {"corners": 2}),
@@ -285,3 +293,30 @@ def test_a_mapping_is_taken_as_files_take_it():
     assert reward == 2.0 * info["p1_right"]
     gait = gym.make(GAIT, terrain="ripple", settings={"max_iterations": 3}).unwrapped
     assert gait._settings == GaitSettings(max_iterations=3)
+
+
+@pytest.fixture(scope="module")
+def plan() -> stancekit.Plan:
+    found = stancekit.plan("stairs", frames=2).solution
+    assert found is not None
+    return found
+
+
+def test_a_world_that_was_made_before_pulls_as_the_plan_is_for(plan: stancekit.Plan) -> None:
+    for gravity_m_s2, verb in ((1.62, stancekit.run), (1.62, stancekit.simulate)):
+        world = WORLDS.get("mujoco").make(
+            WorldSettings(robot=plan.problem.robot, gravity_m_s2=gravity_m_s2)
+        )
+        with refuses("stairs", "1.62", "9.81"):
+            verb(plan, world)
+
+
+def test_a_gait_runs_as_planned() -> None:
+    level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+    walk = stancekit.walk(
+        level, (0.1, 0.0), robot="hexapod", gait="tripod", duration_s=2.5, chart="decoupled"
+    )
+    assert walk.solution is not None
+    faster = stancekit.RunSettings(timing=Timing().at_pace(2.0))
+    with refuses("timing"):
+        stancekit.run(walk.solution, settings=faster)

@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("trimesh")
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = {
     "flat": ("stl", "glb", "millimetres", "y up", "cut"),

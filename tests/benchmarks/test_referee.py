@@ -17,13 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.planners.robot.small_urdfs import quadruped
-
-pytest.importorskip("mujoco")
 from benchmarks.referee import BrokenFile, Push, Row, Wrong, play, pushed, read, read_settings
 from benchmarks.referee.feedback import shared
 from benchmarks.referee.ground import Surface
 from benchmarks.referee.simulation import prepared
+from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -273,7 +271,6 @@ def test_a_leap_whose_toes_are_unloaded_before_they_lift_goes_where_it_is_planne
     tmp_path: Path,
 ) -> None:
     """A push that ends at full force loses some: no control lets go of it within an instant."""
-    pytest.importorskip("pinocchio")
     from stancekit.planners.equilibrium.programs import Programs
     from stancekit.planners.formats.leap_file import read_leap, write_leap
     from stancekit.planners.leap.bend import LeapBender

@@ -41,7 +41,6 @@ def commands(scripts: None) -> ModuleType:
 
 @pytest.fixture(scope="module")
 def pushes(scripts: None) -> ModuleType:
-    pytest.importorskip("mujoco")
     import _stand_pushes
 
     return _stand_pushes
@@ -77,7 +76,8 @@ def test_grounds_are_the_same_whenever_they_are_drawn_and_differ_by_draw(
 
 
 def test_meshes_of_grounds_point_outward(listed: ModuleType, tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     for row in list(listed.entries())[:6]:
         ground = row.ground()
         ground.write(tmp_path / "ground.obj")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -83,13 +84,14 @@ def stancekit(
 
 @pytest.fixture
 def refusal(stancekit: Command) -> Callable[..., str]:
-    """The one line that the command refuses its input with: exit code 2, and nothing on standard
-    output.
+    """The one line that the command refuses its input with: exit code 2, nothing on standard output,
+    and no file that was not there.
     """
 
     def call(*arguments: object, stdin: bytes = b"") -> str:
+        before = sorted(os.listdir())
         ran = stancekit(*arguments, stdin=stdin)
-        assert (ran.code, ran.out) == (2, ""), ran
+        assert (ran.code, ran.out, sorted(os.listdir())) == (2, "", before), ran
         assert ran.err.count("\n") == 1, ran.err
         assert ran.err.startswith("stancekit: error: ")
         return ran.err.removeprefix("stancekit: error: ").removesuffix("\n")

@@ -1,5 +1,9 @@
 """`stancekit label`: a data set that nothing can spoil, neither a second run nor a hard stop."""
 
+from __future__ import annotations
+
+import copy
+import dataclasses
 import json
 import os
 import re
@@ -8,13 +12,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from stancekit.cli.pictures import share_methods
 from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.learners.data import labelling
 from stancekit.planners.errors import StancekitError
+from stancekit.planners.problem import Problem
 from tests.refusals import assert_names
 
 SAME = (
@@ -165,7 +174,6 @@ def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
 )
 def test_bad_input_is_one_line_and_makes_nothing(arguments, message, refusal, tmp_path):
     assert_names(refusal("label", *arguments), message)
-    assert os.listdir(tmp_path) == []
 
 
 def test_a_file_is_no_folder(refusal, write):
@@ -273,3 +281,157 @@ def test_what_leaps_or_postures_have_no_use_for_is_refused_by_name(
     assert ran.err.startswith(f"stancekit: error: {message}")
     assert len(ran.err.splitlines()) == 1
     assert not (tmp_path / "tries").exists()
+
+
+def made() -> list[type[Any]]:
+    """Classes with and without fields, with values that hold each other, slots, and heirs."""
+
+    @dataclass(frozen=True)
+    class Empty:
+        pass
+
+    @dataclass(frozen=True, kw_only=True)
+    class Base:
+        number: int = 1
+        hidden: str = field(default="h", repr=False)
+        others: list[Any] = field(default_factory=list)
+
+    @dataclass(frozen=True)
+    class Heir(Base):
+        π: float = 3.14
+
+    class Plain(Base):
+        """An heir that is no data class: its own attributes can be set."""
+
+    @dataclass(frozen=True, slots=True)
+    class Narrow:
+        x: float = 0.5
+
+    @dataclass
+    class Open:
+        text: str = "a\nb"
+
+    return [Empty, Base, Heir, Plain, Narrow, Open]
+
+
+def told(cls: type[Any]) -> list[str]:
+    """How an instance of a class is shown, and what becomes of it when it is changed."""
+    one = cls()
+    if hasattr(one, "others"):
+        one.others.append(one)
+    said = [repr(one), repr(copy.copy(one)) if not hasattr(one, "others") else ""]
+    for name in ("number", "x", "text", "π", "new", "hidden"):
+        for change in (
+            lambda name=name: setattr(one, name, 2),
+            lambda name=name: delattr(one, name),
+        ):
+            try:
+                change()
+                said.append(f"{name}: {sorted(getattr(one, '__dict__', {}))}")
+            except (AttributeError, TypeError) as error:
+                said.append(f"{name}: {type(error).__name__}: {error}")
+    return [each.replace(f"{hex(id(one))}", "") for each in said]
+
+
+def test_fields_are_refused_and_shown_as_by_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = [told(cls) for cls in made()]
+    theirs = dataclasses._repr_fn  # type: ignore[attr-defined]  # what is replaced
+    for name in ("_repr_fn", "_frozen_get_del_attr"):
+        monkeypatch.setattr(dataclasses, name, getattr(dataclasses, name))
+    share_methods()
+    assert (dataclasses._repr_fn is theirs) == (sys.version_info >= (3, 13))  # type: ignore[attr-defined]
+    assert [told(cls) for cls in made()] == expected
+    assert any(
+        "FrozenInstanceError: cannot assign to field 'number'" in each for each in expected[2]
+    )
+    assert any("..." in each for each in expected[1])
+
+
+def test_who_imports_the_package_has_pythons_own() -> None:
+    line = "import dataclasses as d; a = d._repr_fn; import stancekit; stancekit.plan; print(a is d._repr_fn)"
+    answer = subprocess.run(
+        [sys.executable, "-c", line], capture_output=True, text=True, check=True
+    )
+    assert answer.stdout == "True\n"
+
+
+@pytest.mark.parametrize("name", sorted(DISTRIBUTIONS))
+def test_every_line_is_a_problem(name, stancekit, sampled):
+    ran = stancekit("sample", name, "--count", 12, "--seed", 1)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.records == sampled[name]
+    for record in ran.records:
+        assert Problem.from_json(record).to_json() == record
+
+
+def test_equal_seeds_give_equal_problems_and_others_give_others(stancekit):
+    first = stancekit("sample", "wall-3", "--count", 2)
+    assert stancekit("sample", "wall-3", "--count", 2, "--seed", 0) == first
+    assert not set(stancekit("sample", "wall-3", "--count", 2, "--seed", 1).out.splitlines()) & set(
+        first.out.splitlines()
+    )
+
+
+def test_a_file_holds_what_would_have_been_printed(stancekit, tmp_path):
+    printed = stancekit("sample", "wall-5", "--count", 3)
+    ran = stancekit("sample", "wall-5", "--count", 3, "--out", "a.jsonl")
+    assert (ran.code, ran.out, ran.err) == (0, "a.jsonl: 3 problem(s) of wall-5\n", "")
+    assert (tmp_path / "a.jsonl").read_text() == printed.out
+    ran = stancekit("sample", "wall-5", "--count", 3, "--out", "b.jsonl", "--json")
+    assert ran.records == [{"out": "b.jsonl", "problem_class": "wall-5", "problems": 3}]
+    assert (tmp_path / "b.jsonl").read_text() == printed.out
+    assert sorted(os.listdir(tmp_path)) == ["a.jsonl", "b.jsonl"]
+
+
+def test_what_it_prints_is_what_solve_reads(stancekit):
+    drawn = stancekit("sample", "ground-3", "--count", 2).out
+    assert [
+        record["status"]
+        for record in stancekit("solve", "-", "--json", stdin=drawn.encode()).records
+    ] == ["feasible", "feasible"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("ice-3",),
+            "distribution",
+        ),
+        (("wall-3", "--count", "0"), "--count"),
+        (("wall-3", "--count", "-7"), "--count"),
+        (("wall-3", "--seed", "-1"), "--seed"),
+        (("wall-3", "--out", "none/a.json"), "none/a.json"),
+        (("wall-3", "--out", "."), "."),
+        (
+            ("wall-3", "--count", "1e3"),
+            "--count",
+        ),
+        (("wall-3", "--export", "new"), "--export"),
+        (("stairs:high", "--export", "new"), "stairs:high"),
+        (("stairs:1.5", "--export", "new"), "level"),
+        (("stairs:0.5", "--export", "new", "--robot", "r.urdf"), "r.urdf"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, message, refusal):
+    assert_names(refusal("sample", *arguments), message)
+
+
+def test_walls_are_exported_as_surfaces_and_what_came_is_said(stancekit):
+    ran = stancekit("sample", "walls:1.0", "--count", "3", "--export", "walls", "--json")
+    (said,) = ran.records
+    assert (ran.code, said["scenes"], said["infeasible"]) == (0, 3, 3)
+    assert os.listdir("walls") == ["scenes.json"]
+    with open("walls/scenes.json") as file:
+        scenes = json.load(file)["scenes"]
+    assert all(len(scene["surfaces"]) == 2 and scene["proof"] for scene in scenes)
+
+
+def test_a_device_is_written_to_and_stays_a_device(stancekit):
+    assert stancekit("sample", "wall-3", "--out", os.devnull).code == 0
+    assert not os.path.isfile(os.devnull)
+
+
+def test_a_seed_may_be_as_long_as_one_likes(stancekit):
+    (record,) = stancekit("sample", "wall-3", "--seed", "9" * 40).records
+    assert json.dumps(record)

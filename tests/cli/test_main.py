@@ -1,5 +1,7 @@
 """`stancekit` itself: help that teaches, one line for a slip of the fingers, and a quick start."""
 
+from __future__ import annotations
+
 import itertools
 import json
 import os
@@ -10,15 +12,19 @@ import threading
 import time
 from dataclasses import fields, is_dataclass
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from stancekit.cli import console, sample
-from stancekit.cli.main import brief, commands
+from stancekit.cli.about import DOCUMENTED_S, About
+from stancekit.cli.main import brief, commands, run
 from stancekit.cli.options import NAMES
-from stancekit.planners.errors import PlanningFailed
+from stancekit.planners.equilibrium import yardstick
+from stancekit.planners.errors import PlanningFailed, install_command
 from stancekit.planners.search.methods import PLANNERS
+from stancekit.runner import acceptance
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
 WITH_SUBCOMMANDS = {
@@ -262,10 +268,8 @@ def test_a_closed_pipe_ends_it_quietly(write, sampled, tmp_path):
         run = subprocess.Popen(
             [*COMMAND, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
-        assert run.stdout is not None
         assert json.loads(run.stdout.readline())
         run.stdout.close()
-        assert run.stderr is not None
         assert (run.stderr.read(), run.wait()) == ("", 0)
 
 
@@ -320,3 +324,89 @@ def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_p
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.endswith("[]\n")
     assert (tmp_path / "plan.json").exists()
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_it_says_what_is_missing_and_the_command_for_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(yardstick, "yardstick", lambda: 2.0 * DOCUMENTED_S)
+    monkeypatch.setattr(acceptance, "extras", lambda: ["viz"])
+    monkeypatch.setattr(
+        acceptance, "versions", lambda extra: {"numpy": "2.0"} if extra is None else {"mcap": None}
+    )
+    assert run(About()) == 0
+    said = capsys.readouterr().out
+    assert f"viz        {install_command('viz')}  (without mcap)" in said
+    assert "CPU-s, 2.00 times the" in said
+
+
+def test_with_json_it_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(About(measure=False, json=True)) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    found = json.loads(line)
+    assert found["solves_s"] is None
+    assert found["cores"] >= 1
+    assert found["documented_s"] == DOCUMENTED_S
+
+
+def test_the_documentation_has_the_figure_that_computers_are_compared_with() -> None:
+    page = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    (seconds,) = re.findall(r"1,000 cold solves take ([\d.]+) CPU-s", page)
+    assert float(seconds) == DOCUMENTED_S
+
+
+def test_the_issue_template_asks_for_it() -> None:
+    assert "stancekit about" in (ROOT / ".github" / "ISSUE_TEMPLATE" / "bug.yaml").read_text(
+        encoding="utf-8"
+    )
+
+
+ASKED = """
+import sys
+from stancekit.cli.pictures import keep_as_written
+{}
+from scipy import ndimage, special, spatial, stats
+from scipy.ndimage import gaussian_filter1d
+import numpy as np
+assert np.allclose(gaussian_filter1d(np.ones(5), 1.0), 1.0)
+print("Array API" in ndimage.gaussian_filter1d.__doc__, "standard deviation" in ndimage.gaussian_filter1d.__doc__)
+"""
+COPIED = """
+import sys
+from stancekit.cli.pictures import keep_as_written
+keep_as_written()
+from scipy import ndimage, spatial, sparse, interpolate, optimize
+from scipy._lib.array_api_compat import numpy as xp
+import numpy as np
+loaded = [name for name in ("numpy.f2py", "numpy.testing", "numpy.matlib") if name in sys.modules]
+missing = [name for name in [*vars(np), *np.__all__] if not name.startswith("_") and not hasattr(xp, name)]
+computed = xp.linalg.norm(xp.ones(4)), xp.unique_values(xp.ones(3)), callable(np.testing.assert_allclose)
+print(loaded, missing, hasattr(xp, "_nothing"), *computed)
+"""
+
+
+def said(line: str) -> str:
+    return subprocess.run(
+        [sys.executable, "-c", ASKED.format(line)], capture_output=True, text=True, check=True
+    ).stdout
+
+
+def test_a_command_reads_no_docstrings_of_scipy_and_computes_the_same() -> None:
+    assert said("keep_as_written()") == "False True\n"
+
+
+def test_who_imports_the_package_has_scipys_own_help() -> None:
+    assert said("import stancekit; stancekit.plan") == "True True\n"
+
+
+def test_a_command_loads_only_the_modules_of_numpy_that_it_asks_for() -> None:
+    """SciPy's copy of NumPy has all that was there; what was not is still there for whoever asks
+    NumPy.
+    """
+    found = subprocess.run(
+        [sys.executable, "-c", COPIED], capture_output=True, text=True, check=True
+    ).stdout
+    assert found == "[] [] False 2.0 [1.] True\n"

@@ -16,7 +16,8 @@ import pytest
 
 from stancekit.cli.play import Play
 from stancekit.cli.solve import Between
-from stancekit.planners.errors import install_command
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.learners.data.labelling import label
 from stancekit.planners.problem.course_file import read_course
 from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.scenario import FixedScenario
@@ -31,7 +32,6 @@ def test_it_serves_on_this_machine_and_ends_with_ctrl_c():
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
-    assert served.stdout is not None
     line = served.stdout.readline()
     address, rest = line.split(" ", 1)
     assert rest == "shows walls; Ctrl-C ends\n"
@@ -76,27 +76,9 @@ def test_a_port_that_is_taken_is_one_line(stancekit):
         (("ripple", "--robot", "horse"), "robot: expected "),
     ],
 )
-def test_what_it_cannot_begin_with_is_one_line(arguments, message, stancekit):
-    ran = stancekit(
+def test_what_it_cannot_begin_with_is_one_line(arguments, message, refusal):
+    assert message in refusal(
         "play", *arguments, "--no-browser", *(() if "--port" in arguments else ("--port", "0"))
-    )
-    assert ran.code == 2
-    assert message in ran.err
-    assert ran.err.count("\n") == 1
-
-
-def test_without_viser_the_package_is_named(stancekit, monkeypatch):
-    from stancekit.views import page
-
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(page, "import_module", missing)
-    ran = stancekit("play", "walls", "--no-browser")
-    assert ran.code == 2
-    assert ran.err == (
-        "stancekit: error: page: expected viser for pages, it is not installed: "
-        f"{install_command('viz')}\n"
     )
 
 
@@ -121,7 +103,8 @@ def test_courses_are_scenes_of_their_kind(tmp_path: Path):
 
 
 def test_a_terrains_file_is_laid_out_between_two_places(tmp_path: Path):
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     box = trimesh.creation.box(
         (3.0, 2.0, 0.1), trimesh.transformations.translation_matrix((0.5, 0.0, -0.05))
     )
@@ -136,3 +119,22 @@ def test_a_terrains_file_is_laid_out_between_two_places(tmp_path: Path):
     again = read_course(tmp_path / "again.yaml")
     assert again.com_nominal_m == pytest.approx(moved.course().com_nominal_m, abs=1e-3)
     assert moved.slid("friction", 0.3).course().terrain[0].friction == 0.3
+
+
+def test_an_export_is_read_back_and_told(tmp_path: Path, stancekit, refusal) -> None:
+    label(
+        LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4), tmp_path / "set"
+    )
+    (record,) = stancekit("export", "set", "--out", "made", "--json").records
+    assert (record["episodes"], record["read_back"], record["agreement"]) == (4, 4, 1.0)
+    assert record["dataset_id"] == "stancekit/wall-3/expert-v0"
+    assert record["root"] == str(tmp_path / "made")
+    said = refusal("export", "set", "--out", "made")
+    assert said == "made: expected a new or empty folder, found files in it"
+    ran = stancekit("export", "set", "--out", "text", "--to", "minari")
+    assert (ran.code, "4 episodes of stancekit/wall-3/expert-v0" in ran.out) == (0, True)
+
+
+def test_a_folder_without_a_data_set_is_refused(refusal) -> None:
+    said = refusal("export", "none", "--to", "minari", "--out", "out")
+    assert said == "none: expected the folder of a data set, found nothing"

@@ -1,16 +1,20 @@
 """``stancekit robot``: what it says of a file, what it draws, and its exit codes."""
 
+from __future__ import annotations
+
 import json
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from stancekit.cli.main import run
-from stancekit.cli.robot import ShowRobot
+from stancekit.envs.data.dataset import Dataset
+from stancekit.learners.data.labelling import recheck
+from stancekit.planners.formats.plan_file import read_envelopes
 from stancekit.planners.robot.robot_file import named_robot
 from tests.planners.robot.small_urdfs import MASS, fixed, link, quadruped, robot
-
-pytest.importorskip("pinocchio")
+from tests.refusals import assert_names
 
 
 @pytest.fixture(scope="module")
@@ -28,10 +32,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_it_says_what_was_found_and_marks_what_was_guessed(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, stancekit: Callable
 ) -> None:
-    assert run(ShowRobot(str(folder / "dog.urdf"))) == 0
-    said = capsys.readouterr().out
+    said = stancekit("robot", folder / "dog.urdf").out
     assert "robot   quadruped" in said
     assert "16.200 kg" in said
     assert "RF   RF_FOOT" in said
@@ -42,10 +45,10 @@ def test_it_says_what_was_found_and_marks_what_was_guessed(
 
 
 def test_with_json_it_is_one_object_and_corrections_count(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, stancekit: Callable
 ) -> None:
-    assert run(ShowRobot(str(folder / "dog.yaml"), srdf=folder / "dog.srdf", json=True)) == 0
-    record = json.loads(capsys.readouterr().out)
+    asked = ("robot", folder / "dog.yaml", "--srdf", folder / "dog.srdf", "--json")
+    (record,) = stancekit(*asked).records
     model = named_robot(folder / "dog.yaml")
     assert record["name"] == "dog"
     assert record["digest"] == model.digest
@@ -61,24 +64,23 @@ def test_with_json_it_is_one_object_and_corrections_count(
 
 
 def test_a_picture_is_written_and_one_that_cannot_be_is_refused_before_any_work(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, stancekit: Callable, refusal: Callable
 ) -> None:
-    assert run(ShowRobot(str(folder / "dog.urdf"), picture=tmp_path / "dog.png")) == 0
-    assert (tmp_path / "dog.png").read_bytes().startswith(b"\x89PNG")
-    capsys.readouterr()
-    assert run(ShowRobot("nobody", picture=tmp_path / "none" / "dog.png")) == 2
-    assert f"expected an existing folder {tmp_path / 'none'}" in capsys.readouterr().err
+    assert stancekit("robot", folder / "dog.urdf", "--picture", "dog.png").code == 0
+    assert Path("dog.png").read_bytes().startswith(b"\x89PNG")
+    said = refusal("robot", "nobody", "--picture", "none/dog.png")
+    assert "expected an existing folder none" in said
 
 
 def test_feet_that_stay_on_a_surface_make_a_robot_without_workspaces(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, stancekit: Callable
 ) -> None:
     text = quadruped(("LF", "RF")).replace(
         '<joint name="LF_HAA" type="revolute"', '<joint name="LF_HAA" type="fixed"'
     )
     (tmp_path / "flat.urdf").write_text(text)
-    assert run(ShowRobot(str(tmp_path / "flat.urdf"))) == 1
-    assert "no workspace: leg LF: expected three joints or more" in capsys.readouterr().out
+    ran = stancekit("robot", "flat.urdf")
+    assert (ran.code, "no workspace: leg LF: expected three joints or more" in ran.out) == (1, True)
 
 
 @pytest.mark.parametrize(
@@ -100,28 +102,180 @@ def test_feet_that_stay_on_a_surface_make_a_robot_without_workspaces(
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(
-    folder: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, message: str
+    folder: Path, refusal: Callable, name: str, text: str, message: str
 ) -> None:
     (folder / name).write_text(text)
-    assert run(ShowRobot(str(folder / name))) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    assert message in said.err
+    assert message in refusal("robot", folder / name)
 
 
-def test_without_a_robot_it_lists_those_with_a_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(ShowRobot(json=True)) == 0
-    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+def test_without_a_robot_it_lists_those_with_a_name(stancekit: Callable) -> None:
+    rows = stancekit("robot", "--json").records
     assert rows[0] == {"name": "hexapod", "provider": "stancekit", "installed": True}
     assert {row["name"]: row["provider"] for row in rows}["go1"] == "example-robot-data"
-    assert run(ShowRobot()) == 0
-    assert "anymal_b" in capsys.readouterr().out
+    assert "anymal_b" in stancekit("robot").out
 
 
-def test_an_option_wants_a_robot(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(ShowRobot(picture=Path("robot.png"))) == 2
-    assert (
-        capsys.readouterr().err
-        == "stancekit: error: --picture: expected a robot with it, got none\n"
+def test_an_option_wants_a_robot(refusal: Callable) -> None:
+    said = refusal("robot", "--picture", "robot.png")
+    assert said == "--picture: expected a robot with it, got none"
+
+
+PLACES = [
+    (0.31 * i, 0.31 * j, 0.02 * ((3 * i + 5 * j) % 4)) for i in range(-4, 4) for j in range(-4, 4)
+]
+TILES = "".join(
+    [
+        f"v {x} {y} {z}\nv {x + 0.3} {y} {z}\nv {x + 0.3} {y + 0.3} {z}\nv {x} {y + 0.3} {z}\n"
+        for x, y, z in PLACES
+    ]
+    + [
+        f"f {4 * k + 1} {4 * k + 2} {4 * k + 3}\nf {4 * k + 1} {4 * k + 3} {4 * k + 4}\n"
+        for k in range(len(PLACES))
+    ]
+)
+
+
+@pytest.fixture(scope="module")
+def learning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    learning = tmp_path_factory.mktemp("dog")
+    (learning / "dog.urdf").write_text(quadruped())
+    (learning / "heavy.urdf").write_text(quadruped(mass=2.0))
+    (learning / "tiles.obj").write_text(TILES)
+    return learning
+
+
+@pytest.fixture
+def files(learning: Path) -> list[str]:
+    return ["--robot", str(learning / "dog.urdf"), "--terrain", str(learning / "tiles.obj")]
+
+
+@pytest.fixture
+def rows(learning: Path, stancekit: Callable, files: list[str]) -> Path:
+    """A data set of the dog on tiles, made once."""
+    made, here = learning / "rows", Path("rows")
+    if not made.exists():
+        ran = stancekit(
+            "label",
+            "terrain-4",
+            made,
+            *files,
+            "--feasible",
+            24,
+            "--infeasible",
+            4,
+            "--workers",
+            1,
+            "--shard-size",
+            8,
+        )
+        assert ran.code == 0, ran.err
+        assert (
+            "infeasible: of these inner sets and a level body, which proves nothing of the robot"
+            in " ".join(ran.out.split())
+        )
+    shutil.copytree(made, here)
+    return here
+
+
+def test_problems_of_a_robots_file_are_sampled_solved_and_verified(
+    stancekit: Callable, files: list[str]
+) -> None:
+    ran = stancekit(
+        "sample", "terrain-3", *files, "--count", 4, "--out", "problems.jsonl", "--json"
     )
+    assert ran.code == 0
+    assert ran.records[0]["problem_class"].startswith("terrain-3-of-quadruped-")
+    assert stancekit("solve", "problems.jsonl", "--certificate", "--out", "answers.jsonl").code == 0
+    answers = [json.loads(line) for line in Path("answers.jsonl").read_text().splitlines()]
+    assert {answer["status"] for answer in answers} <= {"feasible", "infeasible"}
+    assert stancekit("verify", "problems.jsonl", "answers.jsonl").code == 0
+
+
+def test_a_data_set_names_its_robot_and_its_rows_are_proved(rows: Path, learning: Path) -> None:
+    dataset = Dataset.open(rows)
+    identity = named_robot(learning / "dog.urdf").identity
+    assert dataset.robot == identity
+    assert dataset.problem_class.startswith(f"terrain-4-of-{identity}-on-tiles-")
+    assert json.loads((rows / "header.json").read_text())["plan"]["robot"].endswith("dog.urdf")
+    report = recheck(dataset)
+    assert report.accepted
+    assert (report.witnesses, report.certificates) == (24, 4)
+    assert dataset.points.shape == (24, 4, 6)
+    assert dataset.infeasible_points.shape == (4, 4, 6)
+
+
+def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
+    rows: Path,
+    stancekit: Callable,
+    refusal: Callable,
+    files: list[str],
+    labelled: Path,
+    envelopes: Path,
+) -> None:
+    assert (
+        stancekit(
+            "fit", rows, *files, "--part", "train", "--method", "heuristic", "--out", "mine.json"
+        ).code
+        == 0
+    )
+    learned = read_envelopes("mine.json")
+    dataset = Dataset.open(rows)
+    assert (learned.robot, learned.problem_class) == (dataset.robot, dataset.problem_class)
+    held = ("--part", "test", "--envelope", "mine.json", "--projection", "fix-p", "--json")
+    ran = stancekit("evaluate", rows, *files, *held)
+    assert ran.code == 0
+    mine, lift = ran.records
+    assert (
+        mine["p1_feasible_of"] == lift["p1_feasible_of"] == len(dataset.only("test").feasible) > 0
+    )
+    assert lift["p1_feasible"] == 1.0
+    assert mine["p1_feasible"] > 0.5
+    assert stancekit("fit", rows, *files, "--method", "quantile", "--out", "seen.json").code == 0
+    assert_names(refusal("evaluate", rows, "--envelope", "seen.json"), "seen.json")
+    assert_names(refusal("evaluate", labelled, "--envelope", "mine.json"), "mine.json")
+    assert_names(refusal("evaluate", rows, "--envelope", envelopes), envelopes)
+
+
+def test_a_data_set_of_another_robot_or_terrain_is_refused(
+    rows: Path, learning: Path, refusal: Callable, labelled: Path
+) -> None:
+    mine, heavy = (named_robot(learning / name).identity for name in ("dog.urdf", "heavy.urdf"))
+    robot, out = str(learning / "heavy.urdf"), ("--out", "x.json")
+    message = f"robot: expected a data set of {heavy}, got one of {mine}"
+    assert refusal("fit", rows, "--robot", robot, *out) == f"rows: {message}"
+    message = f"robot: expected a data set of {mine}, got one of hexapod"
+    assert (
+        refusal("evaluate", labelled, "--robot", learning / "dog.urdf") == f"{labelled}: {message}"
+    )
+    (learning / "other.obj").write_text(TILES.replace("0.02", "0.03"))
+    message = refusal("fit", rows, "--terrain", learning / "other.obj", *out)
+    assert message.startswith("rows: terrain: expected a data set of other-")
+
+
+def test_envelopes_of_another_robot_are_refused_where_problems_are_solved(
+    rows: Path, learning: Path, stancekit: Callable, files: list[str]
+) -> None:
+    assert stancekit("fit", rows, "--method", "heuristic", "--out", "mine.json").code == 0
+    heavy, mine = (named_robot(learning / name).identity for name in ("heavy.urdf", "dog.urdf"))
+    problems = ("sample", "ground-4", "--robot", learning / "heavy.urdf", "--out", "heavy.jsonl")
+    assert stancekit(*problems).code == 0
+    ran = stancekit("solve", "heavy.jsonl", "--method", "p1", "--envelope", "mine.json")
+    assert ran.code == 2
+    learned = Dataset.open(rows).problem_class
+    assert f"robot: expected {mine} for an envelope learned for {learned}, got {heavy}" in ran.err
+
+
+def test_robots_and_terrains_that_will_not_do_are_one_line(
+    learning: Path, refusal: Callable, files: list[str]
+) -> None:
+    message = "expected a robot of 5 legs or more, got quadruped with LF, RF, LH, RH"
+    assert (
+        refusal("label", "ground-5", "out", "--robot", learning / "dog.urdf")
+        == f"ground-5: {message}"
+    )
+    (learning / "wall.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 0 1\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
+    message = refusal(
+        "sample", "terrain-3", "--robot", learning / "dog.urdf", "--terrain", learning / "wall.obj"
+    )
+    assert message == "wall.obj: expected footholds, got none: 1 m² steep"
+    assert_names(refusal("sample", "terrain-3", "--robot", learning / "dog.urdf"), "terrain-3")

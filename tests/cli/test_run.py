@@ -6,22 +6,22 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-pytest.importorskip("mcap")
-
 from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
 from stancekit.cli.run import RunMotion
+from stancekit.cli.simulate import _message
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.plan_file import write_boxes, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
@@ -54,6 +54,12 @@ def ended(verb: Any, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]
     code = run(verb)
     said = capsys.readouterr()
     return code, said.out, said.err
+
+
+def refused(verb: Any, capsys: pytest.CaptureFixture[str]) -> str:
+    code, out, err = ended(verb, capsys)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    return err
 
 
 def test_a_plan_is_run_logged_drawn_and_replayed(
@@ -284,10 +290,7 @@ def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(
 def test_bad_input_is_one_line_and_exit_code_2(
     folder: Path, capsys: pytest.CaptureFixture[str], options: dict[str, Any], said: str
 ) -> None:
-    code, out, err = ended(RunMotion(**({"plan": folder / "plan.json"} | options)), capsys)
-    assert (code, out) == (2, "")
-    assert said in err
-    assert err.count("\n") == 1
+    assert said in refused(RunMotion(**({"plan": folder / "plan.json"} | options)), capsys)
 
 
 SAID = re.compile(
@@ -320,10 +323,7 @@ def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
     file.write_text(
         f'format: stancekit/actuators/1\nactuators: {{weak: {actuator}, {strong}}}\njoints: {{"*": weak}}\n'
     )
-    code, out, err = ended(RunMotion(plan=folder / "plan.json", actuators=str(file)), capsys)
-    found = SAID.search(err)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert found is not None, err
+    found = SAID.search(refused(RunMotion(plan=folder / "plan.json", actuators=str(file)), capsys))
     joint, peak_nm, rms_nm = found[1], float(found[2]), float(found[3])
     assert (bool(found[4]), found[5], found[6]) == (hot, has, "at rest strong would do")
     for needs, off in (ran["needs"], 0.05), (ran["loads"], 0.25):
@@ -336,11 +336,10 @@ def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
 def test_where_no_known_actuator_bears_a_plan_that_is_said(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out, err = ended(RunMotion(plan=folder / "plan.json", actuators="XM430-W350"), capsys)
-    assert (code, out, err.count("\n")) == (2, "", 1)
+    said = refused(RunMotion(plan=folder / "plan.json", actuators="XM430-W350"), capsys)
     assert (
         "XM430-W350 has 0.9 of 4.1 Nm for a moment and 0.82 Nm for ever; no known actuator would do"
-        in err
+        in said
     )
 
 
@@ -384,7 +383,6 @@ def test_where_no_known_actuator_bears_a_plan_that_is_said(
 def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_motion(
     folder: Path, capsys: pytest.CaptureFixture[str], world: Any, change: dict[str, Any], said: str
 ) -> None:
-    pytest.importorskip({"dynamixel": "dynamixel_sdk", "ros": "roslibpy"}[world])
     joints = joint_names(hexapod())
     data = asdict(
         nominal(joints, port="bus", desk=True) if world == "dynamixel" else same_names(joints)
@@ -395,11 +393,8 @@ def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_moti
             name: value for name, value in data["joints"].items() if value is not None
         }
     (folder / "setup.yaml").write_text(yaml.safe_dump(data | change, sort_keys=False))
-    code, out, err = ended(
-        RunMotion(plan=folder / "plan.json", world=world, setup=folder / "setup.yaml"), capsys
-    )
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert said in err
+    verb = RunMotion(plan=folder / "plan.json", world=world, setup=folder / "setup.yaml")
+    assert said in refused(verb, capsys)
 
 
 OWN = """
@@ -420,10 +415,9 @@ def test_a_pose_from_which_feet_would_go_through_a_wall_is_one_line_before_any_m
     verb = RunMotion(
         plan=folder / "plan.json", world=f"{folder / 'own.py'}:Straight", log=folder / "away.mcap"
     )
-    code, out, err = ended(verb, capsys)
-    assert (code, out, err.count("\n")) == (2, "", 1)
     assert re.search(
-        r"soft start: limb \w+: its foot would go \d+ mm into a surface on the way", err
+        r"soft start: limb \w+: its foot would go \d+ mm into a surface on the way",
+        refused(verb, capsys),
     )
     assert read_log(folder / "away.mcap").of("command") == []
 
@@ -431,8 +425,6 @@ def test_a_pose_from_which_feet_would_go_through_a_wall_is_one_line_before_any_m
 def test_a_stop_topic_that_is_pressed_lets_nothing_begin(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("roslibpy")
-    pytest.importorskip("websockets")
     from tests.emulators.rosbridge import RosBridge
 
     with RosBridge(["a"]) as bridge:
@@ -448,6 +440,286 @@ def test_a_stop_topic_that_is_pressed_lets_nothing_begin(
 def test_what_is_no_log_is_bad_input(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = folder / "no.mcap"
     path.write_bytes(np.random.default_rng(0).bytes(100))
-    code, _, err = ended(Replay(log=path), capsys)
-    assert code == 2
-    assert "expected an MCAP file, got something else" in err
+    assert "expected an MCAP file, got something else" in refused(Replay(log=path), capsys)
+
+
+@cache
+def step() -> Plan:
+    outcome = TwoStagePlanner().solve(read_course("walls", frames=2))
+    assert outcome.solution is not None
+    return outcome.solution
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> str:
+    write_plan(tmp_path / "plan.json", step(), check_plan(step()))
+    return "plan.json"
+
+
+def test_a_plan_that_is_executed_gives_one_object_and_exit_code_0(file, stancekit, tmp_path):
+    ran = stancekit("simulate", file, "--pace", "2", "--out", "trace.npz", "--json")
+    assert ran.code == 0
+    (said,) = ran.records
+    assert said["plan"] == "plan.json"
+    assert (said["world"], said["succeeded"], said["message"]) == ("mujoco", True, "")
+    with np.load(tmp_path / "trace.npz", allow_pickle=False) as arrays:
+        assert len(arrays["time_s"]) == round(200 * said["seconds"])
+
+
+def test_people_get_a_table_and_a_picture(file, stancekit, tmp_path):
+    ran = stancekit("simulate", file, "--pace", "2", "--picture", "end.png")
+    assert ran.code == 0
+    assert "executed as planned" in ran.out
+    assert "written: end.png" in ran.out
+    assert (tmp_path / "end.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_plan_that_the_verifier_rejected_is_not_executed(stancekit, tmp_path):
+    bad = replace(step(), com_m=step().com_m + np.array([0.0, 0.05, 0.0]))
+    write_plan(tmp_path / "bad.json", bad, check_plan(bad))
+    ran = stancekit("simulate", "bad.json", "--json")
+    assert (ran.code, ran.out) == (2, "")
+    assert (
+        " ".join(ran.err.split())
+        == "stancekit: error: bad.json: expected a plan that the verifier accepted, this one it rejected"
+    )
+
+
+def test_a_plan_file_that_was_edited_is_refused(file, refusal, tmp_path):
+    header = json.loads((tmp_path / file).read_text())
+    header["course"]["gravity_m_s2"] = 1.0
+    (tmp_path / file).write_text(json.dumps(header))
+    assert refusal("simulate", file).startswith("plan.json: ")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--pace", "0"), "--pace: expected a number in [0.1, 4], got 0"),
+        (("--out", "trace.csv"), "--out: expected a name that ends in .npz, got trace.csv"),
+        (("--picture", "end.gif"), "end.gif: expected a name that ends in "),
+    ],
+)
+def test_bad_options_are_refused_before_anything_moves(options, said, file, refusal):
+    assert refusal("simulate", file, *options).startswith(said)
+
+
+def test_a_run_that_was_stopped_says_so_before_how_far_it_was_from_its_end():
+    off = SimpleNamespace(message="the centre of mass ended 529 mm from the plan's")
+    report = SimpleNamespace(
+        stopped_s=None, frames_done=2.0, frames=12.0, counted="key frames", message="off"
+    )
+    assert _message(report, off) == off.message
+    report.stopped_s, report.message = 17.0, "signal SIGTERM"
+    assert _message(report, off) == "stopped after 2 of 12 key frames: signal SIGTERM"
+
+
+SERVOS = '''
+"""Joints that go where they are sent, one control period later; the body is not measured, and nothing is felt."""
+from dataclasses import dataclass
+import numpy as np
+from stancekit.planners.robot.robot_file import joint_names
+from stancekit.runner.worlds.world import WorldCapabilities
+from stancekit.runner.worlds.world import LatchedWorld, State
+
+@dataclass
+class Bench:
+    armed: bool = False
+
+class Servos(LatchedWorld):
+    name = "servos"
+
+    @classmethod
+    def make(cls, settings):
+        return cls(settings)
+
+    def __init__(self, settings):
+        super().__init__()
+        self.robot, self.servo, self.rate_hz = settings.robot, settings.servo, settings.rate_hz or 40.0
+        self.joints, self.bench = joint_names(self.robot), Bench()
+        self.capabilities = WorldCapabilities.of_servos(self.robot, self.servo, self.rate_hz, senses=False)
+
+    def reset(self, terrain, angles_rad, position_m, rotation):
+        self.angles, self.pose, self.time_s = np.array(angles_rad), (position_m, rotation), 0.0
+        return self.state()
+
+    def step(self, targets_rad):
+        with self.latch.sending():
+            self.angles = np.array(targets_rad)
+        self.time_s += 1.0 / self.rate_hz
+        return self.state()
+
+    def state(self):
+        feet = np.zeros((len(self.robot.limbs), 3))
+        return State(
+            time_s=self.time_s, position_m=self.pose[0], rotation=self.pose[1], velocity=np.zeros(6),
+            angles_rad=self.angles, rates_rad_s=0.0 * self.angles, torques_nm=0.0 * self.angles, feet_m=feet,
+            forces_n=feet, bump_n=0.0, sent_rad=self.angles.copy(),
+        )
+
+    def close(self):
+        pass
+'''
+ARMED = """
+    @property
+    def armed(self):
+        return self.bench.armed
+
+    def torque(self, on):
+        self.bench.armed = on
+
+    def hold(self):
+        pass
+
+    def relax(self):
+        self.bench.armed = False
+"""
+
+
+@pytest.fixture
+def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
+    assert plan is not None
+    write_plan("plan.json", plan, check_plan(plan))
+    return tmp_path
+
+
+def test_a_world_of_ones_own_is_run_by_its_file_and_name(planned, stancekit):
+    (planned / "mine.py").write_text(
+        SERVOS.replace('    name = "servos"\n', '    name, kind = "servos", "simulation"\n')
+    )
+    ran = stancekit(
+        "run",
+        "plan.json",
+        "--world",
+        "mine.py:Servos",
+        "--pace",
+        "2",
+        "--log",
+        "run.mcap",
+        "--json",
+    )
+    assert (ran.code, ran.err) == (0, "")
+    (report,) = ran.records
+    assert (report["world"], report["succeeded"], report["dry"]) == ("servos", True, False)
+    assert report["joint_worst_rad"] < 1e-9  # it follows exactly
+    log = read_log("run.mcap")
+    assert log.of("plan")[0]["rate_hz"] == 40.0
+    assert len(log.of("command")) == report["sent"] > 40
+
+
+def test_a_world_of_an_installed_package_is_run_by_its_entry_point(planned, stancekit, monkeypatch):
+    site = planned / "site"
+    (site / "servos-0.1.dist-info").mkdir(parents=True)
+    (site / "servos.py").write_text(
+        SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"')
+    )
+    (site / "servos-0.1.dist-info" / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: servos\nVersion: 0.1\n"
+    )
+    (site / "servos-0.1.dist-info" / "entry_points.txt").write_text(
+        "[stancekit.worlds]\nbench = servos:Servos\n"
+    )
+    monkeypatch.syspath_prepend(site)
+    ran = stancekit("run", "plan.json", "--world", "bench", "--pace", "2", "--json")
+    assert (ran.code, ran.records[0]["world"], ran.records[0]["succeeded"]) == (0, "servos", True)
+
+
+def test_hardware_of_ones_own_moves_only_when_armed_and_has_the_verbs_for_it(
+    planned, stancekit, refusal
+):
+    path = planned / "mine.py"
+    path.write_text(SERVOS)
+    said = refusal("run", "plan.json", "--world", "mine.py:Servos")
+    assert said.startswith("world mine.py:Servos: expected a world (kind, make, reset, ")
+    assert "of hardware torque, hold and relax, too" in said
+    path = planned / "robot.py"
+    path.write_text(SERVOS + ARMED)
+    for options, dry in (((), True), (("--arm",), False)):
+        ran = stancekit(
+            "run", "plan.json", "--world", "robot.py:Servos", "--pace", "2", "--json", *options
+        )
+        (report,) = ran.records
+        assert (ran.code, report["succeeded"], report["dry"]) == (0, True, dry), report["message"]
+    for verb, said in (
+        (
+            ("run", "plan.json", "--friction-share", "0.5"),
+            "--friction-share: expected a simulated world with it",
+        ),
+        (
+            ("simulate", "plan.json"),
+            "--world: expected a simulation, got robot.py:Servos, which is hardware",
+        ),
+    ):
+        assert refusal(*verb, "--world", "robot.py:Servos").startswith(said)
+
+
+def test_hardware_that_calls_itself_a_simulation_is_armed_and_its_limits_are_checked(
+    planned, stancekit, refusal
+):
+    (planned / "sly.py").write_text(
+        SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"') + ARMED
+    )
+    assert "check_limits: expected True but in a simulation, got False in world servos" in refusal(
+        "simulate", "plan.json", "--world", "sly.py:Servos"
+    )
+    ran = stancekit("run", "plan.json", "--world", "sly.py:Servos", "--pace", "2", "--json")
+    assert (ran.code, ran.records[0]["dry"]) == (0, True)
+
+
+def test_a_world_without_a_latch_and_one_that_raises_are_one_line(planned, stancekit):
+    simulated = SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"')
+    (planned / "open.py").write_text(simulated.replace("super().__init__()", "self.latch = None"))
+    ran = stancekit("run", "plan.json", "--world", "open.py:Servos")
+    assert (ran.code, ran.err) == (
+        2,
+        "stancekit: error: world servos: latch: expected a StopLatch, got None\n",
+    )
+    for error in ("ValueError('mine')", "BrokenPipeError('mine')", "SystemExit(0)"):
+        name = error[:3].lower() + ".py"
+        (planned / name).write_text(
+            simulated.replace("self.angles = np.array(targets_rad)", f"raise {error}")
+        )
+        ran = stancekit("run", "plan.json", "--world", f"{name}:Servos", "--json")
+        assert (ran.code, ran.out, ran.err.count("\n")) == (1, "", 1)
+        assert f"{name} line " in ran.err
+
+
+def test_a_simulation_of_ones_own_is_a_subclass_and_simulated_like_the_others(planned, stancekit):
+    (planned / "moon.py").write_text(
+        "from dataclasses import replace\n"
+        "from stancekit.runner.worlds.mujoco import MujocoWorld\n"
+        "class Weak(MujocoWorld):\n"
+        "    name = 'weak'\n"
+        "    @classmethod\n"
+        "    def make(cls, settings):\n"
+        "        return super().make(replace(settings, servo=replace(settings.servo, torque_nm=1.0)))\n"
+    )
+    ran = stancekit("simulate", "plan.json", "--world", "moon.py:Weak", "--json")
+    (said,) = ran.records
+    assert (ran.code, said["world"], said["torque_limit_nm"], said["succeeded"]) == (
+        1,
+        "weak",
+        1.0,
+        False,
+    )
+    assert json.dumps(said, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("none.py:Mine", "none.py: expected a file, found nothing there"),
+        ("mine.py:Mine", "mine.py: expected 'Mine' in it, found no such name; it defines "),
+        ("mine.py:Bench", "world mine.py:Bench: expected a world (kind, make, "),
+        ("mine.py", "--world: expected FILE.py:NAME, got no name after mine.py"),
+        (
+            "gazebo",
+            "--world: expected one of bullet, mujoco, replay, dynamixel, ros, or FILE.py:NAME, got 'gazebo'",
+        ),
+    ],
+)
+def test_a_world_that_there_is_not_is_one_line(name, said, planned, refusal):
+    (planned / "mine.py").write_text(SERVOS)
+    assert refusal("run", "plan.json", "--world", name).startswith(said)

@@ -1,13 +1,31 @@
 """`stancekit verify`: no claim passes without its evidence, and no evidence for another problem."""
 
+from __future__ import annotations
+
 import json
 import sys
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from subprocess import run
 
+import numpy as np
 import pytest
 
-from tests.refusals import assert_names
+import stancekit as library
+from stancekit import exports
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.files.writing import alone_in
+from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.trajectory_file import read_trajectory, write_trajectory
+from stancekit.planners.verify import PLAN_GROUPS, check_plan
+from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
+from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
+from stancekit.runner.acceptance import Accepted
+from tests.forgeries import stances, walks
+from tests.forgeries.crawl import crawl
+from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture
@@ -220,3 +238,273 @@ def test_bad_input_is_one_line(refusal, pairs, labelled):
 def test_there_is_one_answer_a_problem(refusal, pairs, answers, write):
     said = refusal("verify", "problems.jsonl", write("a.jsonl", *answers[:2]))
     assert said == "a.jsonl: expected 3 answers, one a problem, got 2"
+
+
+walk, plan = cache(crawl), cache(stances.honest_plan)
+FORGED_WALKS = (
+    "skating",
+    "weight missing",
+    "dragged",
+    "facing elsewhere",
+    "starting in motion",
+    "sucking",
+)
+FORGED_PLANS = ("weight missing", "a toe moved", "a limb that moves carries", "the body tilted")
+
+
+@cache
+def walks_of() -> dict[str, Trajectory]:
+    forged = {
+        name: walks.KINDS[name](walk(), 2.0, np.random.default_rng(2)) for name in FORGED_WALKS
+    }
+    return {
+        "honest": walk(),
+        "open": replace(walk(), heading_rad=None, still=(False, False)),
+        **forged,
+    }
+
+
+@cache
+def plans_of() -> dict[str, Plan]:
+    forged = {
+        name: stances.PLANS[name](plan(), 3.0, np.random.default_rng(3)) for name in FORGED_PLANS
+    }
+    return {"honest": plan(), **forged}
+
+
+@pytest.mark.parametrize("name", ["honest", "open", *FORGED_WALKS])
+def test_a_walk_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
+    path, trajectory = tmp_path / "walk.json", walks_of()[name]
+    written = check_trajectory(trajectory)
+    write_trajectory(path, trajectory, written)
+    ran = stancekit("verify", path, "--json")
+    (message,) = ran.records
+    python = library.verify(library.load(path))
+    assert (ran.code == 0) == message["accepted"] == python.accepted == written.accepted
+    assert message["accepted"] == (name in ("honest", "open"))
+    assert message["message"] == python.message == written.message
+    assert (
+        message["digest"]
+        == python.digest
+        == written.digest
+        == read_trajectory(path).verdict["digest"]
+    )
+    assert sorted(message["checked"] + message["not_checked"]) == sorted(GROUPS)
+    assert stancekit("verify", path).out.splitlines()[0] == f"{path}: {written.message}"
+
+
+def test_a_walk_of_which_something_is_not_checked_says_so_and_is_not_run(
+    stancekit, tmp_path: Path
+) -> None:
+    path, trajectory = tmp_path / "walk.json", walks_of()["open"]
+    report = check_trajectory(trajectory)
+    assert report.unchecked == ("heading", "rest", "rest_acceleration", *WHOLE_BODY)
+    assert report.accepted
+    assert_names(report.message, *report.unchecked)
+    write_trajectory(path, trajectory, report)
+    assert stancekit("verify", path, "--json").records[0]["not_checked"] == list(report.unchecked)
+    with refuses("heading", "rest", "rest_acceleration"):
+        Accepted.from_file(path)
+
+
+@pytest.mark.parametrize("name", ["honest", *FORGED_PLANS])
+def test_a_plan_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
+    path, made = tmp_path / "plan.json", plans_of()[name]
+    written = check_plan(made, joints=True)
+    write_plan(path, made, written)
+    ran = stancekit("verify", path, "--json")
+    (record,) = ran.records
+    message, python = record["report"], library.verify(library.load(path))
+    assert (
+        (ran.code == 0)
+        == message["accepted"]
+        == python.accepted
+        == written.accepted
+        == (name == "honest")
+    )
+    assert record["verdict"] == ("accepted" if message["accepted"] else "refused")
+    assert message["digest"] == python.digest == written.digest
+    assert message["checked"] == list(python.checked) == list(written.checked)
+    assert [group["group"] for group in message["groups"]] == list(PLAN_GROUPS)
+    if name == "honest":
+        assert (
+            Accepted.from_file(path).digest == check_plan(made).digest
+        )  # of contacts; joints it asks of its world
+    else:
+        with refuses("plan.json"):
+            Accepted.from_file(path)
+
+
+@pytest.fixture(scope="module")
+def walk_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a walk, and its CSV beside it."""
+    path = tmp_path_factory.mktemp("motions") / "walk.json"
+    level = library.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+    found = library.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
+    assert found is not None
+    library.save(found, path)
+    library.export(path, to="csv")
+    return path
+
+
+def test_a_motion_is_judged_by_the_command(walk_file: Path, stancekit) -> None:
+    judged = ("verify", walk_file.with_suffix(".csv"), "--terrain", walk_file)
+    (record,) = stancekit(*judged, "--json").records
+    assert (record["kind"], record["verdict"], record["not_checked"]) == ("motion", "accepted", [])
+    ran = stancekit(*judged)
+    assert (ran.code, "contact_gap" in ran.out) == (0, True)
+
+
+def test_mujocos_key_frames_are_judged(walk_file: Path, stancekit) -> None:
+    assert stancekit("export", walk_file, "--to", "mujoco").code == 0
+    frames, options = walk_file.with_suffix(".xml"), ("--terrain", walk_file, "--json")
+    ran = stancekit("verify", frames, "--robot", "anymal", *options)
+    unchecked = ["torque", "contact_gap", "forces", "cone", "swing_force"]
+    assert (ran.code, ran.records[-1]["not_checked"]) == (0, unchecked)
+
+
+def spoiled(text: str, how: str) -> str:
+    """A CSV with something wrong."""
+    head, *rows = text.splitlines()
+    if how == "nan":
+        return "\n".join([head, ",".join(["nan", *rows[0].split(",")[1:]]), *rows[1:]])
+    if how == "gap":
+        return "\n".join([head, *rows[:50], *rows[60:]])
+    if how == "backwards":
+        return "\n".join([head, *reversed(rows)])
+    if how == "short":
+        return "\n".join([head, rows[0], rows[1][:100], *rows[2:]])
+    if how == "column":
+        return "\n".join([head.replace("body.qw", "body.q0"), *rows])
+    if how == "joint":
+        return "\n".join([head.replace("LF_HAA", "arm"), *rows])
+    if how == "axis":
+        return "\n".join([head.replace("body.x", "com_v.q"), *rows])
+    return head
+
+
+@pytest.mark.parametrize(
+    ("how", "line"),
+    [
+        ("nan", "row 1, column t: expected a finite number, got nan"),
+        (
+            "gap",
+            "time_s: row 50: expected a uniform grid, got a gap of 0.11 s at 0.49 s where others are 0.01 s",
+        ),
+        ("backwards", "expected times that increase"),
+        ("short", "row 2: expected "),
+        (
+            "column",
+            "expected columns as t, q.JOINT, force.LIMB.x, got 'body.q0', did you mean 'body.qz'?",
+        ),
+        ("joint", "joints: expected those of anymal"),
+        ("axis", "got 'com_v.q'"),
+        ("empty", "expected rows below the header, got none"),
+    ],
+)
+def test_a_bad_motion_is_one_line(
+    how: str, line: str, walk_file: Path, tmp_path: Path, refusal
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(spoiled(walk_file.with_suffix(".csv").read_text(), how))
+    assert line in refusal("verify", path, "--terrain", walk_file)
+
+
+def test_options_that_do_not_fit_are_one_line(walk_file: Path, refusal) -> None:
+    table = walk_file.with_suffix(".csv")
+    for arguments, line in (
+        ((table,), "--terrain: expected it or a course with the motion"),
+        ((table, "--terrain", walk_file, "--course", "walls"), "got both"),
+        ((walk_file, "--terrain", walk_file), "--terrain: expected a motion with it"),
+        ((table, "--terrain", walk_file, "--robot", "nobody"), "--robot: expected"),
+        (
+            (table, "--terrain", walk_file, "--tolerance", "0.1"),
+            "--tolerance: expected none with a motion",
+        ),
+        ((table, "--terrain", "nowhere"), "--terrain: expected a file, one of"),
+    ):
+        assert line in refusal("verify", *arguments)
+
+
+def test_exports_that_cannot_be_are_one_line(walk_file: Path, tmp_path: Path, refusal) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "other.json").write_text("{}")
+    for arguments, line in (
+        (
+            (walk_file,),
+            "--to: expected one of csv, npz, jointtrajectory, mujoco, reference, foxglove, got none",
+        ),
+        ((walk_file, "--to", "svg"), "--to: expected one of csv"),
+        ((walk_file, "--to", "minari"), "expected the folder of a data set"),
+        (
+            (walk_file, "--to", "csv", "--out", tmp_path / "file" / "walk.csv"),
+            "expected an existing folder",
+        ),
+        (
+            (walk_file, "--to", "csv", "--out", tmp_path / "walk.txt"),
+            "--out: expected a name that ends in .csv",
+        ),
+        (
+            (walk_file, "--to", "csv", "--rate-hz", "-1"),
+            "--rate-hz: expected a number in (0, 10000], got -1",
+        ),
+        ((walk_file, "--to", "csv", "--count", "2"), "--count: expected a family's level with it"),
+        (
+            ("rough:0.1", "--to", "csv"),
+            "--count: expected how many motions over rough:0.1, got none",
+        ),
+        (("rough:0.1", "--to", "csv", "--count", "0"), "--count: expected"),
+        (("rough:0.1:3", "--count", "2"), "expected FAMILY:LEVEL with count"),
+        (
+            ("rough:0.1", "--count", "2", "--out", tmp_path / "file"),
+            "expected a folder or room for one",
+        ),
+        (
+            (tmp_path / "other.json", "--to", "csv"),
+            "expected a plan, a walk, a leap, or the folder of a data set",
+        ),
+    ):
+        assert line in refusal("export", *arguments)
+
+
+ONE = ("export", "rough:0.05", "--count", "1", "--out", "drawn", "--to")
+
+
+def test_drawn_motions_are_gone_on_with(tmp_path: Path, stancekit, refusal) -> None:
+    ran, motion = stancekit(*ONE, "csv"), tmp_path / "drawn" / "rough-0.05-0.csv"
+    assert (ran.code, "1 motions of 1 grounds, 0 refused (0%)" in ran.out) == (0, True)
+    before = motion.stat().st_mtime_ns
+    assert stancekit(*ONE, "csv").code == 0
+    assert motion.stat().st_mtime_ns == before
+    assert "to: expected 'npz', found motions of another one there" in refusal(*ONE, "npz")
+
+
+def test_two_processes_do_not_draw_into_one_folder(tmp_path: Path, stancekit, refusal) -> None:
+    folder = tmp_path / "drawn"
+    folder.mkdir()
+    with alone_in(folder):
+        assert "in which no other process is at work" in refusal(*ONE, "csv")
+    assert list(folder.iterdir()) == []
+    assert stancekit(*ONE, "csv").code == 0
+
+
+def test_a_folder_whose_writer_was_killed_in_its_first_motion_is_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stancekit, refusal
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    folder, walked = tmp_path / "drawn", exports.walk
+    monkeypatch.setattr(exports, "walk", killed)
+    assert stancekit(*ONE, "csv").code != 0
+    (folder / ".rough-0.05-0.csv.999999-01234567.tmp").write_text("half")
+    monkeypatch.setattr(exports, "walk", walked)
+    assert stancekit(*ONE, "csv").code == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["motions.jsonl", "rough-0.05-0.csv"]
+    for text in ("", "[]", '{"format": 1}', "\n3", '\n{"ground": 1}', '\n{"file": 3}'):
+        head = (folder / "motions.jsonl").read_text().splitlines()[0]
+        (folder / "bad").mkdir(exist_ok=True)
+        (folder / "bad" / "motions.jsonl").write_text(
+            head + text if text.startswith("\n") else text
+        )
+        refusal("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder / "bad")

@@ -61,7 +61,6 @@ class DeviceProcess:
 
     def ask(self, line: str) -> dict[str, Any]:
         """The answer to a line."""
-        assert self.process.stdin is not None
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
         return self._answer()
@@ -77,7 +76,6 @@ class DeviceProcess:
         self.close()
 
     def _answer(self) -> dict[str, Any]:
-        assert self.process.stdout is not None
         answer: dict[str, Any] = json.loads(self.process.stdout.readline())
         if "error" in answer:
             raise ValueError(answer["error"])

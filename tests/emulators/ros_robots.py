@@ -10,11 +10,6 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-pytest.importorskip("pinocchio")
-
 from roslibpy.comm import comm_asyncio
 
 from stancekit.planners.files.arrays import Array

@@ -15,9 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("dynamixel_sdk")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.formats.plan_file import read_plan, write_plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.robot_file import joint_names
@@ -41,7 +38,6 @@ def folder_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan, and a calibration file of servos that are mounted otherwise."""
     path = tmp_path_factory.mktemp("bus")
     plan = TwoStagePlanner().solve(read_course("walls")).solution
-    assert plan is not None
     write_plan(path / "plan.json", plan, check_plan(plan))
     usual = nominal(joint_names(plan.problem.robot), port="bus", latency_ms=40.0)
     turned = {

@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("websockets")
 from websockets.sync.client import ClientConnection, connect
 
 from tests.emulators.rosbridge import RosBridge

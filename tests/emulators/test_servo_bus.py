@@ -8,16 +8,15 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import dynamixel_sdk as sdk
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-sdk = pytest.importorskip("dynamixel_sdk")
-
-from tests.emulators import protocol2 as p2  # noqa: E402
-from tests.emulators.servo_bus import EmulatedBus  # noqa: E402
-from tests.emulators.servos import LOOP_HZ, OVERLOAD, PHYSICS_S, TRIPPED, Servos  # noqa: E402
+from tests.emulators import protocol2 as p2
+from tests.emulators.servo_bus import EmulatedBus
+from tests.emulators.servos import LOOP_HZ, OVERLOAD, PHYSICS_S, TRIPPED, Servos
 
 PACKETS = {
     "ping": (p2.packet(1, p2.PING), "FF FF FD 00 01 03 00 01 19 4E"),

@@ -5,8 +5,13 @@ Minari, and copies.
 from __future__ import annotations
 
 import copy
+import dataclasses
+import importlib.util
+import inspect
 import pickle
+import re
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -14,9 +19,11 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as checks_of_stable_baselines
 
 import stancekit
 import stancekit.envs
+from stancekit.envs import leap_choice, refinement, selection, traverse, warped_gait
 from stancekit.envs.distributions.postures import GROUND_3
 from tests.refusals import refuses
 
@@ -93,10 +100,11 @@ def test_all_environments_are_looked_at():
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_an_environment_passes_the_checker_of_gymnasium_without_a_warning(name):
+def test_an_environment_passes_both_checkers_without_a_warning(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(gym.make(name, render_mode="rgb_array", **QUICK[name]).unwrapped)
+        checks_of_stable_baselines(gym.make(name, **QUICK[name]).unwrapped)
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -220,14 +228,6 @@ def test_collectors_leave_their_own_option_in():
     assert same(env.reset(seed=1, options={"minari_autoseed": False}), env.reset(seed=1))
 
 
-def test_an_action_of_no_numbers_is_refused():
-    env = gym.make("stancekit/EnvelopeSelection-v0", problem="ground-3", disable_env_checker=True)
-    env.reset(seed=0)
-    for action in (np.full(36, np.nan, np.float32), np.array(["a"] * 36), np.full(36, None)):
-        with refuses("action"):
-            env.step(action)
-
-
 AGENTS = [(name, "PPO") for name in IDS] + [
     ("stancekit/EnvelopeSelection-v0", agent) for agent in ("SAC", "TD3")
 ]
@@ -250,3 +250,105 @@ def test_stable_baselines_trains_by_the_name_of_an_environment(name, agent):
 def test_agents_of_boxes_are_tried_where_the_actions_are_one():
     boxes = [name for name in IDS if isinstance(gym.make(name).action_space, gym.spaces.Box)]
     assert boxes == ["stancekit/EnvelopeSelection-v0"]
+
+
+SECTIONS = (
+    "Description",
+    "Observation Space",
+    "Action Space",
+    "Reward",
+    "Starting State",
+    "Episode End",
+    "Info",
+    "Arguments",
+    "Version History",
+)
+SIZES = {"N": 3, "E": 4}
+OF_LEAPS = {"P": 8, "R": 8, "M": 9}
+OF_TRAVERSE = {"H": 2, "N": 6, "R": 1, "U": 4}
+SETTINGS = {
+    selection.EnvelopeSelectionEnv: selection.SelectionSettings,
+    refinement.EnvelopeRefinementEnv: refinement.RefinementSettings,
+    traverse.TraverseEnv: traverse.TraverseSettings,
+    warped_gait.WarpedGaitEnv: warped_gait.GaitEnvSettings,
+    leap_choice.LeapChoiceEnv: leap_choice.LeapChoiceSettings,
+}
+
+
+def pages() -> list[tuple[str, type[gym.Env]]]:
+    return [
+        (name, gym.envs.registration.load_env_creator(gym.spec(name).entry_point)) for name in IDS
+    ]
+
+
+def table(page: str, section: str) -> list[list[str]]:
+    """The rows of the table of a section, the first two columns of each."""
+    (text,) = re.findall(rf"^## {section}$(.*?)(?=^## |\Z)", page, re.S | re.M)
+    rows = [
+        line.strip().strip("|").split("|") for line in text.splitlines() if line.startswith("|")
+    ]
+    return [[cell.strip() for cell in row[:2]] for row in rows[2:]]
+
+
+@pytest.mark.parametrize(("name", "kind"), pages())
+def test_a_page_has_all_sections_in_their_order(name, kind):
+    page = inspect.getdoc(kind)
+    assert tuple(re.findall(r"^## (.*)$", page, re.M)) == SECTIONS
+    assert f"- v{gym.spec(name).version}: " in page
+
+
+@pytest.mark.parametrize(("name", "kind"), pages())
+def test_the_arguments_are_the_real_ones_with_their_defaults(name, kind):
+    known = {**vars(selection), **vars(traverse), **vars(warped_gait)}
+    message = {
+        argument: eval(default, known)
+        for argument, default in table(inspect.getdoc(kind), "Arguments")
+    }
+    taken = inspect.signature(kind).parameters.values()
+    real = {p.name: p.default for p in taken if p.kind is not p.VAR_KEYWORD}
+    if len(real) < len(taken):
+        settings = SETTINGS[kind]
+        last = real.pop("render_mode")
+        real |= {each.name: each.default for each in dataclasses.fields(settings)} | {
+            "render_mode": last
+        }
+    assert message == real
+    assert list(message) == list(real)
+
+
+@pytest.mark.parametrize(("name", "kind"), pages())
+def test_the_observation_is_the_real_one(name, kind):
+    env = gym.make(name).unwrapped
+    sizes = {traverse.TraverseEnv: OF_TRAVERSE, leap_choice.LeapChoiceEnv: OF_LEAPS}.get(
+        kind, SIZES
+    )
+    message = {
+        key: eval(shape, dict(sizes))
+        for key, shape in table(inspect.getdoc(kind), "Observation Space")
+    }
+    assert message == {key: box.shape for key, box in env.observation_space.spaces.items()}
+
+
+HUB_FILE = Path(__file__).parents[2] / "docs" / "hub" / "env.py"
+
+
+@pytest.mark.parametrize("use_async_envs", [False, True])
+def test_the_hubs_file_makes_vector_environments_that_step(use_async_envs: bool) -> None:
+    spec = importlib.util.spec_from_file_location("hub_env", HUB_FILE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    made = module.make_env(n_envs=2, use_async_envs=use_async_envs)
+    assert list(made) == ["stancekit"]
+    for env in made["stancekit"].values():
+        assert isinstance(env, gym.vector.VectorEnv)
+        observation, _ = env.reset(seed=0)
+        assert list(observation) == [
+            "environment_state"
+        ]  # what lerobot's preprocess_observation takes over
+        assert observation["environment_state"] in env.observation_space["environment_state"]
+        assert env.call("_max_episode_steps") == (1, 1)  # lerobot's rollout asks for it
+        _, _, ended, _, info = env.step(env.action_space.sample())
+        assert ended.all()
+        final = info["final_info"]  # and reads success from there
+        assert (final["is_success"] == (final["p1_feasible"] == final["label"])).all()
+        env.close()

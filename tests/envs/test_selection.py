@@ -18,11 +18,11 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.envs.reward import RewardWeights
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import VERTICES, EnvelopeSelectionEnv
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.verify import check_plan
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 SLOW = {
     "stancekit/WarpedGait-v0"
@@ -76,15 +76,6 @@ def played(env, seed, steps=5):
 def test_there_are_environments_to_look_at():
     assert "stancekit/EnvelopeSelection-v0" in ENVS
     gymnasium.register_envs(stancekit.envs)
-
-
-def test_gymnasiums_checker_has_nothing_to_say(env):
-    check_env(env.unwrapped, skip_render_check=True)
-
-
-def test_stable_baselines_checker_has_nothing_to_say(env):
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(env.unwrapped)
 
 
 def test_a_seed_reproduces_an_episode_exactly(env):
@@ -453,9 +444,8 @@ def test_a_label_that_never_comes_up_is_told(monkeypatch):
     ],
 )
 def test_bad_arguments_are_refused(arguments, message):
-    with pytest.raises(InvalidInput) as error:
+    with refuses(message):
         EnvelopeSelectionEnv(**arguments)
-    assert_names(str(error.value), message)
 
 
 def test_no_scenes_and_scenes_of_another_size_are_refused(scenes):
@@ -473,6 +463,8 @@ def test_no_scenes_and_scenes_of_another_size_are_refused(scenes):
         (np.zeros(72), "action"),
         (0, "action"),
         (np.full(36, np.nan), "action"),
+        (np.array(["a"] * 36), "action"),
+        (np.full(36, None), "action"),
         (np.full(36, 1e30), "low"),
     ],
 )

@@ -12,22 +12,20 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 import stancekit
-from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.episodes import MemorylessPolicy
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
 from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.posture import MAX_TILT_RAD
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.margins import stance_margins, verdict_yields_m
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 PROGRAMS = Programs()
 LIFT, WALKING, CLIMBING = 0, 1, 2
@@ -76,34 +74,12 @@ class Mute:
 # contract
 
 
-def test_gymnasiums_checker_has_nothing_to_say():
-    check_env(made("walls", "stairs"), skip_render_check=True)
-
-
-def test_a_seed_reproduces_an_episode_exactly():
-    actions = [CLIMBING, LIFT, LIFT]
-    first, again = (played(made("walls", "stairs"), 5, actions) for _ in range(2))
-    assert same(first, again, exact=True)
-    assert not same(first[0][0], played(made("walls", "stairs"), 6, [])[0][0])
-
-
 def test_views_are_finite_and_in_their_space():
     env = made("walls", "stairs", "ground-to-wall")
     for seed in range(4):
         for observation, *_ in played(env, seed, [LIFT, WALKING, CLIMBING, LIFT]):
             assert env.observation_space.contains(observation)
             assert all(np.isfinite(values).all() for values in observation.values())
-
-
-def test_info_is_numbers_of_fixed_shapes():
-    env, shapes = made("walls", "stairs"), set()
-    for seed in range(3):
-        for step in played(env, seed, [WALKING, LIFT, CLIMBING, LIFT]):
-            info = step[-1]
-            assert all(np.asarray(value).dtype.kind in "ifb" for value in info.values()), info
-            assert not any(np.isnan(value).any() for value in info.values()), info
-            shapes.add(tuple((name, np.shape(value)) for name, value in info.items()))
-    assert len(shapes) == 1
 
 
 def test_reset_is_needed_before_the_first_and_after_the_last_step():
@@ -341,25 +317,6 @@ def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
         env.reset(seed=0)
 
 
-@pytest.mark.parametrize(
-    ("named", "name"),
-    [
-        ({"horizon": 0}, "horizon"),
-        ({"patience": 0}, "patience"),
-        ({"corners": 2}, "corners"),
-        ({"planners": []}, "planners"),
-        ({"courses": ()}, "courses"),
-        ({"courses": icy_walls}, "regions"),
-        ({"courses": ("wals",)}, "course"),
-        ({"render_mode": "ansi"}, "render_mode"),
-        ({"frames": 0}, "frames"),
-    ],
-)
-def test_settings_that_make_no_sense_are_refused(named, name):
-    with refuses(name):
-        TraverseEnv(**named)
-
-
 def test_a_course_of_one_frame_has_nowhere_to_go():
     with refuses("course"):
         made(frames=1).reset(seed=0)
@@ -371,7 +328,7 @@ def test_a_course_of_one_frame_has_nowhere_to_go():
 
 @pytest.mark.parametrize("terrain", ["ground", "wall"])
 def test_the_experts_envelopes_are_those_of_the_selector(terrain):
-    heuristic = pytest.importorskip("stancekit.learners.selectors.selector")
+    import stancekit.learners.selectors.selector as heuristic
     from stancekit.envs.distributions.postures import distribution
 
     name = f"{terrain}-3"
@@ -429,7 +386,6 @@ def networks(tmp_path_factory) -> dict[str, Any]:
     """Networks that have learned next to nothing, of the ground, of walls, and for P1 joined with
     the lift.
     """
-    pytest.importorskip("torch")
     folder, found = tmp_path_factory.mktemp("networks"), dict[str, Any]()
     rows = {
         name: stancekit.label(name, folder / name, rows=(6, 6)) for name in ("ground-3", "wall-3")
@@ -488,12 +444,10 @@ def test_networks_choose_boxes_as_objects_as_files_and_by_name(networks):
     ],
 )
 def test_selectors_of_other_stances_are_refused_when_they_are_given(name, said, networks):
-    with pytest.raises(InvalidInput) as caught:
+    with refuses(said):
         gymnasium.make(
             "stancekit/Traverse-v0", courses=["stairs"], envelopes=[networks.get(name, name)]
         )
-    assert_names(str(caught.value), said)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_selector_of_walls_is_taken_where_one_course_is_between_walls(networks):

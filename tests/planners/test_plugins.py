@@ -17,7 +17,7 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.plugins import Registry, entry_points_of
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 SHAPES = {
     "fraction": "fractions:Fraction",
@@ -163,9 +163,8 @@ def test_a_child_is_forked_off_when_a_file_has_run(tmp_path: Path) -> None:
 
 
 def test_names_that_nobody_has_are_refused_with_those_that_there_are() -> None:
-    with pytest.raises(InvalidInput) as caught:
+    with refuses("number"):
         numbers().get("real")
-    assert_names(str(caught.value), "number")
     with refuses("number", "mine.py"):
         numbers().get("mine.py")
     with refuses("number gone"):

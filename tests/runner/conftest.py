@@ -22,6 +22,7 @@ from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
+from tests.emulators.memory_world import MemoryWorld
 
 
 @pytest.fixture(scope="session")
@@ -88,6 +89,12 @@ def gait() -> Attempted:
 def accepted(step: Callable[[str], Plan]) -> Accepted:
     """One step up the walls, verified."""
     return Accepted.verified(step("walls"), "walls")
+
+
+@pytest.fixture
+def world() -> MemoryWorld:
+    """Servos in memory."""
+    return MemoryWorld()
 
 
 @pytest.fixture(autouse=True)

@@ -4,31 +4,38 @@ wrong.
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dynamixel_sdk")
-pytest.importorskip("pinocchio")
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel import port as servo_port
-from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.control_table import (
+    Calibration,
+    JointServo,
+    ServoTicks,
+    nominal,
+)
+from stancekit.runner.worlds.dynamixel.diagnosis import MeasurementJudge
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.devices import bus_process
 from tests.emulators.fast_time import FastTime
-from tests.emulators.servo_bus import EmulatedBus
+from tests.emulators.servo_bus import FAULTS, EmulatedBus
 from tests.emulators.wrong_calibration import spoiled
 from tests.refusals import refuses
 
@@ -71,6 +78,12 @@ def world(bus: EmulatedBus) -> Iterator[DynamixelWorld]:
         yield made
 
 
+@pytest.fixture
+def armed(world: DynamixelWorld) -> None:
+    world.reset(*STILL)
+    world.torque(True)
+
+
 def wave(k: int) -> np.ndarray:
     return START + 0.2 * np.sin(2 * np.pi * 0.5 * k / 50.0)
 
@@ -88,10 +101,8 @@ def test_reset_measures_every_joint_and_moves_none(bus: EmulatedBus, world: Dyna
 
 
 def test_arming_holds_the_measured_pose_with_currents_and_watchdogs_set(
-    bus: EmulatedBus, world: DynamixelWorld
+    bus: EmulatedBus, world: DynamixelWorld, armed: None
 ) -> None:
-    world.reset(*STILL)
-    world.torque(True)
     seen = bus.state()
     assert all(seen["torque"])
     assert set(seen["watchdog"]) == {30}
@@ -103,10 +114,8 @@ def test_arming_holds_the_measured_pose_with_currents_and_watchdogs_set(
 
 
 def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(
-    bus: EmulatedBus, world: DynamixelWorld
+    bus: EmulatedBus, world: DynamixelWorld, armed: None
 ) -> None:
-    world.reset(*STILL)
-    world.torque(True)
     begin, away = time.monotonic(), 0.0
     for k in range(50):
         state = world.step(wave(k))
@@ -121,10 +130,8 @@ def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(
 
 
 def test_a_target_is_clipped_to_what_a_joint_can_turn_and_to_its_limits(
-    world: DynamixelWorld,
+    world: DynamixelWorld, armed: None
 ) -> None:
-    world.reset(*STILL)
-    world.torque(True)
     before = world.step(START).sent_rad
     sent = world.step(START + 3.0).sent_rad
     np.testing.assert_allclose(sent - before, 3.14 / 50, atol=table.RAD)
@@ -135,10 +142,8 @@ def test_a_target_is_clipped_to_what_a_joint_can_turn_and_to_its_limits(
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_target_that_is_no_number_is_refused_and_not_sent(
-    bus: EmulatedBus, world: DynamixelWorld, bad: float
+    bus: EmulatedBus, world: DynamixelWorld, bad: float, armed: None
 ) -> None:
-    world.reset(*STILL)
-    world.torque(True)
     before = bus.state()["goal_writes"]
     with refuses("targets_rad"):
         world.step(np.where(np.arange(24) == 5, bad, START))
@@ -166,10 +171,8 @@ UNSEEN = {"silent servo", "corrupted packets", "delay", "power loss", "cable pul
 
 @pytest.mark.parametrize("kind", NAMED)
 def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(
-    bus: EmulatedBus, world: DynamixelWorld, kind: str
+    bus: EmulatedBus, world: DynamixelWorld, kind: str, armed: None
 ) -> None:
-    world.reset(*STILL)
-    world.torque(True)
     bus.inject(kind, 0.1)
     with refuses(NAMED[kind], kind=HardwareFault):
         move(world, 200)
@@ -192,10 +195,8 @@ def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(
 
 
 def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(
-    bus: EmulatedBus, world: DynamixelWorld
+    bus: EmulatedBus, world: DynamixelWorld, armed: None
 ) -> None:
-    world.reset(*STILL)
-    world.torque(True)
     before = world.bus.retried
     bus.inject("corrupted packet", 0.1)
     for k in range(20):
@@ -205,10 +206,8 @@ def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(
 
 
 def test_a_host_that_paused_finds_its_servos_stopped(
-    bus: EmulatedBus, world: DynamixelWorld
+    bus: EmulatedBus, world: DynamixelWorld, armed: None
 ) -> None:
-    world.reset(*STILL)
-    world.torque(True)
     for k in range(10):
         world.step(wave(k))
     time.sleep(0.9)
@@ -239,7 +238,6 @@ def test_a_host_killed_without_a_word_leaves_servos_that_stop_by_themselves(tmp_
         calibration.write(tmp_path / "servos.yaml")
         command = [sys.executable, "-c", HOST, str(tmp_path / "servos.yaml")]
         host = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert host.stdout is not None
         assert host.stdout.readline() == "moving\n"
         time.sleep(0.5)
         os.kill(host.pid, signal.SIGKILL)
@@ -254,10 +252,8 @@ def test_a_host_killed_without_a_word_leaves_servos_that_stop_by_themselves(tmp_
 
 
 def test_relaxing_switches_every_torque_off_and_names_whom_it_cannot_reach(
-    world: DynamixelWorld, bus: EmulatedBus
+    world: DynamixelWorld, bus: EmulatedBus, armed: None
 ) -> None:
-    world.reset(*STILL)
-    world.torque(True)
     world.relax()
     assert not any(bus.state()["torque"])
     world.torque(True)
@@ -332,3 +328,317 @@ def test_a_joint_calibrated_wrong_is_named_before_any_motion(bus: EmulatedBus, s
     ):
         world.reset(*STILL)
     assert bus.state()["goal_writes"] == 0
+
+
+def calibrated(port: str) -> Calibration:
+    return nominal(JOINTS, port=port, watchdog_s=0.6, latency_ms=LATENCY_MS)
+
+
+@pytest.fixture
+def plain_bus() -> Iterator[EmulatedBus]:
+    with EmulatedBus(range(1, 25), START.tolist()) as made:
+        yield made
+
+
+@pytest.fixture
+def plain_world(plain_bus: EmulatedBus) -> Iterator[DynamixelWorld]:
+    with DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as made:
+        yield made
+
+
+def happened(plain_bus: EmulatedBus, fault: str) -> None:
+    plain_bus.inject(fault)
+    while not plain_bus.state()["happened"]:
+        time.sleep(0.001)
+
+
+REFUSED = {
+    "silent servo 7": "servo 7 (LM_roll)",
+    "corrupted packets": "servo 1 (LF_yaw)",
+    "half packets": "servo 1 (LF_yaw)",
+    "delay": "latency_ms",
+    "input voltage 3": "servo 3 (LF_roll)",
+    "overheating 3": "servo 3 (LF_roll)",
+    "power loss": "power",
+    "cable pulled": "port",
+    "stuck bus": "bus",
+    "same id 9": "servo 9 (LR_yaw)",
+    "stale values 9": "servo 9 (LR_yaw)",
+    "lying values 9": "servo 9 (LR_yaw)",
+    "wrong baud": "57600",
+    "wrong model 2": "servo 2 (LF_hip)",
+}
+
+
+MUTE = ("power loss", "wrong baud", "half packets", "corrupted packets")
+"""Faults with which a host waits in vain, again and again."""
+
+
+@pytest.mark.parametrize("fault", REFUSED)
+def test_first_contact_names_what_is_wrong_and_nothing_moves(
+    plain_bus: EmulatedBus, plain_world: DynamixelWorld, fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    happened(plain_bus, fault)
+    if fault in MUTE:
+        monkeypatch.setattr(servo_port, "time", FastTime())
+    with refuses(REFUSED[fault]):
+        plain_world.reset(*STILL)
+    seen = plain_bus.state()
+    assert (seen["goal_writes"], any(seen["torque"])) == (0, False)
+
+
+TAKEN = (
+    "corrupted packet",
+    "echo",
+    "garbage",
+    "no fast sync read",
+    "status return 0",
+    "status return 1",
+    "reboot 4",
+)
+
+
+@pytest.mark.parametrize("fault", TAKEN)
+def test_what_is_odd_but_sound_is_taken_as_it_is(
+    plain_bus: EmulatedBus, plain_world: DynamixelWorld, fault: str
+) -> None:
+    happened(plain_bus, fault)
+    state = plain_world.reset(*STILL)
+    np.testing.assert_allclose(state.angles_rad, START, atol=table.RAD)
+    plain_world.torque(True)
+    for _ in range(5):
+        state = plain_world.step(START)
+    plain_world.hold()
+    np.testing.assert_allclose(state.angles_rad, START, atol=2 * table.RAD)
+    assert plain_world.bus.fast == (fault != "no fast sync read")
+    assert plain_bus.state()["goal_writes"] == 6 * 24
+
+
+def test_servos_whose_firmware_lacks_fast_sync_read_are_read_one_after_the_other() -> None:
+    with (
+        EmulatedBus(range(1, 25), START.tolist(), firmware=44) as plain_bus,
+        DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as plain_world,
+    ):
+        plain_world.reset(*STILL)
+        assert not plain_world.bus.fast
+        assert plain_world.bus.retried == 0
+
+
+def test_servos_with_other_ids_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(servo_port, "time", FastTime())
+    with (
+        EmulatedBus(range(31, 55), START.tolist()) as plain_bus,
+        DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as plain_world,
+        refuses("1 to 24", "31 to 54"),
+    ):
+        plain_world.reset(*STILL)
+
+
+def held(plain_world: DynamixelWorld) -> str:
+    """Why the servos cannot be seen to stand; empty where they can."""
+    try:
+        plain_world.hold()
+    except HardwareFault as fault:
+        return str(fault)
+    return ""
+
+
+STOPPED = {
+    "half packets": "servo 1 (LF_yaw)",
+    "frozen adapter": "adapter",
+    "input voltage 3": "servo 3 (LF_roll)",
+    "overheating 3": "servo 3 (LF_roll)",
+    "reboot 4": "servo 4 (LF_knee)",
+    "same id 9": "servo 9 (LR_yaw)",
+    "stale values 9": "servo 9 (LR_yaw)",
+    "jumping values 9": "servo 9 (LR_yaw)",
+    "lying values 9": "servo 9 (LR_yaw)",
+    "status return 0": "Status Return Level",
+}
+
+
+@pytest.mark.parametrize("fault", STOPPED)
+def test_a_fault_on_the_way_stops_with_its_name_and_nothing_moves_after(
+    plain_bus: EmulatedBus, plain_world: DynamixelWorld, fault: str
+) -> None:
+    plain_world.reset(*STILL)
+    plain_world.torque(True)
+    plain_bus.inject(fault, 0.1)
+    with refuses(STOPPED[fault], kind=HardwareFault):
+        move(plain_world, 200)
+    sent = plain_bus.state()["goal_writes"]
+    unseen = held(plain_world)
+    assert unseen == "" or unseen.endswith(
+        "bus watchdogs stop the servos 0.6 s after the last packet"
+    )
+    time.sleep(0.7 if unseen else 0.0)
+    reported_rad = np.array(plain_bus.state()["position_rad"])
+    time.sleep(0.3)
+    seen = plain_bus.state()
+    assert seen["goal_writes"] == sent
+    np.testing.assert_allclose(seen["position_rad"], reported_rad, atol=2e-3)
+
+
+def test_faults_are_named_with_a_servo_and_a_time_or_refused(plain_bus: EmulatedBus) -> None:
+    for wrong in ("silent", "silent servo 99", "silent servo in a while", ""):
+        with refuses(kind=ValueError):
+            plain_bus.inject(wrong)
+    plain_bus.inject("silent servo 4", 0.01)
+    plain_bus.inject("status return 1", 0.01)
+    while len(plain_bus.state()["happened"]) < 2:
+        time.sleep(0.001)
+    assert [kind for kind, _ in plain_bus.state()["happened"]] == [
+        "silent servo",
+        "status return 1",
+    ]
+    assert len(FAULTS) == len(set(FAULTS.values()))
+
+
+def judge() -> MeasurementJudge:
+    made = MeasurementJudge(DynamixelWorld(ROBOT, calibrated("none")).bus, np.full(24, 3.14))
+    assert made.clocks(np.zeros(24, int), np.full(24, 20)) == ""
+    assert made.doubt(1.0, *measured()).why == ""
+    return made
+
+
+def measured(
+    tick_ms: int = 1000, position: int = 2048, velocity: int = 0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.full(24, position), np.full(24, velocity), np.full(24, tick_ms)
+
+
+def test_a_measurement_is_believed_up_to_what_a_joint_can_turn_and_no_further() -> None:
+    can = int((1.5 * 3.14 * 0.02 + 0.06) / table.RAD)
+    assert judge().doubt(1.02, *measured(1020, 2048 + can)).why == ""
+    assert "LF_yaw): measured to jump" in judge().doubt(1.02, *measured(1020, 2048 + can + 2)).why
+    assert "turn at 12.0 rad/s" in judge().doubt(1.02, *measured(1020, velocity=500)).why
+
+
+def test_clocks_that_stand_or_go_back_or_lag_are_doubted_and_one_that_wraps_is_not() -> None:
+    assert "stands still" in judge().doubt(1.02, *measured(1000)).why
+    assert "went back" in judge().doubt(1.02, *measured(980)).why
+    late = judge().doubt(1.2, *measured(1020))
+    assert (late.late, late.why[-40:]) == (
+        True,
+        "values are 0.18 s old: do answers come late?"[-40:],
+    )
+    assert judge().doubt(1.2, *measured(1020), calm=True).why == ""
+    made = judge()
+    assert made.doubt(9.0, *measured(9000)).why == ""
+    assert made.doubt(33.0, *measured(33000 % 32768)).why == ""
+    assert made.doubt(100.0, *measured(232)).why == ""  # too long ago to tell
+
+
+def test_a_position_that_stays_while_its_velocity_does_not_is_old() -> None:
+    made = judge()
+    whys = [
+        made.doubt(1.0 + 0.02 * k, *measured(1000 + 20 * k, velocity=20)).why for k in range(1, 9)
+    ]
+    assert whys[:5] == [""] * 5
+    assert "measured to turn at 0.48 rad/s and to stay at 2048 ticks" in whys[5]
+
+
+def test_servos_without_a_running_clock_are_judged_without_one() -> None:
+    made = MeasurementJudge(DynamixelWorld(ROBOT, calibrated("none")).bus, np.full(24, 3.14))
+    assert made.clocks(np.zeros(24, int), np.zeros(24, int)) == ""
+    for k in range(3):
+        assert made.doubt(1.0 + k, *measured(0)).why == ""
+
+
+def spoil(change: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+    data = json.loads(json.dumps({"format": "stancekit/servos/1", "port": "port", "joints": {}}))
+    for i, name in enumerate(JOINTS):
+        data["joints"][name] = {"id": i + 1, "lower_rad": -1.0, "upper_rad": 1.0, "current_a": 2.0}
+    change(data)
+    return data
+
+
+REFUSED_FILES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
+    "an id twice": (
+        lambda d: d["joints"]["LF_knee"].update(id=2),
+        "joints.LF_knee.id: expected its own id, got 2, which LF_hip has",
+    ),
+    "a joint missing": (
+        lambda d: d["joints"].pop("RR_hip"),
+        "joints: expected joint RR_hip, got nothing",
+    ),
+    "a joint too many": (
+        lambda d: d["joints"].update(tail=dict(d["joints"]["LF_yaw"], id=99)),
+        "joints: unknown joint tail",
+    ),
+    "an id out of range": (
+        lambda d: d["joints"]["LF_hip"].update(id=253),
+        "joints.LF_hip.id: expected less than or equal to 252, got 253",
+    ),
+    "a direction of 2": (
+        lambda d: d["joints"]["LF_hip"].update(direction=2),
+        "joints.LF_hip.direction: expected -1 or 1, got 2",
+    ),
+    "limits the wrong way": (
+        lambda d: d["joints"]["LF_hip"].update(lower_rad=2.0),
+        "joints.LF_hip.upper_rad: expected a number above 2, got 1",
+    ),
+    "limits beyond a turn": (
+        lambda d: d["joints"]["LF_hip"].update(zero_tick=3900),
+        "joints.LF_hip.upper_rad: expected an angle within the servo's one turn, 0 to 4095, got 1 at tick 4552",
+    ),
+    "too much current": (
+        lambda d: d["joints"]["LF_hip"].update(current_a=5.8),
+        "joints.LF_hip.current_a: expected up to 5.51, the most of an XM540-W270, got 5.8",
+    ),
+    "an unknown key": (
+        lambda d: d["joints"]["LF_hip"].update(offset=1),
+        "joints.LF_hip.offset: unknown key",
+    ),
+    "another format": (
+        lambda d: d.update(format="stancekit/servos/2"),
+        "format: expected stancekit/servos/1, got 'stancekit/servos/2'",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED_FILES)
+def test_a_calibration_file_is_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    change, message = REFUSED_FILES[name]
+    path = tmp_path / "servos.json"
+    path.write_text(json.dumps(spoil(change)))
+    with pytest.raises(InvalidInput) as refused:
+        Calibration.from_yaml(path, JOINTS)
+    assert str(refused.value) == f"{path}: {message}"
+
+
+def test_everything_wrong_with_a_calibration_file_is_said_at_once(tmp_path: Path) -> None:
+    def change(data: dict[str, Any]) -> None:
+        data["joints"]["LF_hip"]["id"] = data["joints"]["LF_knee"]["id"] = 1
+
+    path = tmp_path / "servos.yaml"
+    path.write_text(json.dumps(spoil(change)))
+    with pytest.raises(InvalidInput) as refused:
+        Calibration.from_yaml(path, JOINTS)
+    assert str(refused.value).count("expected its own id, got 1, which LF_yaw has") == 2
+
+
+def test_a_joint_written_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "servos.yaml"
+    path.write_text("format: stancekit/servos/1\njoints:\n  a: {id: 1}\n  a: {id: 2}\n")
+    with refuses("a"):
+        Calibration.from_yaml(path)
+
+
+def test_a_calibration_comes_back_from_its_file_as_it_was(tmp_path: Path) -> None:
+    written = replace(nominal(JOINTS, port="port"), watchdog_s=0.3, desk=True)
+    written.write(tmp_path / "servos.yaml")
+    assert Calibration.from_yaml(tmp_path / "servos.yaml", JOINTS) == written
+
+
+@given(st.integers(1, 4094), st.sampled_from([-1, 1]), st.floats(-1.0, 1.0))
+def test_an_angle_comes_back_from_its_tick_within_half_a_tick(
+    zero: int, direction: int, angle: float
+) -> None:
+    servo = JointServo(
+        id=1, zero_tick=zero, direction=direction, lower_rad=-0.001, upper_rad=0.001, current_a=1.0
+    )
+    turning = ServoTicks([servo])
+    ticks = turning.ticks(np.array([angle]))
+    assert np.sign(ticks[0] - zero) in (0, direction * np.sign(angle))
+    assert abs(turning.angles(ticks)[0] - angle) <= np.pi / 4096 + 1e-12

@@ -10,18 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
+import stancekit
+from stancekit.planners.formats.leap_file import read_leap
 from stancekit.planners.formats.trajectory_file import write_trajectory
 from stancekit.planners.gait.method.attempt import Attempted
+from stancekit.planners.leap.finder import find_leap
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion, footholds
+from stancekit.planners.motion.leap_motion import LeapRun
+from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.execution import Tolerance
+from stancekit.runner.motion.redundancy import MeanForces
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -48,7 +51,6 @@ def test_a_gait_is_walked_as_planned(accepted: Accepted, world: str) -> None:
     assert report.succeeded, report.message
     assert (report.digest, report.clipped, report.refused) == (accepted.digest, 0, 0)
     run = report.execution
-    assert run is not None
     assert run.com_final_m < 3e-3
     assert run.com_worst_m < 5e-3
     assert run.slip_m.max() < 3e-3
@@ -65,7 +67,6 @@ def test_where_there_is_less_friction_than_it_counts_on_feet_slide_and_the_repor
 ) -> None:
     report = walked(accepted, "mujoco", 0.1)
     assert not report.succeeded
-    assert report.execution is not None
     assert report.execution.slip_m.max() > Tolerance().slip_m
 
 
@@ -140,3 +141,147 @@ def test_the_motion_is_the_trajectory_between_two_rests(gait: Attempted) -> None
 def test_stances_are_counted_over_all_feet() -> None:
     contact = np.array([[True, False], [True, True], [False, True], [True, True]])
     np.testing.assert_array_equal(footholds(contact), [[0, -1], [0, 2], [-1, 2], [1, 2]])
+
+
+FILE = Path(__file__).parents[1] / "data" / "leap-hop-anymal.json"
+
+
+@pytest.fixture(scope="module")
+def leap() -> Accepted:
+    return Accepted.from_file(FILE)
+
+
+def stopped_at(leap: Accepted, when_s: float) -> RunReport:
+    """The report of a run whose e-stop is pressed at a time of the world."""
+    runners = list[Runner]()
+
+    def pressed() -> str:
+        state = runners[0].state if runners else None
+        return "e-stop" if state is not None and state.time_s >= when_s else ""
+
+    world = make_world("mujoco", leap.robot)
+    runners.append(Runner(world, sources=(pressed,)))
+    return runners[0].run(leap)
+
+
+@pytest.fixture(scope="module")
+def ran(leap: Accepted, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunReport, Path]:
+    """A run that nothing stops, and its log."""
+    log = tmp_path_factory.mktemp("ran") / "leap.mcap"
+    return stancekit.run(leap, "mujoco", log=log), log
+
+
+def test_a_leap_lands_where_it_should_and_stands(ran: tuple[RunReport, Path]):
+    report, _ = ran
+    assert report.succeeded, report.message
+    assert report.execution.com_final_m < 0.01
+    assert report.execution.trace.rotation[-1, 2, 2] > 0.95
+    flies = ~(report.execution.trace.foothold >= 0).any(axis=1)
+    assert np.count_nonzero(flies) > 20
+
+
+def test_a_replay_sends_the_same(leap: Accepted, ran: tuple[RunReport, Path]):
+    first, log = ran
+    again = stancekit.run(leap, "replay", setup=log)
+    assert again.sent == first.sent
+    assert again.replay_rad == 0.0
+
+
+def test_a_stop_before_take_off_is_obeyed_at_once(leap: Accepted):
+    report = stopped_at(leap, 0.6)
+    assert report.message == "e-stop"
+    assert report.execution.seconds < 0.75
+    assert report.execution.trace.rotation[-1, 2, 2] > 0.95
+
+
+def test_a_stop_in_the_air_lands_first(leap: Accepted):
+    report = stopped_at(leap, 1.4)
+    assert report.message == "e-stop"
+    assert not report.succeeded
+    assert report.execution.seconds > 2.0
+    assert report.execution.trace.rotation[-1, 2, 2] > 0.95
+    assert report.execution.com_final_m < 0.02
+
+
+def test_a_fault_in_the_air_leaves_no_leap_that_a_stop_waits_for(leap: Accepted):
+    world = make_world("mujoco", leap.robot)
+    runner = Runner(world)
+
+    def fails(state: object) -> None:
+        if runner.latch.lands:
+            raise ValueError("in the air")
+
+    runner.check_body = lambda target, state: fails(state)
+    with refuses(kind=ValueError):
+        runner.run(leap)
+    assert not runner.latch.lands
+
+
+def test_a_leap_that_nobody_judged_with_legs_is_not_run():
+    plan = find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution
+    with refuses("leap", "joints", "torque"):
+        stancekit.run(plan, "mujoco")
+
+
+def test_a_leap_has_one_pace(leap: Accepted):
+    with refuses("timing"):
+        stancekit.run(
+            leap, "mujoco", settings=RunSettings(timing=RunSettings().timing.at_pace(0.5))
+        )
+
+
+def test_a_leap_that_begins_in_motion_is_not_run(leap: Accepted):
+    given = leap.plan.problem
+    start = replace(given.start, velocity_m_s=np.array([5e-4, 0.0, 0.0]))
+    with refuses("x1"):
+        stancekit.run(replace(leap.plan, problem=replace(given, start=start)), "mujoco")
+
+
+def test_no_push_is_asked_of_a_leap(leap: Accepted):
+    with refuses("least_push"):
+        stancekit.run(leap, "mujoco", settings=RunSettings(least_push=0.5))
+
+
+@pytest.fixture(scope="module")
+def motion() -> LeapRun:
+    plan = read_leap(FILE).plan
+    assert plan is not None
+    return LeapRun(plan)
+
+
+@pytest.mark.parametrize("period_s", [0.005, 0.0061])
+def test_a_tracker_commands_the_impulse_of_a_leap(motion: LeapRun, period_s: float):
+    times = np.arange(0.0, motion.duration_s, period_s)
+    commanded = MeanForces(motion, period_s).at(times).forces_n.sum(axis=(0, 1)) * period_s
+    fine = np.arange(-period_s, times[-1], 1e-4) + 5e-5
+    planned = motion.at(fine).forces_n.sum(axis=(0, 1)) * 1e-4
+    weight = motion.plan.problem.weight_n
+    np.testing.assert_allclose(
+        commanded, planned, atol=0.3 * period_s * weight
+    )  # a tenth of a period each change
+
+
+def test_what_carries_in_a_part_of_a_period_stands_in_it(motion: LeapRun):
+    plan, before = motion.plan, motion.settle_s
+    first = plan.problem.timings_s[plan.timing][0] + before
+    mean = MeanForces(motion, 0.005)
+    assert (mean.at(first + 0.001).foothold >= 0).all()
+    assert (mean.at(first + 0.0051).foothold < 0).all()
+    half = mean.at(first + 0.0025).forces_n
+    np.testing.assert_allclose(half, 0.4 * motion.at(first - 1e-4).forces_n, rtol=0.51)
+
+
+def test_loads_may_lead_beyond_the_limits_of_angles(motion: LeapRun):
+    robot = motion.plan.problem.robot
+    with make_world("mujoco", robot) as world:
+        model = robot.source.own_model()
+        stance = np.concatenate([leg.stance_rad for leg in model.legs])
+        upper = np.minimum(world.drives.upper_rad, 9.0)
+        world.reset((), stance, np.array([0.0, 0.0, 5.0]), np.eye(3))
+        loads = np.full(len(stance), 0.7)
+        for _ in range(100):
+            apart = world.loaded(upper + 0.5 + loads, loads)
+        np.testing.assert_allclose(apart.sent_rad, upper + loads, atol=1e-9)
+        for _ in range(100):
+            together = world.step(upper + 0.5 + loads)
+        np.testing.assert_allclose(together.sent_rad, upper, atol=1e-9)

@@ -4,7 +4,9 @@ stop.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stancekit.planners.errors import HardwareFault
+from stancekit.planners.robot.actuators import ActuatorModel
+from stancekit.runner import acceptance
+from stancekit.runner.acceptance import JointNeeds, thermal_load
 from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.estop import Stopped
 from stancekit.runner.safety.guard import Limits, SafeWorld, capabilities_of
@@ -34,6 +39,11 @@ def guarded(
     return safe
 
 
+@pytest.fixture
+def safe(world: MemoryWorld) -> SafeWorld:
+    return guarded(world)
+
+
 @given(st.lists(st.lists(st.floats(-1e3, 1e3), min_size=24, max_size=24), min_size=1, max_size=6))
 def test_whatever_is_asked_for_stays_within_positions_velocities_and_steps(
     asked: list[list[float]],
@@ -52,9 +62,7 @@ def test_whatever_is_asked_for_stays_within_positions_velocities_and_steps(
     assert safe.sent == len(asked) == len(world.commands)
 
 
-def test_what_is_within_all_limits_is_sent_as_it_is() -> None:
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_what_is_within_all_limits_is_sent_as_it_is(safe: SafeWorld) -> None:
     asked = START + 0.03
     assert np.array_equal(safe.step(asked).sent_rad, asked)
     assert (safe.sent, safe.clipped) == (1, 0)
@@ -70,9 +78,9 @@ def test_a_joint_found_beyond_its_limit_comes_back_no_faster_than_any_other_move
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-def test_a_command_that_is_no_number_is_refused_and_stops(wrong: float) -> None:
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_a_command_that_is_no_number_is_refused_and_stops(
+    wrong: float, world: MemoryWorld, safe: SafeWorld
+) -> None:
     asked = START.copy()
     asked[5] = wrong
     with refuses(str(wrong), "LM_hip", kind=Stopped):
@@ -89,8 +97,7 @@ def test_a_command_of_another_length_is_refused_too() -> None:
         guarded(MemoryWorld()).step(START[:23])
 
 
-def test_a_joint_that_does_not_follow_stops_the_run_and_is_named() -> None:
-    world = MemoryWorld()
+def test_a_joint_that_does_not_follow_stops_the_run_and_is_named(world: MemoryWorld) -> None:
     safe = guarded(world, limits=replace(PATIENT, path_rad=0.11, path_s=0.05))
     world.stuck = [7]
     for k in range(1, 11):
@@ -102,8 +109,7 @@ def test_a_joint_that_does_not_follow_stops_the_run_and_is_named() -> None:
     assert len(world.commands) == 11
 
 
-def test_a_robot_that_does_not_move_at_all_is_told_as_that() -> None:
-    world = MemoryWorld()
+def test_a_robot_that_does_not_move_at_all_is_told_as_that(world: MemoryWorld) -> None:
     safe = guarded(world, limits=Limits(path_rad=0.11, path_s=0.05))
     world.stuck = list(range(24))
     turned = np.where(np.arange(24) < 3, 0.02, 0.0)
@@ -118,9 +124,8 @@ def test_a_robot_that_does_not_move_at_all_is_told_as_that() -> None:
 
 @pytest.mark.parametrize("share", [2, 3])
 def test_a_joint_that_does_not_follow_is_found_also_when_some_measurements_say_that_it_does(
-    share: int,
+    share: int, world: MemoryWorld
 ) -> None:
-    world = MemoryWorld()
     safe = guarded(world, limits=replace(PATIENT, path_rad=0.11, path_s=0.05))
     world.stuck, count = [7], iter(range(1000))
     world.spoil = lambda state: (
@@ -135,8 +140,9 @@ def test_a_joint_that_does_not_follow_is_found_also_when_some_measurements_say_t
         moved()
 
 
-def test_a_joint_that_seems_to_be_away_now_and_then_is_no_reason_to_stop() -> None:
-    world = MemoryWorld()
+def test_a_joint_that_seems_to_be_away_now_and_then_is_no_reason_to_stop(
+    world: MemoryWorld,
+) -> None:
     safe = guarded(world, limits=replace(PATIENT, path_rad=0.11, path_s=0.05))
     count = iter(range(1000))
     world.spoil = lambda state: (
@@ -147,20 +153,18 @@ def test_a_joint_that_seems_to_be_away_now_and_then_is_no_reason_to_stop() -> No
     assert safe.sent == 100
 
 
-def test_a_device_that_may_still_move_after_a_hold_is_left_to_itself_and_the_report_says_why() -> (
-    None
-):
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_a_device_that_may_still_move_after_a_hold_is_left_to_itself_and_the_report_says_why(
+    world: MemoryWorld, safe: SafeWorld
+) -> None:
     safe.step(START)
     world.pending = "commands may still come"  # type: ignore[attr-defined]
     found = end(safe, "hold", None, 0.4)
     assert (found.left, found.message) == ("left to the device", "commands may still come")
 
 
-def test_what_a_device_does_wrong_stops_the_run_and_nothing_is_sent_again() -> None:
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_what_a_device_does_wrong_stops_the_run_and_nothing_is_sent_again(
+    world: MemoryWorld, safe: SafeWorld
+) -> None:
     safe.step(START)
     world.fault = silent
     with refuses("LF_knee", kind=HardwareFault):
@@ -171,9 +175,9 @@ def test_what_a_device_does_wrong_stops_the_run_and_nothing_is_sent_again() -> N
     assert len(world.commands) == 1
 
 
-def test_measurements_that_are_no_numbers_are_a_fault_of_the_device() -> None:
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_measurements_that_are_no_numbers_are_a_fault_of_the_device(
+    world: MemoryWorld, safe: SafeWorld
+) -> None:
     world.spoil = lambda state: replace(state, angles_rad=np.full(24, np.nan))
     with refuses("angles_rad", kind=HardwareFault):
         safe.step(START)
@@ -193,9 +197,9 @@ def test_measurements_that_are_no_numbers_are_a_fault_of_the_device() -> None:
         (lambda state: replace(state, time_s=np.inf), "time_s"),
     ],
 )
-def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, name: str) -> None:
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_what_is_no_state_of_this_robot_stops_it(
+    spoil: Any, name: str, world: MemoryWorld, safe: SafeWorld
+) -> None:
     world.spoil = spoil
     with refuses("world memory", name, kind=HardwareFault):
         safe.step(START)
@@ -219,16 +223,14 @@ def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, name: str) -> None:
     ],
 )
 def test_an_object_that_is_no_world_is_refused_in_one_line(
-    attribute: str, value: Any, name: str
+    attribute: str, value: Any, name: str, world: MemoryWorld
 ) -> None:
-    world = MemoryWorld()
     setattr(world, attribute, value)
     with refuses(name):
         SafeWorld(world)
 
 
-def test_a_dry_run_sends_nothing_and_says_what_it_would_have_sent() -> None:
-    world = MemoryWorld()
+def test_a_dry_run_sends_nothing_and_says_what_it_would_have_sent(world: MemoryWorld) -> None:
     safe = guarded(world, dry=True)
     state = safe.step(START + 1.0)
     np.testing.assert_allclose(state.sent_rad, START + 0.04)
@@ -239,9 +241,8 @@ def test_a_dry_run_sends_nothing_and_says_what_it_would_have_sent() -> None:
     assert not world.torque_on
 
 
-def test_a_loop_that_is_late_is_stopped_by_its_next_command() -> None:
+def test_a_loop_that_is_late_is_stopped_by_its_next_command(world: MemoryWorld) -> None:
     now = [0.0]
-    world = MemoryWorld()
     safe = guarded(world, limits=Limits(silent_s=0.2), clock=lambda: now[0])
     safe.step(START)
     now[0] = 0.19
@@ -252,9 +253,10 @@ def test_a_loop_that_is_late_is_stopped_by_its_next_command() -> None:
     assert len(world.commands) == 2
 
 
-def test_a_loop_that_is_late_in_a_dry_run_is_not_stopped_for_nothing_can_move() -> None:
+def test_a_loop_that_is_late_in_a_dry_run_is_not_stopped_for_nothing_can_move(
+    world: MemoryWorld,
+) -> None:
     now = [0.0]
-    world = MemoryWorld()
     with guarded(world, dry=True, limits=Limits(silent_s=0.2), clock=lambda: now[0]) as safe:
         for now[0] in (0.0, 60.0, 120.0):
             safe.step(START)
@@ -274,9 +276,9 @@ def test_a_stop_source_is_asked_before_every_command() -> None:
 @pytest.mark.parametrize(
     ("ending", "armed", "torque"), [("hold", False, True), ("torque-off", False, False)]
 )
-def test_a_robot_is_left_as_was_asked_for(ending: str, armed: bool, torque: bool) -> None:
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_a_robot_is_left_as_was_asked_for(
+    ending: str, armed: bool, torque: bool, world: MemoryWorld, safe: SafeWorld
+) -> None:
     safe.step(START)
     safe.latch.trip("button")
     ended = end(safe, ending, None, 1.0)  # type: ignore[arg-type]
@@ -285,9 +287,7 @@ def test_a_robot_is_left_as_was_asked_for(ending: str, armed: bool, torque: bool
     assert 0.0 <= ended.seconds < 0.5
 
 
-def test_home_is_gone_to_slowly_but_never_after_a_stop() -> None:
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_home_is_gone_to_slowly_but_never_after_a_stop(world: MemoryWorld, safe: SafeWorld) -> None:
     home = START - 0.2
     ended = end(safe, "home", [home], 0.5)
     assert ended.left == "home"
@@ -302,9 +302,9 @@ def test_home_is_gone_to_slowly_but_never_after_a_stop() -> None:
     assert len(world.commands) == count
 
 
-def test_a_device_that_cannot_be_relaxed_is_left_to_its_own_watchdog() -> None:
-    world = MemoryWorld()
-    safe = guarded(world)
+def test_a_device_that_cannot_be_relaxed_is_left_to_its_own_watchdog(
+    world: MemoryWorld, safe: SafeWorld
+) -> None:
     world.relax = lambda: silent(world)  # type: ignore[method-assign]
     ended = end(safe, "torque-off", None, 1.0)
     assert (ended.left, ended.message) == (
@@ -317,7 +317,6 @@ def test_a_world_is_an_actuator_by_what_it_can_do() -> None:
     world: World = MemoryWorld()
     assert isinstance(world, Actuator)
     assert isinstance(world, Stoppable)
-    pytest.importorskip("mujoco")
     from stancekit.runner.worlds import make_world
 
     with make_world("mujoco", world.robot) as simulated:
@@ -332,3 +331,74 @@ def test_a_world_is_an_actuator_by_what_it_can_do() -> None:
 def test_limits_out_of_range_are_refused_all_at_once() -> None:
     with refuses("limits.velocity_share", "limits.step_rad"):
         Limits(velocity_share=2.0, step_rad=0.0)
+
+
+def test_every_extra_that_commands_need_is_there_with_its_packages() -> None:
+    names = acceptance.extras()
+    assert {"robots", "viz", "data"} <= set(names)
+    assert not set(acceptance.TOOLS) & set(names)
+    assert "pin" in acceptance.versions("robots")
+    assert "numpy" in acceptance.versions(None)
+    assert "pin" not in acceptance.versions(None)
+
+
+def test_a_package_that_is_not_installed_has_no_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(acceptance, "version", version)
+    assert acceptance.versions("ray") == {"ray": None}
+
+
+def test_without_a_library_that_draws_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(acceptance, "find_library", lambda name: None)
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert acceptance.gl() == ""
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    assert acceptance.gl() == "osmesa"
+
+
+SERVO = ActuatorModel(stall_nm=10.0, continuous_nm=2.0, no_load_rad_s=3.0, thermal_s=50.0)
+
+
+@pytest.mark.parametrize("seconds", [5.0, 50.0, 500.0])
+def test_a_constant_torque_heats_as_a_first_order_system_does(seconds: float) -> None:
+    period = 0.01
+    squares = np.full((round(seconds / period), 1), 2.25)
+    load = thermal_load(squares, np.array([50.0]), period)
+    assert load[0] == pytest.approx(2.25 * (1.0 - np.exp(-seconds / 50.0)), rel=1e-9)
+
+
+def test_the_worst_load_is_that_on_the_way_and_not_at_the_end() -> None:
+    squares = np.concatenate([np.full((1000, 1), 9.0), np.zeros((9000, 1))])
+    load = thermal_load(squares, np.array([20.0]), 0.01)
+    assert load[0] == pytest.approx(9.0 * (1.0 - np.exp(-10.0 / 20.0)), rel=1e-9)
+
+
+def test_peaks_means_and_shares_are_those_of_the_torques() -> None:
+    times = np.arange(0.0, 10.0, 0.01)
+    torques = np.stack([4.0 * np.sin(2 * np.pi * times), np.full_like(times, -1.0)], axis=1)
+    needs = JointNeeds.of(
+        ("a", "b"), (SERVO, ActuatorModel(stall_nm=5.0, no_load_rad_s=1.0)), torques, 0.01
+    )
+    assert needs.peak_nm == pytest.approx([4.0, 1.0], rel=1e-3)
+    assert needs.rms_nm == pytest.approx([4.0 / np.sqrt(2.0), 1.0], rel=1e-6)
+    assert needs.share_of_stall == pytest.approx([0.4, 0.2], rel=1e-3)
+    assert needs.share_of_continuous[0] == pytest.approx(np.sqrt(2.0), rel=1e-6)
+    assert np.isnan([needs.share_of_continuous[1], needs.heat[1]]).all()
+    assert needs.to_json()["b"]["heat"] is None
+
+
+def test_a_short_effort_is_borne_and_a_long_one_is_said_with_its_heat() -> None:
+    short, long = (
+        JointNeeds.of(("knee",), (SERVO,), np.full((count, 1), 6.0), 0.1) for count in (50, 100)
+    )  # nine times the heat at last: borne for 50 s · ln(9/8) = 5.9 s
+    assert short.said(0) == "6 Nm at most and 6 Nm (RMS)"
+    assert long.said(0) == "6 Nm at most and 6 Nm (RMS), 1.6 times the heat that it bears"
+
+
+def test_what_nobody_knows_of_its_heat_is_taken_to_be_repeated_for_ever() -> None:
+    unknown = ActuatorModel(stall_nm=10.0, continuous_nm=2.0, no_load_rad_s=3.0)
+    torques = np.array([[4.0], [0.0], [0.0], [0.0]])
+    assert JointNeeds.of(("knee",), (unknown,), torques, 0.1).heat == pytest.approx([1.0])

@@ -14,10 +14,6 @@ from typing import Any, Literal
 
 import pytest
 
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-pytest.importorskip("pinocchio")
-
 from stancekit.runner.safety.estop import StopLatch
 from stancekit.runner.safety.guard import Watchdog
 from stancekit.runner.safety.heartbeat import ANSWER_S, BUS, ROUNDS, HeartbeatMonitor, _cancelled

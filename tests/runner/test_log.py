@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("mcap")
-
 from stancekit.runner.log import FORMAT, TOPICS, McapLog, read_log, state_from_json, state_json
 from tests.emulators.faulty_disk import ended
 from tests.emulators.memory_world import MemoryWorld
@@ -40,8 +38,12 @@ def command(k: int) -> dict[str, Any]:
     }
 
 
-def test_messages_come_back_in_order_and_the_file_is_whole(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+def test_messages_come_back_in_order_and_the_file_is_whole(path: Path) -> None:
     with McapLog(path, clock=iter(range(5, 50)).__next__) as log:
         log.write("plan", PLAN)
         log.write("command", command(1))
@@ -57,10 +59,9 @@ def test_messages_come_back_in_order_and_the_file_is_whole(tmp_path: Path) -> No
     assert recorded.of("command")[0]["asked_rad"] == list(range(1, 25))
 
 
-def test_the_index_of_the_file_is_one_that_other_readers_take(tmp_path: Path) -> None:
+def test_the_index_of_the_file_is_one_that_other_readers_take(path: Path) -> None:
     from mcap.reader import make_reader
 
-    path = tmp_path / "run.mcap"
     with McapLog(path) as log:
         log.write("plan", PLAN)
         log.write("command", command(1))
@@ -77,11 +78,10 @@ def test_the_index_of_the_file_is_one_that_other_readers_take(tmp_path: Path) ->
     assert found[0][3] == PLAN
 
 
-def test_every_topic_has_a_schema_that_names_its_keys(tmp_path: Path) -> None:
+def test_every_topic_has_a_schema_that_names_its_keys(path: Path) -> None:
     from mcap.records import Schema
     from mcap.stream_reader import StreamReader
 
-    path = tmp_path / "run.mcap"
     with McapLog(path) as log:
         log.write("plan", PLAN)
     with open(path, "rb") as stream:
@@ -95,8 +95,7 @@ def test_every_topic_has_a_schema_that_names_its_keys(tmp_path: Path) -> None:
     }
 
 
-def test_a_log_cut_at_any_byte_reads_up_to_its_last_whole_message(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_a_log_cut_at_any_byte_reads_up_to_its_last_whole_message(path: Path) -> None:
     sizes = []
     with McapLog(path) as log:
         log.write("plan", PLAN)
@@ -112,8 +111,7 @@ def test_a_log_cut_at_any_byte_reads_up_to_its_last_whole_message(tmp_path: Path
         assert len(recorded.of("decision")) == sum(size <= cut for size in sizes[1:])
 
 
-def test_what_was_written_before_a_kill_can_be_read(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_what_was_written_before_a_kill_can_be_read(path: Path) -> None:
     code = (
         "import sys, os, time\n"
         "from stancekit.runner.log import McapLog, FORMAT\n"
@@ -150,8 +148,9 @@ def test_an_older_log_stays_until_the_new_one_is_ended(tmp_path: Path) -> None:
     assert (read_log(path).whole, len(read_log(path).messages)) == (True, 2)
 
 
-def test_a_kill_before_any_call_leaves_the_older_log_or_the_new_one(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_a_kill_before_any_call_leaves_the_older_log_or_the_new_one(
+    tmp_path: Path, path: Path
+) -> None:
 
     def write() -> int:
         with McapLog(path) as log:
@@ -174,9 +173,8 @@ def test_a_kill_before_any_call_leaves_the_older_log_or_the_new_one(tmp_path: Pa
 
 @pytest.mark.parametrize("older", [b"", b"an older log"])
 def test_a_disk_that_is_full_ends_the_log_once_and_what_was_written_stays(
-    tmp_path: Path, older: bytes
+    tmp_path: Path, older: bytes, path: Path
 ) -> None:
-    path = tmp_path / "run.mcap"
 
     def write() -> int:
         log = McapLog(path)
@@ -200,8 +198,7 @@ def test_a_disk_that_is_full_ends_the_log_once_and_what_was_written_stays(
         assert kept.exists() == (call >= 4)  # two calls open it, then each message is a write
 
 
-def test_two_runs_do_not_write_one_log(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_two_runs_do_not_write_one_log(tmp_path: Path, path: Path) -> None:
     for _ in range(2):  # in its own place, then beside an older one
         with McapLog(path) as log:
             log.write("plan", PLAN)
@@ -212,9 +209,9 @@ def test_two_runs_do_not_write_one_log(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["run.mcap"]
 
 
-def test_numbers_that_json_lacks_are_written_as_null_and_come_back_as_nan(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    world = MemoryWorld()
+def test_numbers_that_json_lacks_are_written_as_null_and_come_back_as_nan(
+    world: MemoryWorld, path: Path
+) -> None:
     state = world.reset((), np.zeros(24), np.array([np.nan, 1.0, np.inf]), np.eye(3))
     with McapLog(path) as log:
         log.write("plan", PLAN)
@@ -226,8 +223,7 @@ def test_numbers_that_json_lacks_are_written_as_null_and_come_back_as_nan(tmp_pa
 
 
 @pytest.mark.parametrize("content", [b"", b"not an mcap file at all", b"\x89MCAP0\r\n"])
-def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "run.mcap"
+def test_what_is_no_log_is_refused_in_one_line(content: bytes, path: Path) -> None:
     path.write_bytes(content)
     with refuses(path):
         read_log(path)

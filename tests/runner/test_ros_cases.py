@@ -4,20 +4,23 @@ right.
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import Any, Literal
 
 import numpy as np
 import pytest
 
-pytest.importorskip("roslibpy")
-pytest.importorskip("websockets")
-pytest.importorskip("pinocchio")
-
 from stancekit.planners.errors import HardwareFault
+from stancekit.runner.safety.estop import Stopped
+from stancekit.runner.worlds.ros import controller, joint_states
+from stancekit.runner.worlds.ros.controller import FOREIGN, ControllerState
 from stancekit.runner.worlds.ros.driver import RosWorld
-from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.ros.joint_states import JointStates
+from stancekit.runner.worlds.ros.setup import Mapping, same_names
+from stancekit.runner.worlds.world import State
 from tests.emulators import rosbridge
+from tests.emulators.fast_time import PACE
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 from tests.emulators.rosbridge import RosBridge
 from tests.refusals import refuses
@@ -236,3 +239,364 @@ def test_odd_robots_are_armed_and_move(settings: dict[str, Any]) -> None:
         world.torque(True)
         stream(world, 25)
         assert world.armed
+
+
+QUICK_MANAGED = QUICK | {"controller_manager": "/controller_manager"}
+
+
+def stop_after(world: RosWorld, what: str) -> None:
+    """Trip the latch as soon as this was sent."""
+    if what == "nothing":
+        world.latch.trip("button")
+        return
+    verb = getattr(world._robot, what)
+
+    def done(*arguments: Any) -> None:
+        verb(*arguments)
+        world.latch.trip("button")
+
+    setattr(world._robot, what, done)
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@pytest.mark.parametrize(
+    ("after", "sent"),
+    [("nothing", []), ("switch", ["switch", "switch"]), ("stream", ["switch", "stream", "switch"])],
+)
+def test_a_stop_at_any_step_of_an_arming_leaves_the_controller_off(
+    ros: Literal[1, 2], after: str, sent: list[str]
+) -> None:
+    with emulated(ros=ros) as bridge:
+        with RosWorld(
+            ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **QUICK_MANAGED)
+        ) as world:
+            reset(world)
+            bridge.robot.on = False
+            stop_after(world, after)
+            with refuses("button", kind=Stopped):
+                world.torque(True)
+            assert not world.armed
+            world.hold()
+        time.sleep(0.05)
+        assert commands(bridge) == sent
+        assert not bridge.state()["on"]
+
+
+def test_a_controller_that_was_not_switched_by_us_is_left_alone() -> None:
+    with emulated() as bridge:
+        with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
+            reset(world)
+            stop_after(world, "stream")
+            with pytest.raises(Stopped):
+                world.torque(True)
+            time.sleep(0.05)
+        assert commands(bridge) == ["stream"]
+        assert bridge.state()["on"]
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_after_a_stop_no_target_and_no_goal_is_sent(ros: Literal[1, 2]) -> None:
+    with armed(ros) as (bridge, world):
+        world.step(START)
+        world.latch.trip("button")
+        before = commands(bridge)
+        with refuses("button", kind=Stopped):
+            world.step(START + 0.01)
+        with refuses("button", kind=Stopped):
+            world.run_trajectory(np.array([0.5]), START[None, :] + 0.1)
+        time.sleep(0.05)
+        assert commands(bridge) == before == ["stream", "stream"]
+
+
+def test_a_trajectory_on_its_way_is_cancelled_by_a_stop() -> None:
+    with armed() as (bridge, world):
+        timer = threading.Timer(0.5 / PACE, world.latch.trip, ("button",))
+        timer.start()
+        with refuses("button", kind=HardwareFault):
+            world.run_trajectory(np.array([3.0]), START[None, :] + 0.5)
+        assert bridge.state()["goals"] == 0
+
+
+def standstill(world: RosWorld, monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Let the thread that writes stand still from the next hand-over on, until this is set."""
+    link, goes_on = world._robot.link, threading.Event()
+    through = link.through
+
+    def busy(*arguments: Any) -> Any:
+        link.ros.factory.manager.loop.call_soon_threadsafe(goes_on.wait)
+        return through(*arguments)
+
+    monkeypatch.setattr(link, "through", busy)
+    return goes_on
+
+
+def test_a_stop_that_comes_while_a_target_waits_for_the_writing_thread_keeps_it_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with armed() as (bridge, world):
+        goes_on = standstill(world, monkeypatch)
+
+        def stop() -> None:
+            world.latch.trip("button")
+            goes_on.set()
+
+        threading.Timer(0.1, stop).start()
+        with refuses("button", kind=Stopped):
+            world.step(START + 0.01)
+        assert world._robot.link.answers(10.0)  # whatever was written before has come
+        assert commands(bridge) == ["stream"]
+
+
+def test_a_target_that_cannot_be_written_in_time_is_never_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with armed() as (bridge, world):
+        goes_on = standstill(world, monkeypatch)
+        world._robot.link.timeout_s = 0.3
+        with refuses("0.3 s", kind=HardwareFault):
+            world.step(START + 0.01)
+        goes_on.set()
+        assert world._robot.link.answers(10.0)  # whatever was written before has come
+        assert commands(bridge) == ["stream"]
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_whole_trajectory_is_followed_with_feedback_and_ends_where_it_should(
+    ros: Literal[1, 2],
+) -> None:
+    with armed(ros) as (bridge, world):
+        states = list[State]()
+        end = world.run_trajectory(
+            np.array([0.3, 0.6]), np.array([START + 0.1, START - 0.05]), states.append
+        )
+        np.testing.assert_allclose(end.angles_rad, START - 0.05, atol=world.setup.goal_rad)
+        assert max(state.angles_rad[0] for state in states) > 0.08
+        assert commands(bridge)[:3] == [
+            "stream",
+            "goal",
+            "cancel",
+        ]  # the one that is cancelled to see that it can be
+        assert commands(bridge)[-1] == "goal"
+        world.run_trajectory(np.array([0.2]), START[None, :])
+        assert commands(bridge).count("goal") == 3
+
+
+def test_trajectories_that_are_too_long_too_fast_or_beyond_limits_are_refused_before_they_are_sent() -> (
+    None
+):
+    with armed() as (bridge, world):
+        for times, angles, name in (
+            ([6.0], START + 0.1, "alone_s"),
+            ([0.1], START + 0.5, "LF_yaw"),
+            ([2.0], START + 2.0, "LF_yaw"),
+            ([0.0], START, "times"),
+        ):
+            with refuses(name):
+                world.run_trajectory(np.array(times), angles[None, :])
+        time.sleep(0.1)
+        assert commands(bridge) == ["stream"]
+
+
+def test_a_rosbridge_that_reads_no_cancel_while_a_goal_is_on_its_way_is_refused() -> None:
+    with emulated(one_thread=True) as bridge:
+        with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
+            reset(world)
+            world.torque(True)
+            with refuses("send_action_goals_in_new_thread:=true"):
+                world.run_trajectory(np.array([1.0]), START[None, :] + 0.1)
+        np.testing.assert_allclose(bridge.state()["position_rad"], START, atol=1e-6)
+
+
+def test_hold_from_another_thread_cancels_the_trajectory() -> None:
+    with armed() as (bridge, world):
+        threading.Timer(1.0 / PACE, world.hold).start()
+        with refuses(kind=HardwareFault):
+            world.run_trajectory(np.array([4.0]), START[None, :] + 1.0)
+        assert not world.armed
+        stopped = bridge.state()["desired_rad"]
+        time.sleep(0.2)
+        assert bridge.state()["desired_rad"] == stopped
+        assert stopped[0] < 0.6
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("stuck joint", "aborted"),
+        ("rejects goals", "rejected"),
+        ("connection lost", "connection"),
+        ("rosbridge gone", "connection"),
+        ("e-stop", "/e_stop"),
+    ],
+)
+def test_a_trajectory_that_goes_wrong_is_a_fault_and_cancelled(
+    ros: Literal[1, 2], kind: str, name: str
+) -> None:
+    with armed(ros) as (bridge, world):
+        world.run_trajectory(np.array([0.1]), START[None, :])
+        bridge.inject(kind, 0.0 if kind == "rejects goals" else 0.3)
+        time.sleep(0.05)
+        with refuses(name, kind=HardwareFault):
+            world.run_trajectory(np.array([3.0]), START[None, :] + 1.2)
+        assert not world.armed
+        if kind != "rosbridge gone":
+            time.sleep(0.2)
+            assert bridge.state()["goals"] == 0
+            assert bridge.state()["desired_rad"][0] < 0.6
+
+
+LEG = ("hip", "knee")
+FASTEST = np.array([4.0, 4.0])
+
+
+class Clock:
+    """In place of the module ``time``."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made = Clock()
+    for module in (joint_states, controller):
+        monkeypatch.setattr(module, "time", made)
+    return made
+
+
+@pytest.fixture
+def states(clock: Clock) -> JointStates:
+    return JointStates(Mapping(same_names(LEG), LEG), LEG, FASTEST)
+
+
+@pytest.fixture
+def known(states: JointStates) -> ControllerState:
+    return ControllerState(Mapping(same_names(LEG), LEG), LEG, states)
+
+
+def message(hip: float, knee: float, at_s: float = 0.0) -> dict[str, Any]:
+    stamp = {"sec": int(at_s), "nanosec": round(1e9 * (at_s - int(at_s)))}
+    return {
+        "header": {"stamp": stamp},
+        "name": list(LEG),
+        "position": [hip, knee],
+        "velocity": [0.0, 0.0],
+    }
+
+
+def state(actual: list[float], desired: list[float], at_s: float) -> dict[str, Any]:
+    points = {
+        "actual": {"positions": actual, "velocities": [0.0, 0.0]},
+        "desired": {"positions": desired},
+    }
+    return {"header": message(0.0, 0.0, at_s)["header"], "joint_names": list(LEG)} | points
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_a_joint_that_jumps_is_refused_by_name_and_what_was_measured_stays(
+    states: JointStates, clock: Clock, stamped: bool
+) -> None:
+    for _ in range(10):
+        clock.now += 0.02
+        states.take(message(0.1, 1.6, clock.now if stamped else 0.0))
+    clock.now += 0.01
+    with refuses("knee"):
+        states.take(message(0.0, 0.0, clock.now if stamped else 0.0))
+    np.testing.assert_allclose(states.read()[0], [0.1, 1.6])
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_a_joint_at_its_greatest_speed_is_believed_also_when_messages_come_in_bursts(
+    states: JointStates, clock: Clock, stamped: bool
+) -> None:
+    for k in range(100):
+        sent_s = 100.0 + 0.01 * k
+        clock.now = (
+            100.0 + 0.05 * np.ceil(0.2 * k) + 1e-4 * (k % 5)
+        )  # five at once, as a busy machine gives them
+        states.take(message(4.0 * 0.01 * k, -4.0 * 0.01 * k, sent_s if stamped else 0.0))
+    assert states.read()[0][0] == pytest.approx(3.96)
+
+
+def test_joints_that_are_not_the_robots_may_have_no_positions_and_are_left_alone(
+    states: JointStates,
+) -> None:
+    states.take({"name": ["left_wheel", "right_wheel"], "velocity": [1.0, 1.0]})
+    states.take({"name": ["finger"], "position": [None]})
+    assert states.others == {"left_wheel", "right_wheel", "finger"}
+    with refuses():
+        states.take({"name": ["hip", "wheel"], "velocity": [1.0, 1.0]})
+
+
+def test_two_measurements_of_a_joint_that_differ_are_two_publishers_also_when_every_third_is_right(
+    states: JointStates, clock: Clock, known: ControllerState
+) -> None:
+    for k in range(60):
+        clock.now += 0.02
+        states.take(message(0.1, 1.6 if k % 3 == 0 else 1.75, clock.now))
+        known.take(state([0.1, 1.6], [0.1, 1.6], clock.now))
+    assert known.trouble() == (
+        "knee: joint states say 1.750 rad, while its controller measures 1.600: two publishers?"
+    )
+
+
+def test_measurements_of_moving_joints_may_differ_by_what_they_turn_in_between(
+    states: JointStates, clock: Clock, known: ControllerState
+) -> None:
+    for k in range(100):
+        clock.now += 0.02
+        if k % 5 == 0:  # ten times a second
+            said = message(0.02 * k, 0.0, clock.now) | {"velocity": [1.0, 0.0]}
+            states.take(said)
+        moving = state([0.02 * k, 0.0], [0.02 * k, 0.0], clock.now)
+        moving["actual"]["velocities"] = [1.0, None]
+        known.take(moving)
+        assert known.trouble() is None
+
+
+def test_a_controller_that_wants_what_nobody_sent_follows_somebody_else(
+    states: JointStates, clock: Clock, known: ControllerState
+) -> None:
+    known.take(state([0.0, 0.0], [0.0, 0.0], clock.now))
+    for k in range(100):
+        clock.now += 0.02
+        known.sent(np.array([0.01 * k, 0.0]))
+        known.take(state([0.01 * k, 0.0], [0.01 * max(k - 4, 0), 0.0], clock.now))
+        assert known.trouble() is None
+    for _ in range(FOREIGN):
+        clock.now += 0.02
+        known.take(state([1.0, 0.0], [1.0, 0.2], clock.now))
+    assert (
+        known.trouble()
+        == "knee: the controller wants 0.200 rad, which was not sent: another client?"
+    )
+    known.forget()
+    assert known.trouble() is None
+
+
+def test_a_controller_that_moves_joints_is_busy(
+    states: JointStates, known: ControllerState
+) -> None:
+    still = state([0.0, 0.0], [0.0, 0.0], 100.0)
+    known.take(still)
+    assert known.busy() is None
+    still["desired"]["velocities"] = [0.0, 0.3]
+    known.take(still)
+    assert known.busy() == "knee: the controller turns it by 0.30 rad/s: another client?"
+
+
+@pytest.mark.parametrize("names", [("reference", "feedback"), ("desired", "actual")])
+def test_states_of_every_version_are_understood(
+    states: JointStates, names: tuple[str, str], known: ControllerState
+) -> None:
+    points = {
+        names[0]: {"positions": [0.0, 0.0], "velocities": [0.0, 1.0]},
+        names[1]: {"positions": []},
+    }
+    known.take({"joint_names": list(LEG)} | points)
+    assert known.names == LEG
+    assert known.busy() is not None

@@ -13,24 +13,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
+from stancekit.cli.main import run
+from stancekit.cli.run import RunMotion
+from stancekit.cli.simulate import Simulate
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import MARGIN
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.plan_file import write_plan
 from stancekit.planners.motion.plan_motion import Timing
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.robot_file import joint_names
+from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
+from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.geometry import LEAST_PUSH, tipping
 from stancekit.runner.acceptance import Accepted
+from stancekit.runner.execution import Execution, Tolerance
 from stancekit.runner.log import McapLog, read_log
-from stancekit.runner.prepared import Resumption
+from stancekit.runner.prepared import Prepared, Resumption
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
+from stancekit.runner.worlds import make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
+from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
 
 FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
@@ -87,9 +97,8 @@ def test_all_feet_carry_at_the_beginning_and_those_that_lift_hand_over_while_all
 
 
 def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_after_the_rest(
-    accepted: Accepted,
+    accepted: Accepted, world: MemoryWorld
 ) -> None:
-    world = MemoryWorld()
     runner, course = Runner(world), accepted.plan.problem
     kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     first = runner.prepare(accepted).first
@@ -116,7 +125,6 @@ def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_a
 def test_a_plan_is_followed_from_the_pose_that_was_found_to_its_last_frame(
     accepted: Accepted, tmp_path: Path
 ) -> None:
-    pytest.importorskip("mcap")
     near = MemoryWorld()
     with McapLog(tmp_path / "run.mcap") as log:
         report = ran(near, accepted, log=log)
@@ -147,8 +155,7 @@ def test_the_soft_start_begins_at_the_measured_pose_and_keeps_its_speed(accepted
     assert 100.0 * np.abs(np.diff(sent[: reached + 1], axis=0)).max() <= FAST.speed_rad_s + 1e-9
 
 
-def test_a_dry_run_of_something_real_sends_nothing(accepted: Accepted) -> None:
-    world = MemoryWorld()
+def test_a_dry_run_of_something_real_sends_nothing(accepted: Accepted, world: MemoryWorld) -> None:
     report = ran(world, accepted, dry=True)
     assert (report.succeeded, report.dry, report.ended.left) == (True, True, "as it was")
     assert report.sent > 100
@@ -180,8 +187,9 @@ def test_home_is_where_it_was_found(accepted: Accepted) -> None:
     np.testing.assert_allclose(world.commands[-1][1], found, atol=1e-12)
 
 
-def test_a_device_that_falls_silent_ends_the_run_with_its_words(accepted: Accepted) -> None:
-    world = MemoryWorld()
+def test_a_device_that_falls_silent_ends_the_run_with_its_words(
+    accepted: Accepted, world: MemoryWorld
+) -> None:
     world.fault = lambda w: silent(w) if len(w.commands) == 50 else None
     report = ran(world, accepted)
     assert (report.succeeded, report.message) == (False, "memory: LF_knee (id 4): no answer")
@@ -189,9 +197,8 @@ def test_a_device_that_falls_silent_ends_the_run_with_its_words(accepted: Accept
 
 
 def test_an_error_of_the_program_itself_leaves_the_robot_held_and_the_world_closed(
-    accepted: Accepted,
+    accepted: Accepted, world: MemoryWorld
 ) -> None:
-    world = MemoryWorld()
 
     def bug(world: MemoryWorld) -> None:
         if len(world.commands) == 20:
@@ -203,8 +210,7 @@ def test_an_error_of_the_program_itself_leaves_the_robot_held_and_the_world_clos
     assert (len(world.commands), world.armed, world.closed) == (20, False, 1)
 
 
-def test_a_joint_that_is_stuck_misses_its_path(accepted: Accepted) -> None:
-    world = MemoryWorld()
+def test_a_joint_that_is_stuck_misses_its_path(accepted: Accepted, world: MemoryWorld) -> None:
 
     def jam(world: MemoryWorld) -> None:
         world.stuck = [15] if len(world.commands) > 30 else []
@@ -216,8 +222,7 @@ def test_a_joint_that_is_stuck_misses_its_path(accepted: Accepted) -> None:
     assert_names(report.message, f"joint {world.joints[15]}")
 
 
-def test_joints_that_end_elsewhere_miss_their_goal(accepted: Accepted) -> None:
-    world = MemoryWorld()
+def test_joints_that_end_elsewhere_miss_their_goal(accepted: Accepted, world: MemoryWorld) -> None:
     world.spoil = lambda state: replace(
         state, angles_rad=state.angles_rad + 0.12 * (np.arange(24) == 2)
     )
@@ -286,8 +291,9 @@ def test_a_robot_of_another_size_is_refused(accepted: Accepted) -> None:
         ran(MemoryWorld(replace(robot, mass_kg=12.0)), accepted)
 
 
-def test_a_fault_while_connecting_is_reported_and_nothing_was_sent(accepted: Accepted) -> None:
-    world = MemoryWorld()
+def test_a_fault_while_connecting_is_reported_and_nothing_was_sent(
+    accepted: Accepted, world: MemoryWorld
+) -> None:
 
     def dead(*arguments: Any) -> Any:
         raise HardwareFault("memory: no answer from LF_yaw")
@@ -317,9 +323,6 @@ def test_a_wall_clock_that_jumps_changes_nothing(
 def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_the_same(
     accepted: Accepted, tmp_path: Path
 ) -> None:
-    pytest.importorskip("mujoco")
-    pytest.importorskip("mcap")
-    from stancekit.runner.worlds import make_world
     from stancekit.views.gait_plot import draw_tracking
 
     path, course = tmp_path / "run.mcap", accepted.plan.problem
@@ -330,8 +333,6 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
     alone = simulate(
         accepted.plan, settings=RunSettings(timing=timing, check_limits=False)
     ).execution
-    assert report.execution is not None
-    assert alone is not None
     assert report.execution.com_worst_m == pytest.approx(alone.com_worst_m, abs=2e-4)
     again = Runner(make_world("replay", course.robot, setup=path), settings=FAST).run(accepted)
     assert again.replay_rad == 0.0
@@ -353,7 +354,6 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
 
 
 def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) -> None:
-    from stancekit.runner.worlds import make_world
 
     course = accepted.plan.problem
     for name, named in (
@@ -371,9 +371,6 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
 def test_a_set_up_file_that_names_another_robot_is_refused(
     accepted: Accepted, tmp_path: Path
 ) -> None:
-    pytest.importorskip("dynamixel_sdk")
-    pytest.importorskip("roslibpy")
-    from stancekit.runner.worlds import make_world
     from stancekit.runner.worlds.dynamixel.control_table import nominal
     from stancekit.runner.worlds.ros.setup import same_names
 
@@ -395,8 +392,6 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
 
 
 def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accepted) -> None:
-    pytest.importorskip("mujoco")
-    from stancekit.runner.worlds import make_world
     from stancekit.runner.worlds.drives import Imperfections
 
     for deaf in ((), (1,)):
@@ -407,3 +402,215 @@ def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accept
         assert report.succeeded is (not deaf), report.message
         name = accepted.plan.problem.robot.limb_names[1]
         assert (f"foot of {name}: " in report.message) is bool(deaf)
+
+
+UNCHECKED = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
+
+
+def executed(plan: Plan, world: str = "mujoco", **options: Any) -> Execution:
+    """What the record of a simulation says."""
+    report = simulate(plan, world, **({"settings": UNCHECKED} | options))
+    assert report.succeeded == report.execution.succeeded
+    return report.execution
+
+
+@pytest.fixture(scope="module")
+def climbed(step: Callable[[str], Plan]) -> Execution:
+    return executed(step("walls"))
+
+
+@pytest.mark.parametrize(("course", "world"), [("stairs", "mujoco"), ("walls", "bullet")])
+def test_a_step_is_executed_as_planned(
+    course: str, world: str, step: Callable[[str], Plan]
+) -> None:
+    pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
+    run = executed(step(course), world)
+    assert run.succeeded, run.message
+    assert run.fallen_s is None
+    assert run.com_worst_m < 0.006
+    assert run.slip_m.max() < 0.005
+    assert run.force_rms_n < 6.0
+    assert run.error_m < 1e-4
+    assert run.bump_s == 0.0
+    assert run.torque_worst_nm < run.torque_limit_nm
+
+
+def test_at_the_end_every_foot_presses_as_planned(climbed: Execution) -> None:
+    trace = climbed.trace
+    np.testing.assert_allclose(
+        trace.forces_n[-20:].mean(axis=0), trace.planned_forces_n[-1], atol=4.0
+    )
+    np.testing.assert_allclose(
+        trace.forces_n[-20:].mean(axis=0).sum(axis=0), [0.0, 0.0, 98.1], atol=0.5
+    )
+
+
+def test_the_trace_is_consistent(climbed: Execution) -> None:
+    trace = climbed.trace
+    assert trace.time_s[-1] == pytest.approx(climbed.seconds)
+    np.testing.assert_allclose(np.diff(trace.time_s), 0.005, atol=1e-9)
+    away = np.linalg.norm(trace.com_m - trace.planned_com_m, axis=1)
+    assert climbed.com_worst_m == pytest.approx(away.max())
+    offset = np.linalg.norm(trace.com_m - trace.origin_m, axis=1)
+    assert 0.0 < offset.max() < 0.015
+
+
+def test_the_same_plan_runs_the_same_way_twice(
+    step: Callable[[str], Plan], climbed: Execution
+) -> None:
+    again = executed(step("walls"))
+    np.testing.assert_array_equal(again.trace.com_m, climbed.trace.com_m)
+    np.testing.assert_array_equal(again.trace.forces_n, climbed.trace.forces_n)
+
+
+def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reported(
+    step: Callable[[str], Plan],
+) -> None:
+    plan = step("walls")
+    settings = RunSettings(check_limits=False)
+    run = executed(plan, settings=settings, terrain=slippery(plan.problem, 0.2).terrain)
+    assert not run.succeeded
+    assert run.fallen_s is not None
+    assert run.slip_m.max() > Tolerance().slip_m
+    assert_names(run.message, f"{run.fallen_s:.2f} s")
+    assert run.seconds == pytest.approx(run.fallen_s)
+
+
+def test_what_is_not_good_enough_is_said_in_full(step: Callable[[str], Plan]) -> None:
+    run = executed(
+        step("walls"), settings=replace(UNCHECKED, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7))
+    )
+    assert not run.succeeded
+    assert run.fallen_s is None
+    assert min(run.com_final_m, run.slip_m.max()) > 1e-7
+    assert_names(run.message, "centre of mass", "slipped")
+
+
+def test_the_report_is_json_and_the_trace_an_archive(
+    climbed: Execution, tmp_path: pytest.TempPathFactory
+) -> None:
+    said = json.loads(json.dumps(climbed.to_json(), allow_nan=False))
+    assert said["world"] == "mujoco"
+    assert len(said["slip_m"]) == 9
+    assert "trace" not in said
+    path = tmp_path / "trace.npz"  # type: ignore[operator]
+    path.write_bytes(climbed.trace.to_npz())
+    with np.load(path, allow_pickle=False) as arrays:
+        np.testing.assert_array_equal(arrays["com_m"], climbed.trace.com_m)
+
+
+def test_what_a_foot_rolls_is_no_slip_but_what_it_slides_is(climbed: Execution) -> None:
+    trace = climbed.trace
+    standing = int(trace.foothold[0, 0])
+    slid = trace.feet_m.copy()
+    slid[len(slid) // 2 :, 0] += [0.0, 0.0, 0.01]
+    assert replace(trace, feet_m=slid).slips(9)[standing] == pytest.approx(0.01, abs=0.003)
+    rolled = trace.rolled_m.copy()
+    rolled[len(slid) // 2 :, 0] += [0.0, 0.0, 0.01]
+    both = replace(trace, feet_m=slid, rolled_m=rolled).slips(9)[standing]
+    assert both == pytest.approx(trace.slips(9)[standing], abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plan for a quadruped of a file, which bears some push, and not .9 of its weight."""
+    folder = tmp_path_factory.mktemp("tipping")
+    (folder / "dog.urdf").write_text(quadruped())
+    (folder / "flat.yaml").write_text(
+        "name: flat\nrobot: dog.urdf\nframes: 2\ngait: wave\nstart_m: [0.0, 0.0]\n"
+        "goal_m: [0.05, 0.0, 0.45]\nterrain: {kind: flat, friction: 0.7}\n"
+    )
+    outcome = with_whole_body(
+        plan_with_reserve(TwoStagePlanner(), read_course(folder / "flat.yaml"))
+    )
+    assert outcome.solution is not None
+    assert outcome.report.accepted
+    write_plan(folder / "dog.json", outcome.solution, outcome.report)
+    return folder / "dog.json"
+
+
+@pytest.fixture(scope="module")
+def tipped(file: Path) -> Accepted:
+    return Accepted.from_file(file)
+
+
+def prepare(tipped: Accepted, **settings: object) -> Prepared:
+    course = tipped.plan.problem
+    with make_world("mujoco", course.robot, gravity_m_s2=course.gravity_m_s2) as world:
+        return Runner(world, settings=RunSettings(**settings)).prepare(tipped)  # type: ignore[arg-type]
+
+
+def test_run_has_the_limit_of_plan() -> None:
+    assert RunSettings().least_push == LEAST_PUSH
+
+
+def test_a_plan_that_bears_less_is_refused_in_one_line(tipped: Accepted, file: Path) -> None:
+    with refuses(file):
+        prepare(tipped, least_push=0.9)
+
+
+@pytest.mark.parametrize("settings", [{}, {"least_push": 0.0}], ids=["enough", "asked for"])
+def test_a_plan_that_bears_enough_or_is_asked_for_is_not(
+    tipped: Accepted, settings: dict[str, float]
+) -> None:
+    assert prepare(tipped, **settings).pace > 0.0
+
+
+def test_a_simulation_that_breaks_limits_has_none(tipped: Accepted) -> None:
+    assert prepare(tipped, least_push=0.9, check_limits=False).pace > 0.0
+
+
+def test_the_verifier_accepts_it(tipped: Accepted) -> None:
+    report = check_plan(tipped.plan, margins=True)
+    assert report.accepted
+    push_n = report.group(MARGIN).figures["push_n"]
+    assert tipping(tipped.plan, 1.01 * push_n / tipped.plan.problem.weight_n)
+    assert not tipping(tipped.plan, 0.99 * push_n / tipped.plan.problem.weight_n)
+
+
+def test_robots_without_legs_of_a_file_are_not_limited() -> None:
+    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
+    assert isinstance(plan, Plan)
+    assert tipping(plan, 1.0) == ""
+
+
+def test_the_command_says_its_own_option(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = run(RunMotion(plan=file, least_push=0.9))
+    said = capsys.readouterr()
+    assert (code, said.out) == (2, "")
+    assert said.err.count("\n") == 1
+    assert "; --least-push 0 runs it all the same" in said.err
+
+
+def test_a_share_out_of_range_is_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(RunMotion(plan=file, least_push=2.0)) == 2
+    assert "--least-push: expected a number in [0, 1], got 2" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"contact_stiffness_n_m": -1.0},
+            "--contact-stiffness-n-m: expected a number in (0, 1e+07], got -1",
+        ),
+        (
+            {"contact_damping_ns_m": 5.0},
+            "--contact-damping-ns-m: expected contact_stiffness_n_m with it, got none",
+        ),
+    ],
+)
+def test_ground_that_makes_no_sense_is_named_by_its_option(
+    file: Path, capsys: pytest.CaptureFixture[str], options: dict[str, float], said: str
+) -> None:
+    for verb in (RunMotion(plan=file, **options), Simulate(plan=file, **options)):
+        assert run(verb) == 2
+        err = capsys.readouterr().err
+        assert said in err
+        assert err.count("\n") == 1
+
+
+def test_soft_ground_is_for_simulations(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(RunMotion(plan=file, contact_stiffness_n_m=2e4, world="ros")) == 2
+    said = "--contact-stiffness-n-m: expected a simulated world with it, got ros"
+    assert said in capsys.readouterr().err

@@ -1,6 +1,8 @@
 """What hardware is sent is what simulation was sent: q + τ/Kp, from one function, to the tick."""
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -8,18 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-pytest.importorskip("dynamixel_sdk")
-
+import stancekit
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.plan_motion import PlanMotion, Timing
+from stancekit.planners.problem.contact import at_point
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.terrain import Patch
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.tracker import command
+from stancekit.runner.control.foot_placement import ContactFeedback
+from stancekit.runner.control.tracker import Tracker, command
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
@@ -27,9 +32,11 @@ from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.dynamixel import port
 from stancekit.runner.worlds.dynamixel.control_table import ServoTicks, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
+from stancekit.runner.worlds.mujoco import MujocoWorld
 from stancekit.runner.worlds.world import State
 from tests.emulators.memory_world import PATIENT
 from tests.emulators.servo_bus import EmulatedBus
+from tests.refusals import refuses
 
 SERVOS = Actuators(joints={"*": "XM540-W270"})
 RATE_HZ = 50.0
@@ -166,3 +173,178 @@ def test_a_joint_that_turns_with_its_torque_gives_no_more_than_its_curve(name: s
             assert (state.torques_nm <= high + 1e-6).all()
             seen, before = max(seen, float(np.abs(before.rates_rad_s).max())), state
     assert seen > 1.0
+
+
+def added(course: str, deaf: int | None = None, **settings: float) -> tuple[Array, Array]:
+    """Joint targets with pressing less those without, after forces were missing: of those that are
+    asked for a half.
+
+    deaf: the foot that feels nothing. settings: of the pressing.
+    """
+    plan = TwoStagePlanner().solve(read_course(course, frames=2)).solution
+    motion, kinematics = PlanMotion(plan), Kinematics(plan.problem.robot)
+    felt = 0.5 * motion.at(0.0).forces_n
+    if deaf is not None:
+        felt[deaf] = 0.0
+    targets = []
+    for press_hz in (4.0, 0.0):
+        tracker = Tracker(motion, kinematics, 100.0, ContactFeedback(press_hz=press_hz, **settings))
+        tracker.start()
+        for _ in range(20):
+            target = tracker.next(felt)
+            assert target is not None
+        targets.append(target.targets_rad)
+    return targets[0] - targets[1], np.array(motion.at(0.0).normals)
+
+
+def test_feet_between_walls_press_harder_where_they_feel_too_little() -> None:
+    more, normals = added("walls")
+    assert np.abs(normals[:, 2]).max() < 1e-9
+    assert np.abs(more).max() > 1e-3
+
+
+def test_feet_on_level_ground_do_not() -> None:
+    more, normals = added("stairs")
+    np.testing.assert_allclose(normals[:, 2], 1.0)
+    np.testing.assert_array_equal(more, 0.0)
+
+
+def test_a_foot_that_feels_nothing_is_pressed_no_harder() -> None:
+    heard, _ = added("walls")
+    more, _ = added("walls", deaf=0)
+    assert np.abs(heard[:4]).max() > 1e-3
+    np.testing.assert_allclose(more[:4], 0.0, atol=1e-12)
+    assert np.abs(more[4:]).max() > 1e-3
+
+
+def test_no_more_is_added_than_the_settings_say() -> None:
+    usual, _ = added("walls")
+    some, _ = added("walls", press_n=1.0, press_share=0.0)
+    none, _ = added("walls", press_n=0.0, press_share=0.0)
+    assert 0.0 < np.abs(some).max() < 0.5 * np.abs(usual).max()
+    np.testing.assert_allclose(none, 0.0, atol=1e-9)
+
+
+FAST = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
+WORLDS = ("mujoco", "bullet")
+STANDING = np.tile([0.0, 0.3, 0.0, 1.2], 6)
+SQUARE = Patch(
+    vertices_m=0.5
+    * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]),
+    normal=np.array([0.0, 0.0, 1.0]),
+    shear_reference=np.array([1.0, 0.0, 0.0]),
+    friction=0.7,
+)
+
+
+def falling(name: str, wrench: list[float], leans: bool = False) -> np.ndarray:
+    """Velocity of a robot after a tenth of a second of falling with this on it, shape (6,). leans:
+    its centre of mass is beside that of its body.
+    """
+    if name == "bullet":
+        pytest.importorskip("pybullet")
+    pose = STANDING.copy()
+    if leans:
+        pose[:12:4] = 0.6
+        pose[1:12:4] = -0.5
+    with make_world(name, hexapod()) as world:
+        world.reset((SQUARE,), pose, np.array([0.0, 0.0, 3.0]), np.eye(3))
+        world.carry(np.array(wrench))  # type: ignore[attr-defined]
+        return np.array([world.step(pose).velocity for _ in range(20)][-1])
+
+
+@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("leans", [False, True])
+def test_a_force_moves_a_falling_robot_and_does_not_turn_it(name: str, leans: bool) -> None:
+    still, pulled = (
+        falling(name, [force, -0.5 * force, 0.0, 0.0, 0.0, 0.0], leans) for force in (0.0, 30.0)
+    )
+    gained = pulled - still
+    np.testing.assert_allclose(gained[:2], [0.3, -0.15], rtol=0.05)  # F t / m
+    assert np.abs(gained[3:]).max() < 0.02
+
+
+@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("axis", range(3))
+def test_a_moment_turns_a_falling_robot_and_does_not_move_it(name: str, axis: int) -> None:
+    wrench = np.zeros(6)
+    wrench[3 + axis] = 2.0
+    gained = falling(name, wrench.tolist()) - falling(name, [0.0] * 6)
+    assert gained[3 + axis] > 0.2
+    assert np.abs(np.delete(gained[3:], axis)).max() < 0.1 * gained[3 + axis]
+    assert np.abs(gained[:3]).max() < 0.02
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_feet_of_a_robot_that_stands_carry_what_is_on_it(name: str) -> None:
+    if name == "bullet":
+        pytest.importorskip("pybullet")
+    wrench = at_point((3.0, -2.0, -15.0), (0, 0, 0), (0.1, 0.05, 0.05))
+    answer = stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=wrench))
+    plan = answer.solution
+    assert plan is not None
+    report = stancekit.simulate(plan, name, settings=FAST)
+    assert report.succeeded, report.message
+    assert report.execution.com_worst_m < 0.01
+    assert report.execution.force_rms_n < 8.0
+
+
+@pytest.fixture
+def carried(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """What worlds in MuJoCo are told that the body bears."""
+    told, carry = list[np.ndarray](), MujocoWorld.carry
+
+    def noted(self: MujocoWorld, wrench: np.ndarray) -> None:
+        told.append(np.array(wrench))
+        carry(self, wrench)
+
+    monkeypatch.setattr(MujocoWorld, "carry", noted)
+    return told
+
+
+def test_a_world_is_told_what_the_plan_was_told(
+    carried: list[np.ndarray], step: Callable[[str], Plan]
+) -> None:
+    course = replace(
+        read_course("stairs", 2),
+        wrench=np.array([[0, 0, -5.0, 0, 0, 0], [0, 4.0, -10.0, 0, 0, 0.2]]),
+    )
+    plan = stancekit.plan(course).solution
+    assert plan is not None
+    assert stancekit.simulate(plan, settings=FAST).succeeded
+    np.testing.assert_array_equal(carried[0], course.wrench[0])
+    np.testing.assert_allclose(carried[-1], course.wrench[1])
+    steps = np.diff(np.array(carried), axis=0)
+    assert (steps[:, 2] <= 1e-12).all()  # from the one to the other
+    assert len({round(float(each[2]), 6) for each in carried}) > 10
+
+    carried.clear()
+    assert stancekit.simulate(plan, settings=replace(FAST, wrench=(0.0, 1.0, 0.0))).succeeded
+    assert {tuple(each) for each in carried} == {(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)}
+
+    carried.clear()
+    assert stancekit.simulate(step("stairs"), settings=FAST).succeeded
+    assert not carried
+
+
+def test_a_plan_that_was_told_of_a_load_presses_as_it_says_and_another_does_not(
+    step: Callable[[str], Plan],
+) -> None:
+    load = at_point((0.0, 0.0, -20.0), (0, 0, 0), (0.12, 0.1, 0.05))
+    told = stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=load)).solution
+    assert told is not None
+    said = stancekit.simulate(told, settings=FAST).execution
+    other = stancekit.simulate(
+        step("stairs"), settings=replace(FAST, wrench=tuple(load.tolist()))
+    ).execution
+    assert said.force_rms_n < 0.6 * other.force_rms_n
+    assert said.planned_torque_nm > 1.1 * other.planned_torque_nm
+
+
+def test_what_is_no_wrench_or_no_simulation_is_refused(step: Callable[[str], Plan]) -> None:
+    wrong: Any
+    for wrong in ((1.0, 2.0), ("a", "b", "c"), (np.nan, 0.0, 0.0), 3.0):
+        with refuses("wrench"):
+            RunSettings(wrench=wrong)
+    with refuses("wrench"):
+        stancekit.run(step("stairs"), "dynamixel", settings=RunSettings(wrench=(1.0, 0.0, 0.0)))

@@ -15,10 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dynamixel_sdk")
-pytest.importorskip("pinocchio")
-
 from dynamixel_sdk import PortHandler
 
 from stancekit.planners.answer.plan import Plan
@@ -129,9 +125,8 @@ def test_whatever_interrupts_an_arming_leaves_every_torque_off(
     for at in (2, 6, 8):
         with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
             Writes(patch, burst, at)
-            with pytest.raises(told) as caught:
+            with pytest.raises(told, match="a bug"):
                 world.torque(True)
-            assert_names(str(caught.value), "a bug")
             assert not any(bus.state()["torque"])
             assert not world.armed
 
@@ -188,9 +183,8 @@ def timed_once(prepared: Prepared[PlanMotion], monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize("ending", ["hold", "home", "torque-off"])
 def test_the_ending_of_an_arming_that_was_interrupted_is_no_torque_whatever_was_asked_for(
-    accepted: Accepted, ending: Any
+    accepted: Accepted, ending: Any, world: MemoryWorld
 ) -> None:
-    world = MemoryWorld()
     pressed = [False]
     world.latch.listen(
         lambda: "button" if pressed[0] or world.torque_on else None
@@ -208,9 +202,13 @@ def ran(world: MemoryWorld, accepted: Accepted, ending: Any, **options: Any) -> 
 @pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.parametrize(("ending", "left", "torque"), ENDINGS)
 def test_a_signal_in_the_middle_of_a_run_carries_out_the_ending(
-    accepted: Accepted, number: signal.Signals, ending: str, left: str, torque: bool
+    accepted: Accepted,
+    number: signal.Signals,
+    ending: str,
+    left: str,
+    torque: bool,
+    world: MemoryWorld,
 ) -> None:
-    world = MemoryWorld()
     world.fault = lambda world: os.kill(os.getpid(), number) if len(world.commands) == 30 else None
     report = ran(world, accepted, ending)
     assert (report.ended.left, world.torque_on) == (left, torque)
@@ -247,18 +245,18 @@ def test_a_log_that_is_full_at_any_message_carries_out_the_ending(
         assert len(world.commands) == max(0, (room - 4) // 3 + 1)
 
 
-def test_an_output_that_is_gone_carries_out_the_ending(accepted: Accepted) -> None:
+def test_an_output_that_is_gone_carries_out_the_ending(
+    accepted: Accepted, world: MemoryWorld
+) -> None:
     def shown(done: int, total: int) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
-    world = MemoryWorld()
     with refuses("Input/output", kind=OSError):
         ran(world, accepted, "torque-off", progress=shown)
     assert (len(world.commands), world.torque_on) == (1, False)
 
 
-def test_a_stop_on_the_way_home_ends_in_hold(accepted: Accepted) -> None:
-    world = MemoryWorld()
+def test_a_stop_on_the_way_home_ends_in_hold(accepted: Accepted, world: MemoryWorld) -> None:
     with SafeWorld(world, dry=False) as safe:
         safe.reset((), START, np.zeros(3), np.eye(3))
         world.torque(True)
@@ -270,11 +268,10 @@ def test_a_stop_on_the_way_home_ends_in_hold(accepted: Accepted) -> None:
     assert world.torque_on
 
 
-def test_a_bug_on_the_way_home_ends_in_hold(accepted: Accepted) -> None:
+def test_a_bug_on_the_way_home_ends_in_hold(accepted: Accepted, world: MemoryWorld) -> None:
     def bug(world: MemoryWorld) -> None:
         raise ZeroDivisionError("a bug")
 
-    world = MemoryWorld()
     with SafeWorld(world, dry=False) as safe:
         safe.reset((), START, np.zeros(3), np.eye(3))
         world.torque(True)
@@ -306,9 +303,8 @@ def test_an_ending_that_is_cut_off_is_done_once_more(cut: type[BaseException]) -
 
 
 def test_signals_that_come_in_the_ending_and_while_the_world_closes_change_nothing(
-    accepted: Accepted,
+    accepted: Accepted, world: MemoryWorld
 ) -> None:
-    world = MemoryWorld()
     relax, close = world.relax, world.close
 
     def stormy(verb: Callable[[], None]) -> Callable[[], None]:
@@ -332,8 +328,9 @@ def test_signals_that_come_in_the_ending_and_while_the_world_closes_change_nothi
     assert len(world.commands) == 10
 
 
-def test_a_world_that_was_stopped_is_not_armed_again(accepted: Accepted, tmp_path: Path) -> None:
-    world = MemoryWorld()
+def test_a_world_that_was_stopped_is_not_armed_again(
+    accepted: Accepted, tmp_path: Path, world: MemoryWorld
+) -> None:
     world.latch.trip("button")
     report = ran(world, accepted, "hold")
     assert (report.message, world.commands, world.torque_on) == ("button", [], False)

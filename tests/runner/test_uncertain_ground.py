@@ -11,9 +11,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.path import touch_downs_m
@@ -28,7 +25,7 @@ from stancekit.runner.motion.time_parametrization import rise_m
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from tests.refusals import assert_names
-from tests.runner.test_foot_placement import PERIOD_S, kinematics, standing
+from tests.runner.test_body_feedback import PERIOD_S, kinematics, standing
 from tests.runner.test_friction import PERIOD_S as FELT_S
 from tests.runner.test_friction import felt
 
@@ -74,7 +71,6 @@ def test_a_plan_is_executed_on_ground_that_is_off_by_less_than_its_touch_down(
     assert (touch_downs_m(plan) > abs(off_m)).all()
     report = simulate(plan, settings=FAST, terrain=level_but(off_m, plan.toes_m[3, :2]))
     assert report.succeeded, report.message
-    assert report.execution is not None
     trace, depths = report.execution.trace, touch_downs_m(plan)
     assert trace.found(len(depths)).all()
     names = [f"foothold {p}" for p in range(len(depths))]

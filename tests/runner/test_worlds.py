@@ -20,7 +20,6 @@ from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.world import Ground, State, World
 from tests.refusals import refuses
 
-pytest.importorskip("pinocchio")
 MODULES = {"bullet": ("pybullet", "catalogue"), "mujoco": ("mujoco", "robots")}
 """By world: its module, and the extra that has it."""
 ROBOT = hexapod()
@@ -115,7 +114,8 @@ def test_heights_carry_a_robot_where_they_are(world: World) -> None:
 def test_feet_of_mujoco_feel_what_their_contacts_with_the_terrain_press_and_all_else_is_a_bump(
     friction: float,
 ) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     angles, targets = standing()
     tipped = Rotation.from_rotvec([0.3, 0.2, 0.0]).as_matrix()
     several = bumps = 0

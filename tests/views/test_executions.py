@@ -19,9 +19,6 @@ from stancekit.views.plans import FPS, SPEED, PlanView, draw_execution
 from stancekit.views.sheet import to_rgb
 from tests.refusals import refuses
 
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-
 
 @pytest.fixture(scope="module")
 def run() -> tuple[Plan, Execution]:

@@ -55,7 +55,8 @@ def glide(count=41) -> Trajectory:
 
 
 def frames_of(path):
-    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    import imageio_ffmpeg as ffmpeg
+
     reader = ffmpeg.read_frames(str(path))
     meta = next(reader)
     width, height = meta["size"]
@@ -67,7 +68,6 @@ def frames_of(path):
 
 
 def test_every_frame_is_in_the_video_in_its_order(tmp_path):
-    pytest.importorskip("imageio_ffmpeg")
     shades = [0, 60, 120, 180, 240]
     count = write_video(
         tmp_path / "a.mp4", (np.full((63, 81, 3), shade, np.uint8) for shade in shades), 10.0
@@ -80,7 +80,6 @@ def test_every_frame_is_in_the_video_in_its_order(tmp_path):
 
 
 def test_a_video_is_whole_or_absent(tmp_path):
-    pytest.importorskip("imageio_ffmpeg")
     (tmp_path / "a.mp4").write_bytes(b"before")
 
     def breaking():
@@ -107,7 +106,6 @@ def test_a_video_is_whole_or_absent(tmp_path):
     ],
 )
 def test_an_encoder_that_fails_leaves_the_older_film(tmp_path, monkeypatch, script, said):
-    pytest.importorskip("imageio_ffmpeg")
     (tmp_path / "ffmpeg").write_text(f"#!/bin/sh\n{script}\n")
     (tmp_path / "ffmpeg").chmod(0o755)
     monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(tmp_path / "ffmpeg"))
@@ -148,7 +146,6 @@ def test_an_encoder_that_fails_leaves_the_older_film(tmp_path, monkeypatch, scri
 def test_bad_input_is_one_line_and_leaves_nothing(
     tmp_path, monkeypatch, name, frames, fps, message
 ):
-    pytest.importorskip("imageio_ffmpeg")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidInput) as caught:
         write_video(name, frames, fps)
@@ -349,8 +346,6 @@ def test_equal_motions_give_equal_frames():
 
 @pytest.mark.parametrize("broken", [ImportError, AttributeError, OSError, RuntimeError])
 def test_without_a_gl_library_one_line_names_the_package(tmp_path, monkeypatch, broken):
-    pytest.importorskip("imageio_ffmpeg")
-    pytest.importorskip("mujoco")
 
     def missing(name):
         if name == "mujoco":
@@ -366,7 +361,6 @@ def test_without_a_gl_library_one_line_names_the_package(tmp_path, monkeypatch, 
 
 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
-    pytest.importorskip("imageio_ffmpeg")
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with refuses("video", "MuJoCo", "[viz]"):
         check_film(tmp_path / "a.mp4")

@@ -83,7 +83,6 @@ def test_the_library_draws_a_leap_and_writes_its_page(plan, tmp_path):
 
 
 def test_a_picture_of_an_execution_names_the_path_that_was_gone():
-    pytest.importorskip("mujoco")
     plan = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
     run = stancekit.simulate(plan).execution
     for executed, name in ((None, "centre of mass"), (run, "path that was gone")):

@@ -9,7 +9,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from tests.planners.motion.test_walk_joints import leaning
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.robot_file import named_robot
@@ -21,10 +23,8 @@ from stancekit.views.page import page
 from stancekit.views.scene import DrawnBody
 from stancekit.views.shapes import Capsule, Mesh, mesh_of
 from stancekit.views.sheet import to_rgb
-from tests.planners.motion.test_walk_joints import leaning
 from tests.planners.robot.small_urdfs import quadruped
 
-pin = pytest.importorskip("pinocchio")
 TURN = np.array(pin.exp3(np.array([0.2, -0.3, 0.5])))
 COM = np.array([0.4, -0.3, 0.7])
 BLOCK = '<{0}><origin xyz=".01 .02 -.1" rpy=".3 0 0"/><geometry>{1}</geometry></{0}>'

@@ -181,7 +181,6 @@ def tab(tmp_path_factory):
     """A tab of Chromium."""
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    pytest.importorskip("websockets.sync.client")
     with opened("about:blank", tmp_path_factory.mktemp("profile")) as tab:
         yield tab
 

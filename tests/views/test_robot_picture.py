@@ -5,15 +5,12 @@ does no harm.
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.views.sheet import to_rgb
 from stancekit.views.still import draw_robot
 from tests.planners.robot.small_urdfs import quadruped
-
-pytest.importorskip("pinocchio")
 
 
 def test_every_leg_is_named_beside_its_foot() -> None:

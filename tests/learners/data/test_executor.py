@@ -24,7 +24,7 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.data.leap_tries import label_leaps
 from stancekit.planners.errors import InvalidInput, StancekitError
 from tests.emulators.tasks import die, die_once, fail, square
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 PARENT = """
 import os, sys, time
@@ -121,15 +121,8 @@ def alive(pid: int) -> bool:
     ],
 )
 def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -> None:
-    with pytest.raises(InvalidInput) as error:
+    with refuses(message):
         executor(**arguments)  # type: ignore[arg-type]
-    assert_names(str(error.value), message)
-
-
-def test_ray_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "ray", None)
-    with refuses("executor", "[ray]"):
-        gather(executor("ray"), [partial(square, 1)])
 
 
 class FakeRay:
@@ -308,18 +301,15 @@ def test_a_driver_that_dies_hangs_or_gives_up_is_one_line(
 
 
 def test_a_cluster_that_is_not_there_is_one_line() -> None:
-    pytest.importorskip("ray")
     with socket.create_server(("127.0.0.1", 0)) as closed:
         address = f"127.0.0.1:{closed.getsockname()[1]}"
-    with pytest.raises(InvalidInput) as error:
+    with refuses("address"):
         gather(executor("ray", address=address), [partial(square, 1)])
-    assert_names(str(error.value), "address")
     with refuses("address"):
         gather(executor("ray", address="moon"), [partial(square, 1)])
 
 
 def test_a_ray_cluster_gives_the_same_answers(tmp_path: Path) -> None:
-    pytest.importorskip("ray")
     run = executor("ray", address="local")
     tasks = [partial(die_once, tmp_path / "died", x) for x in range(8)]
     assert gather(run, tasks) == list(range(8))  # one worker was killed meanwhile
@@ -343,9 +333,8 @@ def test_a_ray_cluster_gives_the_same_answers(tmp_path: Path) -> None:
         Path(tmp_path, "leaps", s).read_bytes() == Path(tmp_path, "leaps here", s).read_bytes()
         for s in kept
     )
-    with pytest.raises(InvalidInput) as error:
+    with refuses("x"):
         gather(run, [partial(fail, x) for x in range(6)])
-    assert_names(str(error.value), "x")
 
 
 def test_tasks_may_follow_from_the_answers_so_far() -> None:

@@ -156,8 +156,6 @@ def test_plans_that_make_no_sense_are_told_by_key(changes: dict[str, Any], messa
 def test_the_configuration_that_comes_with_the_package_has_every_method_and_class(
     quick: bool,
 ) -> None:
-    pytest.importorskip("stable_baselines3")
-    pytest.importorskip("safetensors")
     experiment = Experiment.from_yaml(config_path("bench-envelopes.yaml"), quick=quick)
     assert set(experiment.methods) == set(METHODS.names()) - {"modes"}
     assert set(experiment.problems) == {"ground-3", "wall-3", "wall-5"}

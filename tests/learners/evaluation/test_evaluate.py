@@ -3,17 +3,16 @@ rewards.
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stancekit.envs.data.dataset import Dataset, scenes_of
-from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.executors import processes
-from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation import evaluate as module
 from stancekit.learners.evaluation.evaluate import (
     Share,
@@ -31,10 +30,8 @@ from stancekit.planners.relaxation.mccormick import McCormick
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    path = tmp_path_factory.mktemp("evaluate") / "set"
-    label(LabelPlan(distribution="wall-3", feasible=14, infeasible=10, shard_size=12, seed=3), path)
-    return Dataset.open(path)
+def dataset(labelled: Callable[..., Dataset]) -> Dataset:
+    return labelled(14, 10, 3, shard_size=12)
 
 
 @pytest.fixture(scope="module")
@@ -103,8 +100,9 @@ def test_any_number_of_processes_gives_the_same_shares(
 def test_stable_baselines3_comes_to_the_same_mean_reward(
     scenes: list[LabelledScene], envelopes: EnvelopeSet
 ) -> None:
-    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
-    monitor = pytest.importorskip("stable_baselines3.common.monitor")
+    import stable_baselines3.common.evaluation as evaluation
+    import stable_baselines3.common.monitor as monitor
+
     selector = FixedSelector("quantile", envelopes)
     infos = rollout(
         selector, EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)), len(scenes)

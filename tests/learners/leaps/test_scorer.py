@@ -2,19 +2,28 @@
 and files.
 """
 
+import hashlib
+import re
 from dataclasses import replace
+from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
+from sb3_contrib import MaskablePPO
 
 import stancekit
+import stancekit.envs
+from stancekit.envs.leap_choice import LeapChoiceEnv
+from stancekit.learners.evaluation.leap_bench import LeapBenchSettings, run
 from stancekit.learners.leaps.kinds import FORMAT
 from stancekit.learners.leaps.policy import (
     _LEAP_SIGNS,
     _SIGNS,
     LeapScorer,
     ScoreNetwork,
+    ScorePolicy,
     ScorerSettings,
     _fit_scales,
     _loss,
@@ -23,6 +32,7 @@ from stancekit.learners.leaps.policy import (
     with_caps,
 )
 from stancekit.learners.selectors.network import write_tensors
+from stancekit.learners.zoo import card_of, shipped
 from stancekit.planners.leap.finder import LeapFinder
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import OF_CANDIDATE, LeapFeatures
@@ -211,3 +221,164 @@ def test_forged_files_are_refused_in_one_line(changed, name, tmp_path):
     write_tensors(tmp_path / "forged.safetensors", FORMAT, sizes, network.state_dict())
     with refuses("forged.safetensors", name):
         stancekit.load(tmp_path / "forged.safetensors")
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tries")
+    tries = stancekit.label(
+        "leap-base", folder / "base", scenes=5, tries={"random": 3, "rule": 3}, seed=8
+    )
+    stancekit.fit(tries, "set", epochs=2).write(folder / "set.safetensors")
+    return folder / "set.safetensors"
+
+
+def agent(begun, **options):
+    env = gymnasium.make("stancekit/LeapChoice-v0", problem="leap-stairs", tries=1)
+    return MaskablePPO(
+        ScorePolicy,
+        env,
+        n_steps=4,
+        batch_size=4,
+        n_epochs=1,
+        seed=0,
+        device="cpu",
+        policy_kwargs={"scorer": begun},
+        **options,
+    )
+
+
+def test_before_it_learns_it_plays_the_scores_it_began_with_and_never_a_masked_candidate(begun):
+    policy, scorer = agent(begun).policy, LeapScorer.read(begun)
+    env, masked = gymnasium.make("stancekit/LeapChoice-v0", problem="leap-stairs", tries=1), 0
+    for seed in range(6):
+        observation, _ = env.reset(seed=seed)
+        mask = env.unwrapped.action_masks().reshape(8, -1)
+        masked += int((~mask).sum())
+        best, _ = scorer.predict(observation)
+        np.testing.assert_array_equal(policy.predict(observation, deterministic=True)[0], best)
+        scores, best_scores = scorer.scores(env.unwrapped.numbers), np.arange(8)
+        np.testing.assert_allclose(scores[best_scores, best], scores.max(axis=1), atol=1e-3)
+        for chosen in (
+            policy.predict(observation)[0],
+            scorer.predict(observation, deterministic=False)[0],
+        ):
+            assert mask[np.arange(8), chosen].all()
+    assert masked
+
+
+def test_what_it_learned_is_given_back_and_saved(begun, tmp_path):
+    trained = agent(begun, learning_rate=1e-2)
+    trained.learn(8)
+    scorer = trained.policy.scorer()
+    scorer.write(tmp_path / "ppo.safetensors")
+    again = LeapScorer.read(tmp_path / "ppo.safetensors")
+    before, after = (each.network.state_dict() for each in (LeapScorer.read(begun), again))
+    assert not torch.equal(before["linear.weight"], after["linear.weight"])
+    trained.save(tmp_path / "agent")
+    loaded = MaskablePPO.load(tmp_path / "agent")
+    observation, _ = trained.env.envs[0].reset(seed=1)
+    for each in (loaded, again):
+        np.testing.assert_array_equal(
+            each.predict(observation, deterministic=True)[0],
+            trained.predict(observation, deterministic=True)[0],
+        )
+
+
+def test_another_environment_and_another_kind_are_refused():
+    with refuses("environment"):
+        MaskablePPO(ScorePolicy, "stancekit/Traverse-v0", n_steps=8, batch_size=8)
+    env = gymnasium.make("stancekit/LeapChoice-v0", problem="leap-few", tries=1)
+    with refuses("kind"):
+        MaskablePPO(ScorePolicy, env, n_steps=8, batch_size=8, policy_kwargs={"kind": "tree"})
+
+
+def test_batches_are_played_one_by_one(begun):
+    scorer = LeapScorer.read(begun)
+    envs = gymnasium.make_vec(
+        "stancekit/LeapChoice-v0", 3, problem="leap-base", vectorization_mode="sync"
+    )
+    observation, _ = envs.reset(seed=5)
+    choices, _ = scorer.predict(observation)
+    for k in range(3):
+        one = {name: value[k] for name, value in observation.items()}
+        np.testing.assert_array_equal(scorer.predict(one)[0], choices[k])
+
+
+NAMES = list(shipped("scorers"))
+CARDS = Path(__file__).parents[3] / "docs" / "cards.md"
+
+
+def test_some_ship_and_are_small():
+    assert NAMES == ["set-leap-hard"]
+    assert sum(path.stat().st_size for path in shipped("scorers").values()) < 500_000
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_scorer_is_the_one_of_its_card(name):
+    card, scorer = card_of(shipped("scorers")[name]), LeapScorer.read(name)
+    assert hashlib.sha256(shipped("scorers")[name].read_bytes()).hexdigest() == card["sha256"]
+    assert name == f"{card['method']}-{card['problem_class']}"
+    origin = scorer.origin
+    assert (origin["method"], origin["class"], origin["seed"]) == (
+        "set",
+        card["problem_class"],
+        card["train"]["seed"],
+    )
+    assert (origin["settings"]["seed"], origin["rows"]) == (card["seed"], card["train"]["tries"])
+    assert card["train"]["seed"] != card["test"]["seed"]
+    for figure in card["figures"]:
+        for middle, low, high in (figure["learned"], figure["control"], figure["gain"]):
+            assert low <= middle <= high
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_first_tries_on_fresh_scenes_fare_as_the_card_says(name):
+    """Of 20 scenes; what is 4 standard errors below the lower end of the card's interval would be
+    another scorer.
+    """
+    env, scorer, solved = (
+        LeapChoiceEnv(problem=card_of(shipped("scorers")[name])["problem_class"], tries=1),
+        LeapScorer.read(name),
+        0,
+    )
+    env.reset(seed=77)
+    for _ in range(20):
+        observation, _ = env.reset()
+        solved += env.step(scorer.predict(observation)[0])[4]["is_success"]
+    least = card_of(shipped("scorers")[name])["figures"][0]["learned"][1]
+    assert solved / 20 >= least - 4.0 * np.sqrt(least * (1.0 - least) / 20)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_of_cards_has_its_figures(name):
+    rows = [
+        line
+        for line in CARDS.read_text(encoding="utf-8").splitlines()
+        if line.startswith(f"| `{name}`")
+    ]
+    figures = card_of(shipped("scorers")[name])["figures"]
+    assert len(rows) == len(figures)
+    for row, figure in zip(rows, figures, strict=True):
+        wanted = [
+            *(100.0 * np.array(figure["learned"])),
+            *(100.0 * np.array(figure["control"])),
+            *figure["gain"],
+        ]
+        shown = [float(each.replace("−", "-")) for each in re.findall(r"[−+]?\d+\.\d", row)]
+        assert figure["budget"] in row
+        np.testing.assert_allclose(shown, wanted, atol=0.051)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_scenes_that_it_learned_from_are_refused_as_a_test(name, tmp_path):
+    settings = LeapBenchSettings(
+        scenes=1,
+        seed=card_of(shipped("scorers")[name])["train"]["seed"],
+        methods=(name,),
+        solves=1,
+    )
+    with refuses("seed"):
+        run(settings, tmp_path)
+    with refuses("set-moon"):
+        LeapScorer.read("set-moon")

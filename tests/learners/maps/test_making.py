@@ -15,7 +15,6 @@ from scipy.stats import beta
 import stancekit
 from stancekit.learners.maps import making
 from stancekit.learners.maps.making import Maker, MapSettings, Poses, make_map
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.standing_map import (
     FEASIBLE,
     INFEASIBLE,
@@ -24,7 +23,7 @@ from stancekit.planners.problem.standing_map import (
     UNKNOWN,
     UNLIKELY,
 )
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 PIT = """v -2 -2 0
 v 2 -2 0
@@ -148,7 +147,6 @@ def test_a_map_goes_on_from_its_file(
 def test_likely_answers_are_held_by_the_rest_of_the_map(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    pytest.importorskip("torch")
     monkeypatch.setattr(making, "SHARE_OF_FIT", 0.0)
     monkeypatch.setattr(making, "CALIBRATION", 180)
     made = poses("rubble:0.4:3", spacing_m=0.5, headings=4, friction=0.4)
@@ -176,7 +174,6 @@ def test_likely_answers_are_held_by_the_rest_of_the_map(
 def test_a_surrogate_of_the_robot_is_calibrated_on_the_map(
     level: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("torch")
     rows = stancekit.label("ground-6", tmp_path / "rows", rows=(20, 10), natural=True)
     surrogate = stancekit.fit(rows, "surrogate", epochs=2, width=16, layers=1)
     surrogate.save(tmp_path / "s.safetensors")
@@ -228,9 +225,8 @@ def test_limits_hold_the_share_of_wrong_calls() -> None:
     ],
 )
 def test_bad_numbers_are_refused(level: Path, how: dict[str, float], line: str) -> None:
-    with pytest.raises(InvalidInput) as caught:
+    with refuses(line):
         stancekit.map(level, **how)  # type: ignore[arg-type]
-    assert_names(str(caught.value), line)
 
 
 def test_a_file_proves_no_footholds_and_no_poses_of_another_height(

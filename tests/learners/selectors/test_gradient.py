@@ -2,12 +2,12 @@
 boxes get better.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.ledger import LabelPlan
-from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.genetic import (
     BoxDescent,
     clustered_boxes,
@@ -26,10 +26,8 @@ from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    path = tmp_path_factory.mktemp("data") / "set"
-    label(LabelPlan(distribution="wall-3", feasible=60, infeasible=60, seed=21), path)
-    return Dataset.open(path)
+def dataset(labelled: Callable[..., Dataset]) -> Dataset:
+    return labelled(60, 60, 21)
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ is trusted.
 
 import itertools
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +13,13 @@ import pytest
 import torch
 
 from stancekit.envs.data.dataset import Dataset, scenes_of
-from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.episodes import Observation
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.learners.data.labelling import label
+from stancekit.learners.evaluation.evaluate import rollout
+from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs, fit_chooser
+from stancekit.learners.selectors.genetic import clustered_boxes
 from stancekit.learners.selectors.network import (
     Architecture,
     BoxNetwork,
@@ -38,13 +41,13 @@ from stancekit.learners.selectors.neural import (
     roomiest,
     roomy,
 )
-from stancekit.learners.selectors.selector import quantile_box
+from stancekit.learners.selectors.selector import FixedSelector, quantile_box
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Contact, Problem
-from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick, WithoutMoment
 from stancekit.planners.terrain import Patch
 from tests.refusals import assert_names, refuses
 
@@ -55,10 +58,8 @@ QUICK = NeuralSettings(
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    path = tmp_path_factory.mktemp("data") / "set"
-    label(LabelPlan(distribution="wall-3", feasible=400, infeasible=40, seed=31), path)
-    return Dataset.open(path)
+def dataset(labelled: Callable[..., Dataset]) -> Dataset:
+    return labelled(400, 40, 31)
 
 
 @pytest.fixture(scope="module")
@@ -411,3 +412,196 @@ def test_settings_out_of_range_are_refused() -> None:
             NeuralSettings(**{name: value})
     with refuses("width"):
         Architecture(width=32, heads=3)
+
+
+def some(name: str, count: int, *, with_margin: bool = True) -> list[Scaled]:
+    """Problems of which P̄ has an answer, so that P1 has a margin; or those of which it has
+    none.
+    """
+    rng, programs, found = np.random.default_rng(3), Programs(), list[Scaled]()
+    while len(found) < count:
+        problem = Scaled.of(distribution(name).sample(rng))
+        answered = programs.get(WithoutMoment, problem.layout).solve(problem) is not None
+        found += [problem] if answered == with_margin else []
+    return found
+
+
+def boxes(problems: list[Scaled], seed: int = 0) -> list[torch.Tensor]:
+    """Boxes of some width about the patches' middles, in double precision."""
+    rng, out = np.random.default_rng(seed), []
+    for problem in problems:
+        middle = np.hstack(
+            [problem.patches.mean(axis=1), np.full((problem.size[0], 3), [0.4, 0.0, 0.2])]
+        )
+        width = rng.uniform(0.05, 0.25, (2, *middle.shape))
+        out.append(np.stack([middle - width[0], middle + width[1]]))
+    low, high = np.stack(out, axis=1)
+    return [torch.tensor(side, requires_grad=True) for side in (low, high)]
+
+
+@pytest.mark.parametrize(
+    ("name", "relaxation"), [("wall-3", "p1"), ("wall-3", "joint"), ("ground-3", "p1")]
+)
+def test_the_gradient_is_that_of_finite_differences(name: str, relaxation: str) -> None:
+    problems, programs = some(name, 2), Programs()
+    sides = boxes(problems)
+    at = margins(*sides, problems, programs, relaxation)
+    assert bool((at.abs() > 1e-4).all())
+    assert torch.autograd.gradcheck(
+        lambda low, high: margins(low, high, problems, programs, relaxation),
+        sides,
+        eps=1e-4,
+        atol=1e-4,
+        rtol=1e-3,
+    )
+
+
+def test_a_batch_is_its_scenes_one_by_one_in_the_precision_of_the_boxes() -> None:
+    problems, programs = some("wall-5", 3), Programs()
+    low, high = (side.detach() for side in boxes(problems))
+    found = margins(low, high, problems)
+    assert found.dtype == torch.float64
+    for k, problem in enumerate(problems):
+        box = Envelope(low=low[k].numpy(), high=high[k].numpy())
+        assert float(found[k]) == McCormick.margin(programs, problem, box).margin
+    assert margins(low.float(), high.float(), problems).dtype == torch.float32
+
+
+def test_where_there_is_no_margin_nothing_flows_back() -> None:
+    problems = some("wall-3", 1, with_margin=False)
+    low, high = boxes(problems)
+    found = margins(low, high, problems)
+    torch.autograd.backward(found.sum())
+    assert float(found[0].detach()) == 0.0
+    assert not bool(low.grad.any())
+
+
+def test_boxes_of_another_number_of_scenes_or_contacts_are_refused() -> None:
+    problems = some("wall-3", 2)
+    low, high = boxes(problems)
+    with refuses("low", "high"):
+        margins(low[:1], high, problems)
+    with refuses("low", "high"):
+        margins(high, low, problems)
+
+
+TINY = Architecture(width=32, layers=1, heads=2, corner_width=8)
+BRIEF = ChooserSettings(architecture=TINY, epochs=40, batch=32, rate=3e-3)
+
+
+@pytest.fixture(scope="module")
+def balanced(labelled: Callable[..., Dataset]) -> Dataset:
+    return labelled(70, 70, 41)
+
+
+@pytest.fixture(scope="module")
+def envelopes(balanced: Dataset) -> EnvelopeSet:
+    """Three clusters' quantile boxes."""
+    boxes = clustered_boxes(balanced.points, 3, share=0.05, seed=0)
+    return EnvelopeSet.for_problems("wall-3", list(balanced.problems()), boxes)
+
+
+@pytest.fixture(scope="module")
+def chooser(balanced: Dataset, envelopes: EnvelopeSet) -> Chooser:
+    return fit_chooser(balanced, envelopes, BRIEF)
+
+
+def played(balanced: Dataset, selector: Chooser | FixedSelector) -> np.ndarray:
+    """What a selector's one box costs in the environment, by scene, as ``costs`` counts it."""
+    scenes = scenes_of(balanced)
+    infos = rollout(
+        selector, EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)), len(scenes)
+    )
+    return np.array(
+        [
+            1.0
+            if info["reward_agreement"] == 0.0
+            else 0.5 * (info["label"] and not info["project_fix_p"])
+            for info in infos
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def alone(balanced: Dataset, envelopes: EnvelopeSet) -> list[np.ndarray]:
+    """The same of every box by itself."""
+    boxes = (replace(envelopes, envelopes=(envelope,)) for envelope in envelopes.envelopes)
+    return [played(balanced, FixedSelector("one", box)) for box in boxes]
+
+
+def observations(balanced: Dataset) -> Observation:
+    env = EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes_of(balanced)))
+    seen = [env.reset(seed=0)[0] for _ in range(len(balanced))]
+    return {name: np.stack([one[name] for one in seen]) for name in seen[0]}
+
+
+def test_costs_are_what_the_environment_counts(
+    balanced: Dataset, envelopes: EnvelopeSet, alone: list[np.ndarray]
+) -> None:
+    scenes = scenes_of(balanced)
+    problems = [Scaled.of(scene.problem) for scene in scenes]
+    feasible = np.array([scene.feasible for scene in scenes])
+    cost = costs(problems, feasible, envelopes.envelopes, Programs())
+    np.testing.assert_array_equal(cost, np.column_stack(alone))
+    assert set(np.unique(cost)) == {0.0, 0.5, 1.0}
+
+
+def test_the_choice_costs_less_than_any_one_box(
+    balanced: Dataset, chooser: Chooser, alone: list[np.ndarray]
+) -> None:
+    assert played(balanced, chooser).mean() < 0.9 * min(cost.mean() for cost in alone)
+    assert len(np.unique(chooser.choose(observations(balanced)))) > 1
+
+
+def test_the_choice_is_an_action_of_either_environment_whatever_the_order_of_contacts(
+    balanced: Dataset, envelopes: EnvelopeSet, chooser: Chooser
+) -> None:
+    seen = observations(balanced)
+    choice, (bounds, _) = chooser.choose(seen), chooser.predict(seen)
+    for index, row in zip(choice, bounds, strict=True):
+        np.testing.assert_array_equal(
+            row, envelopes.envelopes[index].to_vector().astype(np.float32)
+        )
+    single, _ = chooser.predict({name: values[0] for name, values in seen.items()})
+    np.testing.assert_array_equal(single, bounds[0])
+    env = EnvelopeSelectionEnv(
+        "wall-3", library=envelopes, scenes=ListedScenes(scenes_of(balanced))
+    )
+    env.reset(seed=0)
+    assert env.action_space.contains(choice[0])
+    for order in itertools.permutations(range(3)):
+        moved = {
+            k: v.reshape(len(v), 3, -1)[:, list(order)].reshape(len(v), -1) for k, v in seen.items()
+        }
+        assert (chooser.choose(moved) == choice).mean() > 0.99
+
+
+def test_a_chooser_repeats_to_the_last_bit_and_comes_back_from_its_file(
+    balanced: Dataset, envelopes: EnvelopeSet, chooser: Chooser, tmp_path: Path
+) -> None:
+    fit_chooser(balanced, envelopes, BRIEF).save(tmp_path / "again")
+    chooser.save(tmp_path / "first")
+    assert (tmp_path / "first").read_bytes() == (tmp_path / "again").read_bytes()
+    back = Chooser.load(tmp_path / "first", problem_class="wall-3")
+    seen = observations(balanced)
+    np.testing.assert_array_equal(back.predict(seen)[0], chooser.predict(seen)[0])
+    assert back.envelopes.to_json() == envelopes.to_json()
+
+
+def test_what_does_not_fit_is_refused_in_one_line(
+    balanced: Dataset, envelopes: EnvelopeSet, chooser: Chooser, tmp_path: Path
+) -> None:
+    good, path = tmp_path / "good", tmp_path / "odd"
+    chooser.save(good)
+    for content in (good.read_bytes()[:-9], pickle.dumps([1])):
+        path.write_bytes(content)
+        with refuses("odd"):
+            Chooser.load(path)
+    with refuses("good"):
+        Chooser.load(good, problem_class="wall-5")
+    with refuses("envelopes"):
+        fit_chooser(balanced, replace(envelopes, problem_class="wall-5"))
+    with refuses("data set"):
+        fit_chooser(balanced.select(balanced.feasible), envelopes)
+    with refuses("epochs"):
+        ChooserSettings(epochs=0)

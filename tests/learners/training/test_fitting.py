@@ -2,18 +2,16 @@
 same.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.ledger import LabelPlan
-from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.genetic import GeneticSettings
 from stancekit.learners.selectors.selector import FixedSelector, load_selector
 from stancekit.learners.training.fitting import (
-    ENVELOPES,
     KNOBS,
     METHODS,
     FitSettings,
@@ -44,19 +42,14 @@ SETTINGS = FitSettings(
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    path = tmp_path_factory.mktemp("fitting") / "set"
-    label(LabelPlan(distribution="wall-3", feasible=20, infeasible=20, shard_size=20, seed=4), path)
-    return Dataset.open(path)
+def dataset(labelled: Callable[..., Dataset]) -> Dataset:
+    return labelled(20, 20, 4, shard_size=20)
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS.names() if name != "modes"])
 def test_what_a_method_learns_can_be_written_read_and_asked(
     dataset: Dataset, tmp_path: Path, method: str
 ) -> None:
-    if method not in ENVELOPES:
-        pytest.importorskip("torch")
-        pytest.importorskip("safetensors")
     learned = learn_selector(method, dataset, SETTINGS)
     path = tmp_path / f"selector{learned.suffix}"
     learned.write(path)
@@ -123,9 +116,6 @@ def test_a_fixed_selector_keeps_its_envelopes(dataset: Dataset) -> None:
 def test_settings_that_make_no_sense_are_told_by_key(
     method: str, values: dict[str, object], message: str
 ) -> None:
-    if method in ("neural", "chooser", "rl"):
-        pytest.importorskip("stable_baselines3")
-        pytest.importorskip("safetensors")
     with pytest.raises(InvalidInput) as error:
         FitSettings(**values).check(method)  # type: ignore[arg-type]
     assert str(error.value).startswith(message)
@@ -173,8 +163,6 @@ def test_files_that_are_no_selectors_are_refused(
 
 
 def test_a_truncated_network_is_refused(dataset: Dataset, tmp_path: Path) -> None:
-    pytest.importorskip("torch")
-    pytest.importorskip("safetensors")
     learned = learn_selector("neural", dataset, SETTINGS)
     learned.write(tmp_path / "whole.safetensors")
     content = (tmp_path / "whole.safetensors").read_bytes()

@@ -8,9 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("stable_baselines3")
-
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -278,7 +275,6 @@ def test_tensorboard_is_written_where_it_is_installed_and_missed_in_words_where_
     assert reinforce._logger(tmp_path, tensorboard=True).output_formats == []
     assert "tensorboard is not installed" in caplog.text
     monkeypatch.undo()
-    pytest.importorskip("tensorboard")
     logger = reinforce._logger(tmp_path, tensorboard=True)
     logger.record("held_out/reward", 1.0)
     logger.dump(7)

@@ -10,11 +10,10 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip("pinocchio")
 
 import stancekit
 from stancekit.planners.answer.plan import LeapPlan, Plan
@@ -22,6 +21,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import csv_of, read_motion
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
+from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.runner.export.formats import FORMATS, Moved, beside, moved_of
 from stancekit.runner.motion.time_parametrization import streamed
@@ -63,7 +63,6 @@ def test_the_rate_is_the_one_asked_for_and_samples_of_a_walk_are_its_own(walk: T
     table = moved_of(walk, "csv", 200.0).table
     rows = np.rint((walk.times_s - walk.times_s[0] + WALK_SETTLE_S) * 200.0).astype(int)
     assert table.rate_hz == pytest.approx(200.0)
-    assert table.com_m is not None
     np.testing.assert_allclose(table.com_m[rows], walk.torso_m, atol=1e-9)
     np.testing.assert_allclose(table.forces_n[rows], walk.forces_n, atol=1e-7)
 
@@ -74,7 +73,6 @@ def test_a_csv_is_read_by_five_lines_of_numpy(moved: Moved, tmp_path: Path) -> N
         tmp_path / "walk.csv", delimiter=",", names=True, deletechars="", replace_space=" "
     )
     joint = moved.table.joints[0]
-    assert moved.table.angles_rad is not None
     np.testing.assert_array_equal(table[f"q.{joint}"], moved.table.angles_rad[:, 0])
     assert set(table["contact.LF"]) == {0.0, 1.0}
 
@@ -92,7 +90,8 @@ def test_tables_come_back_to_the_last_bit(to: str, moved: Moved, tmp_path: Path)
 
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
 def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: Path) -> None:
-    typesys = pytest.importorskip("rosbags.typesys")
+    import rosbags.typesys as typesys
+
     path = tmp_path / f"walk{suffix}"
     FORMATS["jointtrajectory"].write(moved, path)
     message = (json.loads if suffix == ".json" else yaml.safe_load)(path.read_text())
@@ -125,7 +124,7 @@ def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: P
 
 
 def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
+
     FORMATS["mujoco"].write(moved, tmp_path / "walk.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "walk.xml"))
     data, table = mujoco.MjData(model), moved.table
@@ -152,7 +151,7 @@ def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: P
 
 
 def test_a_plans_key_frames_have_their_names(plan: Plan, tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
+
     FORMATS["mujoco"].write(moved_of(plan, "mujoco", 50.0), tmp_path / "climb.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "climb.xml"))
     named = [model.key(k).name for k in range(model.nkey) if "frame" in model.key(k).name]
@@ -162,7 +161,6 @@ def test_a_plans_key_frames_have_their_names(plan: Plan, tmp_path: Path) -> None
 def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
     moved: Moved, tmp_path: Path
 ) -> None:
-    pytest.importorskip("mujoco")
     FORMATS["reference"].write(moved, tmp_path / "walk.npz")
     held = np.load(tmp_path / "walk.npz")
     rows, joints, bodies = len(moved.table.time_s), len(moved.table.joints), len(held["body_names"])
@@ -177,8 +175,9 @@ def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
 
 
 def test_mcap_and_ros_read_the_log(moved: Moved, tmp_path: Path) -> None:
-    reader = pytest.importorskip("mcap.reader")
-    typesys = pytest.importorskip("rosbags.typesys")
+    import mcap.reader as reader
+    import rosbags.typesys as typesys
+
     FORMATS["foxglove"].write(moved, tmp_path / "walk.mcap")
     store, states, seen = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), [], set()
     with (tmp_path / "walk.mcap").open("rb") as stream:
@@ -310,7 +309,6 @@ def test_a_walk_from_python_is_judged_as_its_file_is(walk: Trajectory, tmp_path:
 
 
 def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> None:
-    pytest.importorskip("mcap")
     leap = stancekit.plan("leap-given:0").solution
     assert isinstance(leap, LeapPlan)
     for to in ("csv", "npz", "foxglove"):
@@ -321,7 +319,6 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
             stancekit.export(leap, tmp_path / f"none{FORMATS[to].suffixes[0]}", to=to)
     table = read_motion(tmp_path / "leap.csv")
     assert (table.joints, table.limbs) == ((), leap.problem.robot.limb_names)
-    assert table.forces_n is not None
     air = ~np.asarray(table.contact).any(axis=1)
     assert air.any()
     assert np.abs(table.forces_n[air]).max() == 0.0
@@ -340,3 +337,39 @@ def test_a_leap_of_a_robot_with_legs_leaves_with_its_joints(tmp_path: Path) -> N
     assert len(table.joints) == 12
     assert np.isfinite(table.angles_rad).all()
     assert np.ptp(table.angles_rad, axis=0).max() > 0.3
+
+
+KP_NM_RAD, KD_NMS_RAD = 200.0, 4.0
+
+
+@pytest.mark.parametrize("robot", ["anymal", "go1"])
+def test_a_walk_is_followed_in_plain_mujoco(robot: str, tmp_path: Path) -> None:
+    if robot == "go1" and provider_folder("example-robot-data") is None:
+        pytest.skip("go1's URDF is of example-robot-data")
+    walk = stancekit.walk("rough:0:0", (0.3, 0.0), robot=robot, duration_s=3.0).solution
+    assert walk is not None
+    stancekit.export(walk, tmp_path / "walk.xml")
+    stancekit.export(walk, tmp_path / "walk.npz", to="reference")
+
+    model, ref = (
+        mujoco.MjModel.from_xml_path(str(tmp_path / "walk.xml")),
+        np.load(tmp_path / "walk.npz"),
+    )
+    data, followed = mujoco.MjData(model), []
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    model.actuator_gainprm[:], model.actuator_biasprm[:] = 0.0, 0.0
+    joints = [model.joint(name) for name in ref["joint_names"]]
+    at, rate = ([int(getattr(joint, key)[0]) for joint in joints] for key in ("qposadr", "dofadr"))
+    for q, v, tau in zip(ref["joint_pos"], ref["joint_vel"], ref["tau"], strict=True):
+        while data.time < len(followed) / ref["fps"][0]:
+            data.qfrc_applied[rate] = (
+                tau + KP_NM_RAD * (q - data.qpos[at]) + KD_NMS_RAD * (v - data.qvel[rate])
+            )
+            mujoco.mj_step(model, data)
+        followed.append(data.qpos[at].copy())
+
+    assert data.time >= 3.0
+    assert np.abs(followed - ref["joint_pos"]).max() <= 0.1
+    _, x, y, _ = data.qpos[3:7]
+    assert 1.0 - 2.0 * (x * x + y * y) > np.cos(0.1)  # upright
+    assert np.linalg.norm(data.qpos[:3] - ref["body_pos_w"][-1, 0]) < 0.05

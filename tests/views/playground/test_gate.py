@@ -16,7 +16,6 @@ import pytest
 from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 
-pytest.importorskip("viser")
 GRIP = "/grips/goal"
 TURN = [1.0, 0.0, 0.0, 0.0]
 
@@ -172,7 +171,8 @@ WRONG = {
 
 @pytest.mark.parametrize("name", list(WRONG))
 def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(page, name, caplog, capfd):
-    msgspec = pytest.importorskip("msgspec")
+    import msgspec
+
     before = page.playground.session.number
     with (
         caplog.at_level(logging.WARNING),
@@ -193,7 +193,8 @@ def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(page, name,
 
 @pytest.mark.parametrize("raw", [b"\xc1\xff\xff", "words", b"", b"\x00" * 4096])
 def test_rubbish_ends_its_own_connection_and_no_other(page, raw, capfd):
-    msgspec = pytest.importorskip("msgspec")
+    import msgspec
+
     before = page.playground.session.number
     with joined(page) as other:
         with joined(page) as line:

@@ -43,7 +43,6 @@ def opened_once(folder, tmp_path_factory):
     """A playground, and the tab that shows it."""
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    pytest.importorskip("viser")
     with (
         served(KeysScenario.of("walls"), folder=folder) as page,
         opened(page.address, tmp_path_factory.mktemp("profile"), SIZE_PX, draws=False) as tab,

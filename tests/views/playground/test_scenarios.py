@@ -124,7 +124,6 @@ def test_what_makes_no_sense_is_one_sentence(change, name):
 
 
 def test_another_robot_stands_as_it_does(tmp_path):
-    pytest.importorskip("pinocchio")
     scenario = KeysScenario.of("stairs", frames=3)
     model = tmp_path / "robot.yaml"
     with refuses("robot"):

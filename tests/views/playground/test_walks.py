@@ -92,7 +92,6 @@ def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario
     CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
 )
 def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
-    pytest.importorskip("viser")
     with (
         served_walk(scenario, folder=tmp_path) as page,
         opened(page.address, tmp_path / "profile", (1000, 640), draws=False) as tab,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stancekit.planners.answer.trajectory import OFF_M, Trajectory
 from stancekit.planners.gait.charts.warped import Ambient, euler, shear_rotation
 from stancekit.planners.gait.constraints.dynamics import (
     centred,
@@ -21,15 +23,21 @@ from stancekit.planners.gait.constraints.dynamics import (
     printed,
     wrench,
 )
-from stancekit.planners.gait.gait_program import GaitProgram, formulate
-from stancekit.planners.gait.method.guess import euler_angles
-from stancekit.planners.gait.variables import Structure
+from stancekit.planners.gait.constraints.feet import SHARE, Overlaps, apart, slope_about, sure_xy
+from stancekit.planners.gait.gait_program import GaitProgram, formulate, sure
+from stancekit.planners.gait.method.guess import GuessedWalk, euler_angles
+from stancekit.planners.gait.method.portfolio import Checks, DenseProgram, densified, leg_loads
+from stancekit.planners.gait.variables import Structure, sampled
+from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
-from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.planners.verify.bodies import WholeBodyMeasurements
+from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory
+from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
+from tests.planners.verify.test_trajectory_whole_body import stepping
 
 
 def test_points_of_the_lower_face_are_close_enough_together() -> None:
@@ -79,8 +87,6 @@ def pit(duration_s: float = 10.0) -> GaitProgram:
 
 def walked(structure: Structure) -> np.ndarray:  # type: ignore[type-arg]
     """Where the guess's torso is at the nodes, shape (K, 2) [m]."""
-    from stancekit.planners.gait.method.guess import GuessedWalk
-
     return GuessedWalk(structure).torso_xy(structure.times_s)
 
 
@@ -189,3 +195,251 @@ def test_euler_angles_come_back() -> None:
     rotation = np.asarray(cs.Function("r", [symbol], [euler(symbol)])(angles))
     assert rotation == pytest.approx(Rotation.from_euler("ZYX", angles[::-1]).as_matrix())
     assert euler_angles(rotation) == pytest.approx(angles)
+
+
+def edge(height_m: float = 0.1, width_m: float = 0.06) -> HeightField:
+    """A step up at x = .4, over so much way."""
+    return HeightField.from_function(
+        lambda x, y: height_m * np.clip((x - 0.4) / width_m + 0.5, 0.0, 1.0) + 0.0 * y,
+        1.5,
+        0.025,
+        name="edge",
+    )
+
+
+def over(terrain: HeightField, adhesive: tuple[bool, ...] = ()) -> Walk:
+    return Walk(
+        robot=anymal(),
+        terrain=terrain,
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.3, 0.0]),
+        duration_s=3.0,
+        adhesive=adhesive,
+    )
+
+
+def stances(program: GaitProgram, x: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Where feet stand, seen from above, shape (K, 2) [m]."""
+    entries = np.concatenate([foot.stances for foot in program.structure.layout.feet])
+    return np.asarray(x[entries[:, :2]])
+
+
+def test_slope_about_a_place_is_the_steepest_of_it_and_of_what_is_beside_it() -> None:
+    terrain = edge()
+    xy = np.array([0.4 - 0.03 - OFF_M, 0.0])
+    alone = float(np.linalg.norm(terrain.gradient(xy)))
+    about = [
+        np.linalg.norm(terrain.gradient(xy + OFF_M * np.array(way)))
+        for way in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    ]
+    assert float(slope_about(terrain, xy)) == pytest.approx(max(alone, *map(float, about)))
+    assert float(slope_about(terrain, xy)) > alone + 0.1
+
+
+def test_a_place_moves_to_the_nearest_that_is_sure_and_stays_where_there_is_none() -> None:
+    task, hill = (
+        over(edge()),
+        over(HeightField.from_function(lambda x, y: 0.7 * x + 0.0 * y, 1.5, 0.1)),
+    )
+    xy = np.array([[0.4, 0.1], [0.0, 0.0]])
+    moved = sure_xy(task, SHARE, xy)
+    assert np.all(slope_about(task.terrain, moved) <= SHARE * task.friction)
+    assert moved[1].tolist() == [0.0, 0.0]
+    assert 0.03 < np.linalg.norm(moved[0] - xy[0]) <= 0.12
+    assert sure_xy(hill, SHARE, xy).tolist() == xy.tolist()
+
+
+def test_walks_over_an_edge_are_asked_to_stand_sure_and_those_over_gentle_ground_and_up_a_steep_hill_are_not() -> (
+    None
+):
+    settings = GaitSettings()
+    gentle, hill = (
+        HeightField.from_function(lambda x, y, a=a: a * x + 0.0 * y, 1.5, 0.1) for a in (0.2, 0.6)
+    )
+    assert sure(over(edge()), settings).footing == SHARE
+    assert sure(over(edge()), replace(settings, footing=0.0)).footing == 0.0
+    assert [sure(over(ground), settings).footing for ground in (gentle, hill)] == [0.0, 0.0]
+    assert sure(over(edge(), (True,) * 4), settings).footing == 0.0
+    for chart in ("decoupled", "ambient"):
+        assert formulate(over(edge()), GaitSettings(chart=chart)).settings.footing == SHARE
+
+
+@pytest.mark.parametrize("chart", ["decoupled", "ambient"])
+def test_feet_of_a_walk_over_an_edge_stand_where_a_foot_that_is_off_holds_too(chart: str) -> None:
+    task = over(edge())
+    program = formulate(task, GaitSettings(chart=chart, footing=SHARE))
+    found = program.solve()
+    assert found.success
+    assert (
+        float(slope_about(task.terrain, stances(program, found.x)).max())
+        <= SHARE * task.friction + 1e-3
+    )
+    plain = formulate(task, GaitSettings(chart=chart, footing=0.0))
+    assert float(slope_about(task.terrain, stances(plain, plain.guess)).max()) > task.friction
+
+
+def test_feet_that_stick_have_no_rows_and_nothing_is_asked_where_all_of_them_do() -> None:
+    counts = []
+    for sticks in (0, 2, 4):
+        task = replace(
+            over(edge()), adhesive=tuple(foot < sticks for foot in range(4)), suction_n=100.0
+        )
+        terms = {
+            term.name: term.rows
+            for term in formulate(task, GaitSettings(footing=SHARE)).nlp.constraints
+        }
+        counts.append(terms.get("footing", 0))
+    assert counts[0] == 2 * counts[1] > counts[2] == 0
+
+
+LOW = WalkLimits(torque=0.3)
+"""Most joints are near this."""
+
+
+@cache
+def program(chart: str = "decoupled") -> GaitProgram:
+    x = np.linspace(-2.0, 2.0, 41)
+    slope = HeightField(x, x, 0.1 * x[:, None] + 0.05 * np.sin(4.0 * x), "waves")
+    task = Walk(
+        robot=stepping().robot,
+        terrain=slope,
+        start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.15, 0.05]),
+        duration_s=2.0,
+    )
+    return formulate(task, GaitSettings(chart=chart))
+
+
+def trajectory(x: np.ndarray, chart: str) -> Trajectory:
+    at = sampled(program(chart).structure, x, np.linspace(0.0, 2.0, 401))
+    walk, task = stepping(), program(chart).task
+    return replace(
+        walk,
+        times_s=at.times_s,
+        torso_m=at.torso_m,
+        rotation=at.rotation,
+        feet_m=at.feet_m,
+        forces_n=at.forces_n,
+        contact=at.contact,
+        terrain=task.terrain,
+    )
+
+
+@pytest.mark.parametrize("chart", ["decoupled", "ambient"])
+def test_torque_rows_are_the_torques_that_the_verifier_measures(chart: str) -> None:
+    base, rng = program(chart), np.random.default_rng(0)
+    structure, x = base.structure, base.guess
+    loads = leg_loads(structure, check_trajectory(trajectory(x, chart), LOW, body=False))
+    assert len(loads) > 50
+    rows = DenseProgram(
+        base,
+        base.settings,
+        Checks(
+            balance=np.zeros(structure.nodes - 1, dtype=bool),
+            reach=np.zeros((structure.nodes - 1, 4), dtype=bool),
+            loads=loads,
+        ),
+    )
+    first = sum(one.rows for one in rows.nlp.constraints[:-1])
+    assert rows.nlp.constraints[-1].name == "torque"
+    order = np.concatenate(
+        [group.find(loads.foot, loads.node)[1] for group in structure.feet_at_nodes if group.pushes]
+    )
+
+    def by_rows(x: np.ndarray) -> np.ndarray:
+        values = np.asarray(
+            rows.nlp.constraint(x, np.concatenate([x, np.zeros(3), [1.0]]))
+        ).ravel()[first:]
+        return values * loads.most_nm[order]
+
+    def by_verifier(x: np.ndarray) -> np.ndarray:
+        body = WholeBodyMeasurements(TrajectoryMeasurements(trajectory(x, chart)))
+        angles, solver = body.postures.angles, body.kinematics
+        sample = np.clip(np.rint(structure.times_s / 0.005).astype(int), 1, 399)[loads.node[order]]
+        walk = body.trajectory
+        given = np.array(
+            [solver.torques(angles[k], walk.rotation[k], walk.forces_n[k]) for k in sample]
+        )
+        levers = np.array(
+            [solver.loads(angles[k], walk.rotation[k])[1] @ walk.rotation[k] for k in sample]
+        )
+        off = np.linalg.norm(
+            levers.reshape(len(sample), 4, 3, 3)[np.arange(len(sample)), foot] - near[:, None],
+            axis=2,
+        )
+        return given[
+            np.arange(len(sample)), 3 * foot + off.argmin(axis=1)
+        ]  # the joint by its lever
+
+    near, foot = loads.levers_m[order], loads.foot[order]
+    here = by_rows(x)
+    np.testing.assert_allclose(
+        by_verifier(x), here, atol=0.05 * np.abs(here).max()
+    )  # but for legs in motion
+    step = 0.004 * rng.normal(size=len(x))
+    changed, expected = by_rows(x + step) - here, by_verifier(x + step) - by_verifier(x)
+    inner = (loads.node[order] > 0) & (
+        loads.node[order] < structure.nodes - 1
+    )  # at the ends it measures beside them
+    assert np.abs(expected).max() > 0.5
+    assert np.abs(changed - expected)[inner].max() < 0.1 * np.abs(expected).max()
+
+
+def test_a_refused_torque_gets_rows_that_a_solve_keeps() -> None:
+    base = program()
+    found = base.solve()
+    report = check_trajectory(found.trajectory())
+    worst = next(group for group in report.groups if group.name == "torque").value
+    limits = WalkLimits(torque=0.95 * worst)
+    refused = check_trajectory(found.trajectory(), limits)
+    assert "torque" in {group.name for group in refused.refused}
+    dense = densified(base, refused)
+    solution = dense.solve(found.x)
+    assert solution.success
+    again = check_trajectory(solution.trajectory(), limits)
+    assert "torque" not in {group.name for group in again.refused}
+
+
+def test_rows_of_bodies_are_their_tangent() -> None:
+    """Against the same numbers by numpy, at a point and beside it."""
+    base, rng = program(), np.random.default_rng(1)
+    structure, count = base.structure, 6
+    node, feet = rng.integers(0, structure.nodes, count), rng.integers(0, 4, (count, 2))
+    overlaps = Overlaps(
+        node=node,
+        feet=feet,
+        depth_m=rng.normal(size=count),
+        feet_m=rng.normal(size=(count, 2, 3)),
+        by_foot=rng.normal(size=(count, 2, 3)),
+        torso_m=rng.normal(size=(count, 3)),
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
+        by_torso=rng.normal(size=(count, 6)),
+    )
+    term = apart(structure, overlaps, 0.003)
+    assert term.rows == count
+    np.testing.assert_array_equal(term.lower, 0.003)
+    rows = DenseProgram(
+        base,
+        base.settings,
+        Checks(
+            balance=np.zeros(structure.nodes - 1, dtype=bool),
+            reach=np.zeros((structure.nodes - 1, 4), dtype=bool),
+            overlaps=overlaps,
+        ),
+    )
+    x = base.guess + 0.01 * rng.normal(size=base.size)
+    found = np.asarray(rows.nlp.constraint(x, np.concatenate([x, np.zeros(3), [1.0]]))).ravel()[
+        -count:
+    ]
+    walk = trajectory(x, "decoupled")
+    expected = []
+    for k, at in enumerate(np.rint(structure.times_s[node] / 0.005).astype(int)):
+        turn, torso = walk.rotation[at], walk.torso_m[at]
+        arms = (walk.feet_m[at, feet[k]] - torso) @ turn
+        spin = 0.5 * np.array(
+            [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+        )
+        depth = overlaps.depth_m[k] + np.sum(overlaps.by_foot[k] * (arms - overlaps.feet_m[k]))
+        depth += overlaps.by_torso[k] @ np.concatenate([torso - overlaps.torso_m[k], spin])
+        expected.append(-depth)
+    np.testing.assert_allclose(np.sort(found), np.sort(expected), atol=1e-9)
