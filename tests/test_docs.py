@@ -20,7 +20,8 @@ import matplotlib.pyplot as plt
 import pytest
 import yaml
 
-from stancekit.cli.main import main
+from stancekit.cli.main import COMMANDS as KNOWN
+from stancekit.cli.main import main, parse
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.exact import ExactPlanner
@@ -199,7 +200,6 @@ def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answe
 
 
 def test_every_command_on_a_page_is_one_that_there_is() -> None:
-    from stancekit.cli.main import COMMANDS as KNOWN
 
     texts = [text for page in PAGES for _, language, text in blocks(page) if language == "sh"]
     lines = [line for text in texts for line in text.splitlines()]
@@ -217,8 +217,6 @@ IN_WORDS = ("docs/reference", "docs/decisions", "docs/environments", "docs/bench
 
 
 def test_every_table_of_figures_names_a_command_that_there_is_and_its_options() -> None:
-    from stancekit.cli.main import COMMANDS as KNOWN
-    from stancekit.cli.main import parse
 
     commands, unmarked = list[str](), list[str]()
     for page in PAGES:

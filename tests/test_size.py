@@ -39,7 +39,7 @@ HELD: dict[str, Size] = {
     "runner": (7177, 95292),
     "views": (4496, 69949),
 }
-CAPS: dict[str, int] = {"tests": 43_905, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 42_336, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.views import film
@@ -24,7 +23,7 @@ from stancekit.views.robots import cone
 from stancekit.views.scene import Animation, Arrow, Camera, DrawnBody, Facet, Scene
 from stancekit.views.shapes import Box, Capsule, Sphere, disc, hull, mesh_of, plate, triangles_of
 from stancekit.views.video import write_video
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 SMALL = (480, 300)
 
@@ -110,9 +109,8 @@ def test_an_encoder_that_fails_leaves_the_older_film(tmp_path, monkeypatch, scri
     (tmp_path / "ffmpeg").chmod(0o755)
     monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(tmp_path / "ffmpeg"))
     (tmp_path / "a.mp4").write_bytes(b"before")
-    with pytest.raises(InvalidInput) as caught:
+    with refuses(tmp_path / "a.mp4"):
         write_video(tmp_path / "a.mp4", (np.zeros((200, 200, 3), np.uint8) for _ in range(20)))
-    assert_names(str(caught.value), tmp_path / "a.mp4")
     assert (tmp_path / "a.mp4").read_bytes() == b"before"
     assert sorted(os.listdir(tmp_path)) == ["a.mp4", "ffmpeg"]
 
@@ -147,16 +145,9 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     tmp_path, monkeypatch, name, frames, fps, message
 ):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InvalidInput) as caught:
+    with refuses(message):
         write_video(name, frames, fps)
-    assert_names(str(caught.value), message)
     assert os.listdir(tmp_path) == []
-
-
-def test_without_ffmpeg_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with refuses("[viz]"):
-        write_video(tmp_path / "a.mp4", [np.zeros((20, 20, 3), np.uint8)])
 
 
 # ------------------------------------------------------------------------------------------------------
@@ -355,9 +346,8 @@ def test_without_a_gl_library_one_line_names_the_package(tmp_path, monkeypatch, 
     monkeypatch.setattr(film, "import_module", missing)
     monkeypatch.setenv("MUJOCO_GL", "egl")
     for work in (lambda: check_film(tmp_path / "a.mp4"), lambda: walked(glide(), 0.04)):
-        with pytest.raises(InvalidInput) as refused:
+        with refuses("video"):
             work()
-        assert_names(str(refused.value), "video")
 
 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):

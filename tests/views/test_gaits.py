@@ -12,12 +12,21 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
+import stancekit
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.motion.leap_motion import LeapMotion
+from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.planners.warp.conformal import fit_map
+from stancekit.runner.motion.time_parametrization import joint_motion
 from stancekit.views.gait_plot import GaitRun, draw_convergence, draw_directions, draw_times
 from stancekit.views.gaits import GRID_M, GaitView, draw_motion
+from stancekit.views.leaps import UNJUDGED, LeapView, draw_leap
+from stancekit.views.maps import draw_map
+from stancekit.views.page import page
 from stancekit.views.shapes import Box
 from stancekit.views.sheet import ACCENT, leg_colour, save, to_rgb
 from stancekit.views.still import Still, normals_of
@@ -69,8 +78,12 @@ def pixels_of(pixels, colour) -> int:
 # the scene
 
 
-def test_the_robot_is_shown_at_both_ends_and_where_it_has_gone_on_between_them():
-    view = GaitView(walk())
+@pytest.fixture
+def view() -> GaitView:
+    return GaitView(walk())
+
+
+def test_the_robot_is_shown_at_both_ends_and_where_it_has_gone_on_between_them(view):
     assert view.shown[0] == 0
     assert view.shown[-1] == view.trajectory.samples - 1
     steps = np.linalg.norm(np.diff(view.trajectory.torso_m[view.shown], axis=0), axis=1)
@@ -80,8 +93,7 @@ def test_the_robot_is_shown_at_both_ends_and_where_it_has_gone_on_between_them()
     assert GaitView(still).shown == [0]
 
 
-def test_touch_downs_are_the_samples_at_which_contact_begins():
-    view = GaitView(walk())
+def test_touch_downs_are_the_samples_at_which_contact_begins(view):
     contact, names = view.trajectory.contact, view.trajectory.robot.limb_names
     assert len(view.footholds) == 12
     for sample, disc in view.footholds:
@@ -92,8 +104,7 @@ def test_touch_downs_are_the_samples_at_which_contact_begins():
         assert disc.colour == leg_colour(foot)
 
 
-def test_legs_join_hips_and_feet_by_bones_of_equal_length():
-    view = GaitView(walk())
+def test_legs_join_hips_and_feet_by_bones_of_equal_length(view):
     for k, (hip, knee, toe) in enumerate(view.limbs_of(40)):
         foot = view.trajectory.robot.feet[k]
         assert np.allclose(hip, view.trajectory.torso_m[40] + foot.hip_m)
@@ -102,8 +113,7 @@ def test_legs_join_hips_and_feet_by_bones_of_equal_length():
         assert knee[2] > toe[2]
 
 
-def test_the_robot_of_a_scene_is_where_the_trajectory_has_it():
-    view = GaitView(walk())
+def test_the_robot_of_a_scene_is_where_the_trajectory_has_it(view):
     scene = view.at(40)
     bodies = {body.name: body for body in scene.bodies}
     trunk = bodies["trunk 0"]
@@ -124,8 +134,7 @@ def test_the_robot_of_a_scene_is_where_the_trajectory_has_it():
         assert np.allclose(arrow.vector_m, view.metres_a_newton * view.trajectory.forces_n[40, k])
 
 
-def test_lines_of_the_map_lie_on_the_terrain_and_go_where_the_map_sends_them():
-    view = GaitView(walk())
+def test_lines_of_the_map_lie_on_the_terrain_and_go_where_the_map_sends_them(view):
     plain = view.lines().reshape(-1, 3)
     assert len(plain)
     assert np.allclose(plain[:, 2], view.trajectory.terrain.height(plain[:, :2]))
@@ -209,8 +218,7 @@ def test_what_is_no_motion_is_refused():
             draw_motion(replace(walk(), **spoilt))
 
 
-def test_the_path_is_shown_between_the_trunks_and_not_through_them():
-    view = GaitView(walk())
+def test_the_path_is_shown_between_the_trunks_and_not_through_them(view):
     path = view.fixed.paths[-1].pieces_m.mean(axis=1)
     inside = Still(view.scene(), view.camera).inside(path)
     local = np.abs(path[:, None] - view.trajectory.torso_m[view.shown])
@@ -220,8 +228,7 @@ def test_the_path_is_shown_between_the_trunks_and_not_through_them():
     assert 0 < inside.sum() < len(path)
 
 
-def test_the_ground_is_the_terrain_and_its_block_looks_outward():
-    view = GaitView(walk())
+def test_the_ground_is_the_terrain_and_its_block_looks_outward(view):
     top, *sides = view.ground
     assert np.allclose(top.points_m[..., 2], view.trajectory.terrain.height(top.points_m[..., :2]))
     middle = top.points_m.reshape(-1, 3).mean(axis=0)
@@ -406,3 +413,109 @@ def test_the_bar_of_violations_has_numbers_that_can_be_read():
     labels = [label.get_text() for label in figure.axes[-1].get_xticklabels()]
     assert "0.001" in labels
     assert not any("$" in label for label in labels)
+
+
+@pytest.fixture(scope="module")
+def leap():
+    leap = leap_class("leap-given").draw(np.random.default_rng(0), "given")
+    found = stancekit.plan(leap).solution
+    assert found is not None
+    return found
+
+
+def test_a_film_shows_the_body_where_its_forces_move_it(leap):
+    view = LeapView(leap)
+    film, times = view.film(), view.film_times_s()
+    assert len(film.moments) == len(times)
+    motion = LeapMotion(leap)
+    for k in (0, len(times) // 3, len(times) // 2, len(times) - 1):
+        now = motion.at(float(times[k]))
+        trunk = next(body for body in film.moments[k].bodies if body.name == "trunk 0")
+        np.testing.assert_array_equal(trunk.position_m, now.com_m)
+        arrows = {arrow.name: arrow for arrow in film.moments[k].arrows}
+        assert len(arrows) == int((np.linalg.norm(now.forces_n, axis=1) > 0.0).sum())
+
+
+def test_a_film_of_legs_that_are_known_shows_the_joints_that_run():
+    leap = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    view, runs = LeapView(leap), joint_motion(leap)
+    film, times = view.film(fps=10.0), view.film_times_s(10.0)
+    assert len(times) > 20
+    for moment, time_s in zip(film.moments, times, strict=True):
+        now = runs.at(float(time_s))
+        expected = view.shape.links.bodies(
+            now.origin_m + now.rotation @ view.robot.origin_m,
+            now.rotation,
+            view.shape.links.split(now.angles_rad),
+        )
+        places = {body.name: body.position_m for body in moment.bodies}
+        assert len(expected) > 12
+        for body in expected:
+            np.testing.assert_allclose(places[body.name], body.position_m, atol=1e-9)
+
+
+def test_in_the_air_there_are_no_forces(leap):
+    view = LeapView(leap)
+    ((begin, end),) = view.flights_s
+    air = (leap.problem.holds[leap.problem.interval_phases] < 0).all(axis=1)
+    takes_off = leap.times_s[int(np.argmax(air))]
+    assert begin == pytest.approx(takes_off, abs=0.006)
+    middle = view.motion.at(0.5 * (begin + end))
+    assert not middle.stands.any()
+    assert view.at(middle).arrows == []
+
+
+def test_pictures_and_pages_say_what_is_not_judged(leap):
+    texts = [
+        text.get_text() for text in draw_leap(leap).findobj(lambda it: hasattr(it, "get_text"))
+    ]
+    assert any(UNJUDGED in text for text in texts)
+    film = LeapView(leap).film(fps=5.0)
+    assert all(UNJUDGED in note for note in film.notes)
+    assert "patch chosen for LF" in page(film)
+
+
+def test_the_library_draws_a_leap_and_writes_its_page(leap, tmp_path):
+    stancekit.draw(leap, out=tmp_path / "leap.png")
+    assert (tmp_path / "leap.png").stat().st_size > 10_000
+    stancekit.film(leap, tmp_path / "leap.html")
+    assert "patch chosen for LF" in (tmp_path / "leap.html").read_text()
+    with refuses(".txt"):
+        stancekit.film(leap, "leap.txt")
+
+
+def test_a_picture_of_an_execution_names_the_path_that_was_gone():
+    leap = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    run = stancekit.simulate(leap).execution
+    for executed, name in ((None, "centre of mass"), (run, "path that was gone")):
+        texts = stancekit.draw(leap, executed=executed).findobj(lambda it: hasattr(it, "get_text"))
+        named = {text.get_text() for text in texts}
+        assert named & {"centre of mass", "path that was gone"} == {name}
+
+
+FIELD = HeightField.from_function(
+    lambda x, y: 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y), 2.0, 0.1, name="egg box"
+)
+
+
+@pytest.fixture(scope="module")
+def fits():
+    return [fit_map(FIELD, cells=(8, 8, 3), method=method) for method in ("fast", "local-global")]
+
+
+def test_a_map_is_drawn_with_its_figures(fits):
+    figure = draw_map(fits[0].map, FIELD, fits[0].report, size_px=(600, 450))
+    words = " ".join(text.get_text() for text in figure.texts)
+    assert "Warp map of egg box" in words
+    assert f"min det J {fits[0].report.least_det:.2f}" in words
+    pixels = to_rgb(figure)
+    assert pixels.shape == (450, 600, 3)
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500
+    np.testing.assert_array_equal(
+        pixels, to_rgb(draw_map(fits[0].map, FIELD, fits[0].report, size_px=(600, 450)))
+    )
+
+
+def test_a_map_is_not_drawn_on_another_terrain(fits):
+    with refuses("egg box"):
+        draw_map(fits[0].map, FIELD.scaled(2.0), fits[0].report)

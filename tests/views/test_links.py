@@ -21,8 +21,10 @@ from stancekit.views.gaits import GaitView, draw_motion
 from stancekit.views.links import Links
 from stancekit.views.page import page
 from stancekit.views.scene import DrawnBody
-from stancekit.views.shapes import Capsule, Mesh, mesh_of
+from stancekit.views.shapes import Capsule, Mesh, mesh_of, thinned
 from stancekit.views.sheet import to_rgb
+from stancekit.views.still import draw_robot
+from tests.planners.motion.test_plan_motion import leaning
 from tests.planners.robot.small_urdfs import quadruped
 
 TURN = np.array(pin.exp3(np.array([0.2, -0.3, 0.5])))
@@ -149,7 +151,6 @@ def test_a_robot_whose_meshes_are_not_at_hand_is_drawn_by_the_hulls_that_its_fil
 def test_a_walk_is_drawn_with_the_joints_of_its_own_legs() -> None:
     walk = leaning()
     view, model = GaitView(walk), walk.robot.model
-    assert model is not None
     bodies = by_name(list(view.at(20).bodies))
     for leg, toe in zip(model.legs, walk.feet_m[20], strict=True):
         normal = walk.terrain.normal(toe[:2])
@@ -188,3 +189,47 @@ def test_a_film_has_the_links() -> None:
     assert len(ours) == len(motion.moments)
     for one, other in zip(ours, none, strict=True):
         assert np.count_nonzero(np.abs(one.astype(int) - other.astype(int)).max(axis=2) > 20) > 2000
+
+
+def test_every_leg_is_named_beside_its_foot() -> None:
+    figure = draw_robot(model_of(quadruped()), size_px=(600, 450))
+    words = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert sorted(words) == ["LF", "LH", "RF", "RH"]
+    assert [text.get_text() for text in figure.texts] == ["quadruped", "4 legs, 12 joints, 22.4 kg"]
+
+
+def test_a_wider_trunk_covers_more_of_the_picture() -> None:
+    wide = quadruped().replace('size="0.6 0.25 0.1"', 'size="0.6 0.25 0.3"')
+    pixels = [
+        to_rgb(draw_robot(model_of(text), size_px=(400, 300))).astype(int)
+        for text in (quadruped(), wide)
+    ]
+    grey = [int(np.sum((np.ptp(each, axis=2) < 30) & (each.max(axis=2) < 200))) for each in pixels]
+    assert grey[1] > 1.3 * grey[0] > 0
+
+
+def test_a_mesh_is_drawn_and_a_broken_one_is_not(tmp_path: Path) -> None:
+    (tmp_path / "broken.stl").write_bytes(b"solid nothing")
+    corners = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.2, 0.2)])
+    faces = [(1, 2, 4), (1, 4, 3), (5, 6, 8), (5, 8, 7), (1, 2, 6), (1, 6, 5), (3, 4, 8), (3, 8, 7)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces]
+    (tmp_path / "box.obj").write_text("\n".join(lines))
+    ink = []
+    for mesh in ("broken.stl", "box.obj"):
+        text = quadruped().replace('<box size="0.6 0.25 0.1"/>', f'<mesh filename="{mesh}"/>')
+        (tmp_path / "robot.urdf").write_text(text)
+        pixels = to_rgb(
+            draw_robot(named_robot(tmp_path / "robot.urdf"), size_px=(400, 300))
+        ).astype(int)
+        ink.append(int(np.sum((np.ptp(pixels, axis=2) < 30) & (pixels.max(axis=2) < 200))))
+    assert ink[1] > ink[0] + 1000
+
+
+def test_a_line_keeps_the_corners_that_its_bends_need():
+    """A parabola's pieces leave it by κ L²/8; what is straight is one piece."""
+    flat = np.column_stack([np.linspace(0.0, 1.0, 401), np.zeros(401), np.zeros(401)])
+    assert np.array_equal(thinned(flat, 1e-6), flat[[0, -1]])
+    bent = np.column_stack([flat[:, 0], np.zeros(401), 0.5 * flat[:, 0] ** 2])
+    kept = thinned(bent, 1e-3)
+    assert 6 <= len(kept) <= 26
+    assert np.abs(np.interp(bent[:, 0], kept[:, 0], kept[:, 2]) - bent[:, 2]).max() < 2e-3

@@ -21,13 +21,12 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.views import page as page_module
 from stancekit.views.gaits import GaitView
-from stancekit.views.page import check_page, page, write_page
+from stancekit.views.page import page
 from stancekit.views.plans import PlanView
 from stancekit.views.scene import Stage, quaternion
 from stancekit.views.shapes import along
 from stancekit.views.sheet import ACCENT
 from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
-from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture(scope="module")
@@ -201,28 +200,6 @@ def pictures_of(tab):
         if (seen := tab.picture()) is not None:
             yield seen
         time.sleep(0.5)
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("a.png", "a.png"),
-        ("a", "a"),
-    ],
-)
-def test_another_name_is_refused(name, message, plan):
-    with pytest.raises(InvalidInput) as refused:
-        write_page(name, PlanView(plan).film())
-    assert_names(str(refused.value), message)
-
-
-def test_without_viser_the_extra_is_named(plan, monkeypatch, tmp_path):
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(page_module, "import_module", missing)
-    with refuses("viser", "[viz]"):
-        check_page(tmp_path / "a.html")
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.views.plans import PlanView, draw_plan, ghosts
-from stancekit.views.sheet import check_picture, save, to_rgb
+from stancekit.views.sheet import save, to_rgb
 from stancekit.views.terrain import ICE, cells
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +23,11 @@ def plan():
     found = TwoStagePlanner().solve(read_course("icy-walls", 3)).solution
     assert found is not None
     return found
+
+
+@pytest.fixture
+def view(plan):
+    return PlanView(plan)
 
 
 def test_the_picture_has_ice_and_friction_and_changes_with_the_frame(plan):
@@ -59,14 +63,6 @@ def test_a_frame_that_there_is_not_is_refused(frame, plan):
         draw_plan(plan, frame=frame)
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a", "none/a.png"])
-def test_a_name_that_is_no_picture_is_refused(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InvalidInput) as refused:
-        check_picture(name)
-    assert_names(str(refused.value), name)
-
-
 def test_ghosts_are_other_frames_and_few(plan):
     for shown in range(3):
         assert shown not in ghosts(plan, shown)
@@ -81,8 +77,7 @@ def test_cells_cover_their_patch_and_no_more(plan):
         assert all(np.abs((part - patch.centre_m) @ patch.normal).max() < 1e-9 for part in parts)
 
 
-def test_cells_stay_in_the_bounds(plan):
-    view = PlanView(plan)
+def test_cells_stay_in_the_bounds(view):
     low, high = view.bounds_m
     shown = [facet.corners_m for facet in view.fixed.facets]
     assert shown
@@ -108,8 +103,7 @@ def test_a_stance_holds_the_robot_at_every_moment_of_the_film(plan):
         assert np.abs(now.forces_n[~now.stands]).max(initial=0.0) == 0.0
 
 
-def test_key_frames_are_those_of_the_plan(plan):
-    view = PlanView(plan)
+def test_key_frames_are_those_of_the_plan(plan, view):
     for k in range(3):
         key, there = view.keys.key(k), view.between_keys(float(k))
         assert key.frame == there.frame == k
@@ -134,8 +128,7 @@ def test_a_toe_on_its_track_is_off_both_its_patches(plan):
         assert start == pytest.approx(plan.toes_at(course.footholds[p].frame - 1)[limb])
 
 
-def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan):
-    view = PlanView(plan)
+def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan, view):
     for frame in range(3):
         scene = view.at(view.keys.key(frame))
         bodies = {body.name: body for body in scene.bodies}
@@ -155,8 +148,7 @@ def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan):
         assert filled == {f"chosen {p}" for p in plan.problem.holds[frame].tolist()}
 
 
-def test_a_cone_holds_every_force_of_its_friction_and_no_other(plan):
-    view = PlanView(plan)
+def test_a_cone_holds_every_force_of_its_friction_and_no_other(view):
     for body in view.at(view.keys.key(1)).bodies:
         if body.name.startswith("cone "):
             patch = view.chosen[int(body.name.split()[1])]
@@ -167,8 +159,7 @@ def test_a_cone_holds_every_force_of_its_friction_and_no_other(plan):
             assert np.array_equal(body.shape.vertices_m[0], np.zeros(3))
 
 
-def test_a_film_stays_at_both_ends_and_passes_every_key_frame(plan):
-    view = PlanView(plan)
+def test_a_film_stays_at_both_ends_and_passes_every_key_frame(plan, view):
     motion = view.film()
     count = len(motion.moments)
     assert count == round(20.0 * (2 * 1.2 + 1.0)) + 1
@@ -190,8 +181,7 @@ def test_a_film_stays_at_both_ends_and_passes_every_key_frame(plan):
 
 
 @pytest.mark.usefixtures("gl")
-def test_frames_of_a_film_show_one_room(plan):
-    view = PlanView(plan)
+def test_frames_of_a_film_show_one_room(view):
     pictures = list(islice(view.frames(view.film(), (320, 300)), 0, 24, 23))
     assert [picture.shape for picture in pictures] == [(300, 320, 3)] * 2
     first, moving = pictures
@@ -210,7 +200,6 @@ def area(polygon):
 
 def test_one_frame_and_no_terrain_are_drawn_too():
     plan = TwoStagePlanner().solve(read_course("walls", 1)).solution
-    assert plan is not None
     bare = replace(plan, problem=replace(plan.problem, terrain=()))
     for shown in (plan, bare):
         assert to_rgb(draw_plan(shown, size_px=(400, 300))).std() > 10.0

@@ -4,20 +4,38 @@ accept.
 
 from __future__ import annotations
 
+import logging
+import math
 import re
-from contextlib import suppress
+import socket
+import threading
+import time
+import warnings
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.plan_file import check_file
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.views.playground import pictures as session_module
 from stancekit.views.playground.keys_scenario import KeysScenario
-from stancekit.views.playground.page_parts import quick_answer
-from stancekit.views.playground.pictures import Pictures
-from stancekit.views.playground.serving import served
+from stancekit.views.playground.page_parts import (
+    SceneAnswer,
+    cone_share,
+    limb_table,
+    loads,
+    margins,
+    patient_answer,
+    quick_answer,
+    solver_of,
+    verdict,
+)
+from stancekit.views.playground.pictures import Pictures, Session
+from stancekit.views.playground.playground import Files, struck
+from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 from stancekit.views.scene import UP
 from tests.emulators.chromium import CHROMIUM, opened
 from tests.emulators.playground import middle_of, pixel_of
@@ -83,7 +101,6 @@ def test_it_is_opened_dragged_and_read(shown, folder):
         f"{VERDICT}.dataset.patient === '1' && {VERDICT}.dataset.change >= {change_of(tab)}"
     )
     found = TwoStagePlanner().solve(scenario.course())
-    assert found.solution is not None
     assert f"after {found.solution.problem.frames} key frames" in tab.text()
 
     for words in ("save plan", "save course"):
@@ -108,20 +125,6 @@ def test_a_slider_takes_the_friction_away_and_the_page_says_how_much_is_missing(
     assert re.search(r"friction .* would have to rise from 0 to at least 0\.\d+", said), said
     assert "in hand" not in tab.text()
     assert page.playground.session.scenario.sliders()[0].value == 0.0
-
-
-def test_without_viser_the_extra_is_named(monkeypatch):
-    from stancekit.views import page as page_module
-
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(page_module, "import_module", missing)
-    with (
-        suppress(StopIteration),
-        refuses("viser", "[viz]"),
-    ):
-        served(KeysScenario.of("walls")).__enter__()
 
 
 def test_a_surface_is_picked_by_a_click_and_the_courses_file_is_shown(shown):
@@ -233,3 +236,346 @@ def contrast(one, other):
         linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
         lights.append(float(linear @ [0.2126, 0.7152, 0.0722]) + 0.05)
     return max(lights) / min(lights)
+
+
+GRIP = "/grips/goal"
+TURN = [1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "fine"),
+    [
+        ("http://127.0.0.1:8080", "127.0.0.1:8080", True),
+        ("http://localhost:8080", "localhost:8080", True),
+        ("http://[::1]:8080", "[::1]:8080", True),
+        ("http://192.168.1.7:8080", "192.168.1.7:8080", True),
+        ("HTTP://Localhost:8080", "localhost:8080", True),
+        ("http://127.0.0.1:8081", "127.0.0.1:8080", False),
+        ("http://localhost:8080", "127.0.0.1:8080", False),
+        ("https://127.0.0.1:8080", "127.0.0.1:8080", False),
+        ("https://evil.example", "127.0.0.1:8080", False),
+        ("http://evil.example:8080", "evil.example:8080", False),  # its name server points at us
+        ("http://127.0.0.1.evil.example:8080", "127.0.0.1.evil.example:8080", False),
+        ("null", "127.0.0.1:8080", False),
+        ("", "127.0.0.1:8080", False),
+        (None, "127.0.0.1:8080", False),
+        ("http://127.0.0.1:8080", None, False),
+    ],
+)
+def test_only_pages_that_were_served_here_may_connect(origin, host, fine):
+    assert may_connect(origin, host, own_names("127.0.0.1")) is fine
+
+
+def test_a_page_may_be_found_by_the_name_of_this_machine():
+    name = socket.gethostname()
+    assert may_connect(f"http://{name}:80", f"{name}:80", own_names("0.0.0.0"))
+    assert may_connect("http://robot.lab:80", "robot.lab:80", own_names("robot.lab"))
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """A playground over two walls."""
+    with served(KeysScenario.of("walls"), folder=tmp_path_factory.mktemp("saved")) as shown:
+        yield shown
+
+
+def joined(page, origin="own", version=None):
+    """A client's connection. Raises websockets' InvalidStatus where it is refused."""
+    import viser
+    from websockets.sync.client import connect
+
+    return connect(
+        page.address.replace("http", "ws"),
+        subprotocols=[f"viser-v{version or viser.__version__}"],
+        max_size=2**28,
+        origin=page.address if origin == "own" else origin,
+        compression=None,
+        open_timeout=60,
+    )
+
+
+@pytest.mark.parametrize("origin", ["https://evil.example", "http://127.0.0.1:1", "null", None])
+def test_a_foreign_page_is_refused_before_it_can_say_anything(page, origin, caplog):
+    from websockets.exceptions import InvalidStatus
+
+    before = page.playground.session.number
+    with caplog.at_level(logging.WARNING), pytest.raises(InvalidStatus) as refused:
+        joined(page, origin)
+    assert refused.value.response.status_code == 403
+    (line,) = [each.getMessage() for each in caplog.records if each.name.endswith("serving")]
+    assert line.startswith("refused: ")
+    assert page.playground.session.number == before
+
+
+def drag(position, turn=TURN):
+    return {
+        "type": "TransformControlsUpdateMessage",
+        "name": GRIP,
+        "wxyz": turn,
+        "position": position,
+        "owner": "",
+    }
+
+
+def slide(page, value, name="value"):
+    (uuid,) = (
+        known._impl.uuid
+        for key, known in page.playground._controls._sliders.items()
+        if key == "friction"
+    )
+    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {name: value}}
+
+
+def camera(**other):
+    """Where a tab looks from; a browser's sizes need not be whole."""
+    seen = {
+        "type": "ViewerCameraMessage",
+        "wxyz": TURN,
+        "position": [1, 2, 3.5],
+        "fov": 0.7,
+        "near": 0.1,
+        "far": 9,
+        "image_height": 600.5,
+        "image_width": 800,
+        "look_at": [0, 0, 0],
+        "up_direction": [0, 0, 1],
+    }
+    return seen | other
+
+
+def test_messages_of_a_browser_fit():
+    encode = pytest.importorskip("msgspec").msgpack.encode
+    for message in (
+        camera(),
+        drag([0, 1, 2]),
+        {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": [1]}},
+    ):
+        assert not misfit(encode(message))
+    fault = "ViewerCameraMessage: position: Expected `array` of length 3, got 2"
+    assert misfit(encode(camera(position=[1.0, 2.0]))) == fault
+    for rubbish in (
+        b"",
+        b"\xc1",
+        "words",
+        encode([1]),
+        encode({"type": "None"}),
+        encode({"type": []}),
+        encode({}),
+    ):
+        assert not misfit(rubbish)  # viser ends such a connection itself
+
+
+WRONG = {
+    "a camera without height": lambda page: camera(position=[1.0, 2.0]),
+    "not a number": lambda page: drag([math.nan, 0.0, 0.0]),
+    "without end": lambda page: drag([0.0, math.inf, 0.0]),
+    "two numbers": lambda page: drag([1.0, 2.0]),
+    "words": lambda page: drag(["a", "b", "c"]),
+    "three of four": lambda page: drag([0.0, 0.0, 0.3], TURN[:3]),
+    "slid to no number": lambda page: slide(page, math.nan),
+    "slid to a word": lambda page: slide(page, "much"),
+    "slid to a list": lambda page: slide(page, [0.5]),
+    "slid beyond its end": lambda page: slide(page, 9.0),
+    "another label": lambda page: slide(page, "mine", "label"),
+    "handed to a method": lambda page: slide(page, 1.0, "removed"),
+    "a long word": lambda page: {
+        "type": "GuiUpdateMessage",
+        "uuid": page.playground._files._name._impl.uuid,
+        "updates": {"value": "x" * (FEW + 1)},
+    },
+    "no robot": lambda page: {
+        "type": "GuiUpdateMessage",
+        "uuid": page.playground._menu._impl.uuid,
+        "updates": {"value": "horse"},
+    },
+}
+
+
+@pytest.mark.parametrize("name", list(WRONG))
+def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(page, name, caplog, capfd):
+    import msgspec
+
+    before = page.playground.session.number
+    with (
+        caplog.at_level(logging.WARNING),
+        warnings.catch_warnings(record=True) as warned,
+        joined(page) as line,
+    ):
+        warnings.simplefilter("always")
+        line.send(msgspec.msgpack.encode(WRONG[name](page)))
+        wait_until(lambda: any(each.name.endswith("serving") for each in caplog.records))
+        said = [each.getMessage() for each in caplog.records if each.levelno >= logging.WARNING]
+    assert len(said) == 1, said
+    assert said[0].startswith(("ignored: a page sent ", "ended: a page sent what is no message: "))
+    assert "\n" not in said[0]
+    assert not [str(each.message) for each in warned]
+    assert page.playground.session.number == before
+    assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("raw", [b"\xc1\xff\xff", "words", b"", b"\x00" * 4096])
+def test_rubbish_ends_its_own_connection_and_no_other(page, raw, capfd):
+    import msgspec
+
+    before = page.playground.session.number
+    with joined(page) as other:
+        with joined(page) as line:
+            line.send(raw)
+        goal = page.playground.session.scenario.course().goal_m
+        other.send(msgspec.msgpack.encode(drag(np.add(goal, [0.0, 0.0, 0.01]).tolist())))
+        wait_until(lambda: page.playground.session.number > before)
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def wait_until(true, patience_s=60.0):
+    """Until something is so."""
+    until = time.monotonic() + patience_s
+    while not true():
+        assert time.monotonic() < until, "it never came to be"
+        time.sleep(0.02)
+
+
+def test_the_page_is_ours_and_whole(page):
+    from gzip import decompress
+    from urllib.request import Request, urlopen
+
+    with urlopen(page.address) as answer:
+        plain = answer.read()
+    with urlopen(Request(page.address, headers={"Accept-Encoding": "gzip"})) as answer:
+        assert decompress(answer.read()) == plain
+    assert plain.count(b"<title>Stancekit playground</title>") == 1
+    assert b"stancekit-verdict" in plain
+
+
+PATIENCE_S = 60.0
+
+
+def test_of_many_changes_during_one_answer_only_the_newest_is_answered(monkeypatch):
+    begun, go_on, seen, last = threading.Event(), threading.Event(), [], threading.Event()
+
+    def slow(scenario):
+        begun.set()
+        assert go_on.wait(PATIENCE_S)
+        return SceneAnswer(message=str(scenario))
+
+    def on_answer(number, scenario, answer, since):
+        seen.append((number, answer.message))
+        if answer.message == "9":
+            last.set()
+
+    monkeypatch.setattr(session_module, "quick_answer", slow)
+    pictures = Session(0, on_answer, judges=False)
+    pictures.start()
+    assert begun.wait(PATIENCE_S)
+    for _ in range(9):
+        pictures.change(lambda number: number + 1)
+    go_on.set()
+    assert last.wait(PATIENCE_S)
+    pictures.close()
+    assert seen == [(0, "0"), (9, "9")]
+
+
+def test_a_slow_edit_keeps_what_others_changed_meanwhile():
+    begun, go_on = threading.Event(), threading.Event()
+    pictures = Session((), lambda *_: None, judges=False)
+
+    def slow(scenario):
+        begun.set()
+        assert go_on.wait(PATIENCE_S)
+        return (*scenario, "slow")
+
+    waits = threading.Thread(target=pictures.change, args=(slow,))
+    waits.start()
+    assert begun.wait(PATIENCE_S)
+    pictures.change(lambda scenario: (*scenario, "quick"))
+    go_on.set()
+    waits.join(PATIENCE_S)
+    assert pictures.scenario == ("quick", "slow")
+    assert pictures.number == 2
+
+
+def test_an_edit_that_is_refused_changes_nothing():
+    pictures = Session(KeysScenario.of("walls"), lambda *_: None, judges=False)
+
+    def edit(scenario):
+        raise InvalidInput("no")
+
+    with pytest.raises(InvalidInput):
+        pictures.change(edit)
+    assert pictures.number == 0
+    pictures.close()
+
+
+def test_a_scene_at_rest_is_judged_in_another_process_and_a_stale_verdict_is_dropped():
+    answers, accepted, quick = [], threading.Event(), threading.Event()
+
+    def on_answer(number, scenario, answer, since):
+        answers.append((number, answer.patient))
+        if number == 0:
+            quick.set()
+        if number == 1 and answer.accepted:
+            accepted.set()
+
+    pictures = Session(KeysScenario.of("walls", frames=2), on_answer, rest_s=0.0)
+    pictures.start()
+    assert quick.wait(PATIENCE_S)
+    pictures.change(lambda scenario: scenario.slid("friction", 0.9))
+    assert accepted.wait(PATIENCE_S)
+    pictures.close()
+    assert answers[0] == (0, False)
+    assert answers[-1] == (1, True)
+    assert answers.index((1, False)) < answers.index((1, True))
+    assert (0, True) not in answers[answers.index((1, False)) :]
+
+
+def test_shares_of_cones_are_those_of_the_definition():
+    normal = np.array([0.0, 1.0, 0.0])
+    assert cone_share(np.array([3.0, 10.0, 4.0]), normal, 0.5) == pytest.approx(1.0)
+    assert cone_share(np.array([0.0, 10.0, 2.0]), normal, 0.8) == pytest.approx(0.25)
+    assert np.isnan(cone_share(np.zeros(3), normal, 0.5))
+    assert cone_share(np.array([0.0, 5.0, 0.0]), normal, 0.0) == 0.0
+
+
+def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch):
+    from stancekit.planners.motion.plan_motion import PlanMotion
+
+    answer = patient_answer(KeysScenario.of("walls", frames=3))
+    plan = answer.plan
+    now = PlanMotion(plan).key(2)
+    rows = loads(plan, now, solver_of(plan.problem))
+    assert [row.force_n for row in rows] == pytest.approx(np.linalg.norm(plan.forces_at(2), axis=1))
+    share, frame, limb = margins(plan)
+    assert 0.0 < share <= 0.8 + 1e-6  # it is planned with 80 % of the friction
+    assert limb in plan.problem.robot.limb_names
+    assert 0 <= frame < 3
+    assert max(row.torque for row in rows) <= answer.report.group("torque").figures["share"] + 1e-6
+    table = limb_table(rows, "<b>here</b>")
+    assert "force [N]" in table
+    assert "torque [Nm]" in table
+    assert "&lt;b&gt;here" in table
+    assert "<script" not in verdict(SceneAnswer(message="<script>alert(1)</script>"), 3, 12.0)
+
+
+def test_a_ray_meets_the_nearest_patch():
+    course = KeysScenario.of("walls").course()
+    assert struck(course, [0.0, 0.0, 0.3], [0.0, 1.0, 0.0]) == 0
+    assert struck(course, [0.0, 0.0, 0.3], [0.0, -1.0, 0.0]) == 1
+    assert struck(course, [0.0, -2.0, 0.3], [0.0, 1.0, 0.0]) == 1
+    assert struck(course, [0.0, 0.0, 0.3], [1.0, 0.0, 0.0]) is None
+
+
+class _Named:
+    value = "played"
+
+
+@pytest.mark.parametrize("name", ["", "..", "a/b", "/etc/x", ".hidden", "../x"])
+def test_files_are_written_in_the_folder_and_nowhere_else(name, tmp_path):
+    files = Files.__new__(Files)
+    files._folder, files._name = tmp_path, _Named()
+    files._now = lambda: (KeysScenario.of("walls"), SceneAnswer())
+    assert files.save_course() == tmp_path / "played-course.yaml"
+    files._name.value = name
+    with refuses("name"):
+        files.save_course()
+    with refuses("plan"):
+        files.save_plan()

@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 import threading
+import time
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.formats.trajectory_file import read_trajectory
+from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.explain import Relaxation, _change
+from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.views.playground.keys_scenario import KeysScenario
+from stancekit.views.playground.page_parts import explained, from_behind, quick_answer
 from stancekit.views.playground.playground import Player
+from stancekit.views.playground.scenario import FixedScenario, WalkScenario
+from stancekit.views.playground.serving import served_walk
+from stancekit.views.playground.walk_page import WalkPlanning
+from tests.emulators.chromium import CHROMIUM, opened
+from tests.emulators.playground import middle_of, pixel_of
+from tests.refusals import assert_names, refuses
 
 
 class Handle(SimpleNamespace):
@@ -71,3 +89,269 @@ def test_it_plays_from_the_beginning_to_the_end_and_again_until_it_is_stopped(pl
     assert gui.button.label == "play"
     assert seen[:3] == pytest.approx([0.0, 1 / 15, 2 / 15])
     assert seen[8:10] == pytest.approx([0.5, 0.0])
+
+
+PATIENCE_S = 120.0
+VERDICT = "document.querySelector('#verdict')"
+
+
+@pytest.fixture(scope="module")
+def scenario() -> WalkScenario:
+    """A short walk over a swell."""
+    field = HeightField.from_function(lambda x, y: 0.03 * np.sin(2.0 * x), 2.0, 0.1, name="swell")
+    return WalkScenario.of(field, "anymal", goal_m=(0.5, 0.1))
+
+
+def test_a_walk_takes_its_time_until_that_is_slid(scenario):
+    assert scenario.takes_s == 2.0
+    far = scenario.dragged("goal", np.array([1.5, 0.0, 9.0]))
+    assert far.takes_s == 6.0
+    assert far.slid("duration_s", 8.0).takes_s == 8.0
+    assert far.slid("friction", 0.3).task().friction == 0.3
+    start, goal = far.grips()
+    assert goal.position_m == pytest.approx(
+        [1.5, 0.0, 0.03 * np.sin(3.0) + far.walker.stand_height_m], abs=1e-3
+    )
+    assert start.axes == (True, True, False)
+    with refuses("goal_xy_m"):
+        scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).task()
+
+
+def test_only_the_last_walk_that_is_asked_for_is_answered(scenario):
+    answers, done = [], threading.Event()
+
+    def on_answer(number, answer):
+        answers.append((number, answer))
+        if answer.done:
+            done.set()
+
+    planning = WalkPlanning(on_answer)
+    planning.begin(1, scenario.dragged("goal", np.array([1.2, 0.4, 0.0])).task())
+    planning.begin(2, scenario.task())
+    assert done.wait(PATIENCE_S)
+    planning.end()
+    assert {number for number, answer in answers if answer.done} == {2}
+    found = answers[-1][1]
+    assert found.accepted
+    assert check_trajectory(found.trajectory).accepted
+    assert found.trajectory.torso_m[-1, :2] == pytest.approx([0.5, 0.1], abs=1e-3)
+
+
+def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario):
+    answers, told = [], threading.Event()
+
+    def on_answer(number, answer):
+        answers.append((number, answer))
+        if answer.done:
+            told.set()
+
+    planning = WalkPlanning(on_answer)
+    planning.begin(1, scenario.task())
+    planning.end()
+    planning.begin(2, scenario.task())
+    planning._process.kill()  # not all that there are: another test's workers may live in this process, too
+    assert told.wait(PATIENCE_S)
+    planning.end()
+    assert {number for number, _ in answers} == {2}
+    assert not answers[-1][1].accepted
+    assert_names(answers[-1][1].message, "process")
+
+
+@pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
+)
+def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
+    with (
+        served_walk(scenario, folder=tmp_path) as page,
+        opened(page.address, tmp_path / "profile", (1000, 640), draws=False) as tab,
+    ):
+        tab.wait_for(f"{VERDICT}?.dataset.patient === '1'")
+        tab.wait_for("document.querySelector('#limbs') !== null")
+        assert "Accepted" in tab.text()
+        goal = page.playground.scenario.torso_m(page.playground.scenario.goal_m)
+        east = np.array([1.0, 0.0, 0.0])
+        tab.drag(*(pixel_of(page, tab, goal + along * east) for along in (0.10, 0.16)))
+        tab.wait_for(f"{VERDICT}.dataset.change > 0")
+        until = time.monotonic() + PATIENCE_S
+        while (
+            answer := page.playground.answer
+        ) is None or not answer.done:  # the last of the drag's changes
+            assert time.monotonic() < until, page.playground.answer
+            time.sleep(0.05)
+        tab.wait_for(
+            f"{VERDICT}.dataset.change === '{page.playground.number}' && {VERDICT}.dataset.patient === '1'"
+        )
+        assert page.playground.scenario.goal_m == pytest.approx((0.56, 0.1), abs=0.02)
+        tab.click(
+            *middle_of(
+                tab,
+                "[...document.querySelectorAll('button')].find(b => b.innerText === 'save walk')",
+            )
+        )
+        tab.wait_for("document.querySelector('#saved') !== null")
+    trajectory = read_trajectory(tmp_path / "played-walk.json").trajectory
+    assert check_trajectory(trajectory).accepted
+    assert trajectory.goal_xy_m == pytest.approx(page.playground.scenario.goal_m)
+
+
+def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():
+    said = explained(["LF", "RM", "LH", "FL_foot"])
+    assert said.startswith("LF left front, RM right middle, LH left hind, as the robot looks. ")
+    assert explained(["arm"]).startswith("Cone: ")
+
+
+@pytest.mark.parametrize("goal", [(1.0, 0.0), (-1.0, 0.0), (0.3, -2.0), (0.0, 0.0)])
+@pytest.mark.parametrize("towards", [(-0.75, -0.45, 0.35), (0.75, 0.45, 0.35), (0.0, 1.0, 0.2)])
+def test_what_is_left_of_the_robot_is_left_on_the_page(goal, towards):
+    ahead = np.array([*goal, 0.0]) if any(goal) else np.array([1.0, 0.0, 0.0])
+    eye = from_behind(np.array(towards), np.zeros(3), np.array([*goal, 0.2]))
+    assert np.linalg.norm(eye) == pytest.approx(np.linalg.norm(towards))
+    left_of_robot, right_of_page = np.cross([0.0, 0.0, 1.0], ahead), np.cross([0.0, 0.0, 1.0], eye)
+    assert left_of_robot @ right_of_page <= 1e-12
+
+
+@pytest.mark.parametrize(
+    ("now", "needed", "words"),
+    [
+        (0.05, 0.30405, "rise from 0.05 to at least 0.304"),
+        (0.05, 0.30399, "rise from 0.05 to at least 0.303"),
+        (0.9, 0.4111, "fall from 0.9 to at most 0.412"),
+        (0.3, 0.3004, "rise from 0.3"),
+        (0.0, 12.345, "rise from 0 to at least 12.3"),
+    ],
+)
+def test_a_change_is_said_with_its_way_and_its_bound(now, needed, words):
+    assert (
+        _change(Relaxation(parameter="friction", leg="", now=now, needed=needed, unit="")) == words
+    )
+
+
+def read_again(scenario, folder):
+    """The course of the file that a scene is saved as."""
+    suffix, text = scenario.text()
+    (folder / f"again{suffix}").write_text(text, encoding="utf-8")
+    return read_course(folder / f"again{suffix}")
+
+
+def slider(scenario, key):
+    return next(each for each in scenario.sliders() if each.key == key)
+
+
+@pytest.mark.parametrize("name", [*builtin_courses(), "stones:0.3:1"])
+def test_a_scene_that_nobody_changed_is_the_course_and_so_is_its_file(name, tmp_path):
+    scenario = KeysScenario.of(name)
+    assert course_difference(scenario.course(), read_course(name)) == ""
+    assert course_difference(read_again(scenario, tmp_path), read_course(name)) == ""
+
+
+@pytest.mark.parametrize("name", ["walls", "stairs", "ground-to-wall"])
+def test_a_goal_that_is_dragged_is_where_the_way_ends_and_frames_follow(name, tmp_path):
+    scenario = KeysScenario.of(name)
+    before = scenario.course()
+    goal = before.goal_m + np.array([0.02, 0.01, 0.03])
+    after = scenario.dragged("goal", goal)
+    course = after.course()
+    assert course.goal_m == pytest.approx(goal, abs=1e-4)
+    way = np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1)
+    assert way.max() <= scenario.stride_m + 1e-9
+    assert course.frames > before.frames
+    slid = after.slid("frames", 5).dragged("goal", before.goal_m)
+    assert slid.course().frames == 5
+    assert course_difference(read_again(after, tmp_path), course) == ""
+
+
+def test_walls_move_by_their_grips_and_sliders():
+    scenario = KeysScenario.of("walls")
+    left = next(grip for grip in scenario.grips(scenario.course()) if grip.key == "left wall")
+    assert left.position_m[1] == pytest.approx(0.38)
+    assert left.axes == (False, True, False)
+    moved = scenario.dragged("left wall", left.position_m + np.array([0.0, 0.03, 0.0]))
+    planes = [patch.centre_m[1] for patch in moved.course().terrain]
+    assert planes == pytest.approx([0.41, -0.38])
+    assert [p.centre_m[1] for p in moved.slid("apart_m", 0.35).course().terrain] == pytest.approx(
+        [0.38, -0.35]
+    )
+    leant = scenario.slid("lean_rad.1", 10.0).course().terrain
+    assert leant[1].normal[2] == pytest.approx(-np.sin(np.deg2rad(10.0)))
+
+
+def test_a_picked_surface_becomes_a_polygon_with_its_own_place_and_friction(tmp_path):
+    scenario = KeysScenario.of("icy-walls")
+    course = scenario.course()
+    picked = scenario.picked(course, 7)
+    assert course_difference(picked.course(), course) == ""
+    place = course.terrain[7].centre_m + np.array([0.0, 0.02, 0.01])
+    moved = picked.dragged("surface", place).slid("surface", 0.25)
+    assert moved.course().terrain[7].centre_m == pytest.approx(place, abs=1e-3)
+    assert [patch.friction for patch in moved.course().terrain].count(0.25) == 1
+    assert moved.course().terrain[7].friction == 0.25
+    assert course_difference(read_again(moved, tmp_path), moved.course()) == ""
+
+
+def test_mass_and_friction_are_those_of_the_plan_and_weight_scales_forces():
+    scenario = KeysScenario.of("walls").slid("mass_kg", 20.0)
+    light, heavy = quick_answer(KeysScenario.of("walls")), quick_answer(scenario)
+    assert heavy.plan.problem.weight_n == pytest.approx(2.0 * light.plan.problem.weight_n)
+    assert check_plan(heavy.plan).accepted
+    carried = heavy.plan.forces_n.sum(axis=1)
+    assert carried == pytest.approx(np.tile([0.0, 0.0, 20.0 * 9.81], (len(carried), 1)), abs=1e-3)
+
+
+def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
+    answer = quick_answer(KeysScenario.of("walls").slid("friction", 0.0))
+    assert answer.status is Status.INFEASIBLE
+    assert answer.plan is None
+    assert_names(answer.message, "friction", "0", "0.303")
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda s: s.slid("mass_kg", 0.0), "mass_kg"),
+        (
+            lambda s: s.dragged("goal", np.array([500.0, 0.0, 0.2])),
+            "goal_m",
+        ),
+        (
+            lambda s: s.dragged("left wall", np.array([0.0, 9.0, 0.2])),
+            "limb",
+        ),
+        (
+            lambda s: s.slid("lean_rad.0", 80.0),
+            "terrain.lean_rad[0]",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_one_sentence(change, name):
+    answer = quick_answer(change(KeysScenario.of("walls")))
+    assert answer.course is None
+    assert answer.plan is None
+    assert_names(answer.message, name)
+
+
+def test_another_robot_stands_as_it_does(tmp_path):
+    scenario = KeysScenario.of("stairs", frames=3)
+    model = tmp_path / "robot.yaml"
+    with refuses("robot"):
+        scenario.with_robot(str(model))
+    again = replace(scenario, keys={**scenario.keys, "robot": "hexapod"}).with_robot("hexapod")
+    assert course_difference(again.course(), scenario.course()) == ""
+
+
+def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path):
+    course = read_course("stairs")
+    scenario = FixedScenario(laid=course).picked(course, 3)
+    by = np.array([0.01, 0.02, 0.005])
+    moved = scenario.dragged("surface", course.terrain[3].centre_m + by).slid("surface", 0.5)
+    found = moved.course()
+    for old, new in zip(course.footholds, found.footholds, strict=True):
+        for before, after in zip(old.candidates, new.candidates, strict=True):
+            third = before is course.terrain[3]
+            assert after.centre_m - before.centre_m == pytest.approx(
+                by if third else np.zeros(3), abs=1e-12
+            )
+            assert after.friction == (0.5 if third else before.friction)
+    assert moved.slid("friction", 0.5).course().terrain[3].friction == 0.25
+    assert course_difference(read_again(moved, tmp_path), found) == ""
+    with refuses("robot", "hexapod"):
+        moved.with_robot("hexapod")
