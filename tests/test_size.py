@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3010, 41632),
     "learners": (5487, 79470),
-    "planners": (34418, 551954),
+    "planners": (34422, 551991),
     "runner": (7256, 96460),
     "views": (4496, 69949),
 }
@@ -43,7 +43,7 @@ CAPS: dict[str, int] = {"tests": 43_905, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
-    "soles": 100,
+    "soles": 96,
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,
