@@ -295,7 +295,9 @@ def sole_of(pieces: Sequence[_PlacedShape], base: Array) -> tuple[FootSole, Arra
     points, best, most = np.vstack(clouds), None, 0.0
     if len(points) < 3:
         return None
-    faces = ConvexHull(points, qhull_options="QJ").equations[:, :3] if len(points) > 3 else []
+    faces = np.zeros((0, 3))
+    if len(points) > 3:
+        faces = ConvexHull(points, qhull_options="QJ").equations[:, :3]
     leaning = [face for face in faces if -face @ base[:, 2] > np.cos(_UPRIGHT_RAD)]
     for down in (-base[:, 2], *leaning):
         low = points @ down

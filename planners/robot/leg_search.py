@@ -498,9 +498,9 @@ class _Tree:
             doubt = "is a wheel, whose axis is along the ground: no foot stands on it"
             wheel = Touch(link=end.foot, centre_m=place, radius_m=0.0, index=-1, doubt=doubt)
             return wheel, None
-        flat = sole_of(pieces, base) if self.flat and len(joints) >= _LEVEL else None
-        if flat is not None:
-            sole, middle, link = flat
+        found = sole_of(pieces, base) if self.flat and len(joints) >= _LEVEL else None
+        if found is not None:
+            sole, middle, link = found
             return Touch(link=link, centre_m=middle, radius_m=0.0, index=-1), sole
         return self._pointed(end, touch_of(pieces), place), None
 

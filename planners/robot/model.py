@@ -229,8 +229,9 @@ class Robot:
                 f"{self.mass_kg:.9g}"
             )
         for limb, leg in zip(self.limbs, model.legs, strict=True):
-            same = (limb.sole_m is None) == (leg.sole is None)
-            if not same or (leg.sole is not None and not leg.sole.holds(limb.sole_m)):
+            mine, its = limb.sole_m, leg.sole
+            held = its is None if mine is None else its is not None and its.holds(mine)
+            if not held:
                 raise InvalidInput(
                     f"robot {self.name}: limb {limb.name}: sole_m: expected points of the soles that "
                     "its model has there, got others"

@@ -594,7 +594,7 @@ def _stand(
                 guesses.append(f"knees are bent that are straight in the posture of {source}")
     for pattern, angle in (posture_rad or {}).items():
         angles.update(dict.fromkeys(matching(pattern, names, "posture_rad"), float(angle)))
-    stood, unsaid = [], []
+    stood, unsaid = list[Leg](), list[str]()
     for leg in legs:
         if all(name in angles for name in leg.joint_names):
             stance = np.clip(

@@ -305,10 +305,12 @@ def _kept(leg: Leg) -> Workspace:
     """
     chain = leg.chain
     numbers = (chain.rotations, chain.origins, chain.axes, chain.slides, chain.tip_m)
+    sole: tuple[Any, ...] = ()
     if leg.sole is not None:
-        numbers = (*numbers, leg.sole.points_m, leg.sole.rotation, np.array(_USEFUL_LEVEL))
+        sole = (leg.sole.points_m.tolist(), leg.sole.rotation.tolist(), _USEFUL_LEVEL)
     key_parts = [
         _VERSION,
+        *sole,
         *(each.tolist() for each in (*numbers, leg.lower_rad, leg.upper_rad, leg.stance_rad)),
     ]
     path = (

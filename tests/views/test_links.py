@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.planners.motion.test_walk_joints import leaning
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.robot_file import named_robot
