@@ -8,6 +8,7 @@ import io
 import json
 import os
 import re
+import runpy
 import shlex
 import sys
 import tomllib
@@ -470,3 +471,23 @@ def test_every_picture_of_the_pages_has_the_command_that_draws_it_and_one_older_
     assert not pictures.stale("gait.png", tmp_path)
     os.utime(drawn, (0, 0))
     assert pictures.stale("gait.png", tmp_path)
+
+
+def test_what_is_tried_of_a_wheel_works() -> None:
+    exec(runpy.run_path(str(DOCS.parent / ".ci" / "smoke.py"))["LIBRARY"], {})
+
+
+def test_guides_name_files_that_are_there() -> None:
+    root = DOCS.parent
+    for folder in ("cli", "envs", "learners", "planners", "runner", "views"):
+        for guide in (root / folder).rglob("__init__.py"):
+            order = re.search(r"\bRead (``.*?)\"\"\"", guide.read_text(), re.DOTALL)
+            for name in re.findall(r"``(\w+)``", order.group(1)) if order else ():
+                assert list(guide.parent.glob(f"{name}*")), f"{guide}: {name}"
+    rows = re.findall(
+        r"^\|[^|]+\| `([\w/]+/)` \| (?:`\w+` of )?`([\w./]+\.py)`( there)? \|",
+        (DOCS / "CONTRIBUTING.md").read_text(),
+        re.MULTILINE,
+    )
+    assert len(rows) > 8
+    assert all((root / (folder if there else "") / file).exists() for folder, file, there in rows)

@@ -30,30 +30,30 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1516, 16964),
-    "cli": (3586, 40077),
+    "api": (1498, 16758),
+    "cli": (3565, 39846),
     "configs": (3, 30),
     "envs": (3009, 41631),
-    "learners": (5480, 79457),
-    "planners": (34061, 545638),
-    "runner": (7177, 95292),
-    "views": (4496, 69949),
+    "learners": (5450, 79085),
+    "planners": (34561, 554021),
+    "runner": (7240, 96424),
+    "views": (4499, 69986),
 }
-CAPS: dict[str, int] = {"tests": 42_336, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 42_500, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
-    "soles": 373,
+    "soles": 96,
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,
     "promises": 330,
     "worlds": 200,
     "formats": 38,
-    "stepping over": 250,
+    "stepping over": 100,
     "sequences": 300,
     "pictures": 184,
-    "speed": 88,
+    "speed": 18,
     "margins": 0,
 }
 """Statements by which the package may still rise, per piece of work."""

@@ -99,17 +99,7 @@ def course_between(
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     terrain_along = terrain.along(np.array(keys["goal_m"])[None], folder)
     ends = np.array([start_m, goal_m], dtype=np.float64)
-    if standing is not None and standing.identity != body.identity:
-        mine, theirs = (
-            name or "the default hexapod" for name in (standing.identity, body.identity)
-        )
-        raise InvalidInput(f"standing: expected a map of {theirs}, got one of {mine}")
-    if standing is not None and terrain.friction > standing.friction:
-        raise InvalidInput(
-            f"standing: expected a map at a friction of {terrain.friction:g} or more, got "
-            f"{standing.friction:g}: what "
-            "cannot be stood on there may be here"
-        )
+    _check_standing(standing, body, terrain.friction)
     if straight:
         way = np.column_stack([ends, [_body_height(terrain_along, toes, end) for end in ends]])
     else:
@@ -127,12 +117,9 @@ def course_between(
     if wanted > MOST_FRAMES:
         raise InvalidInput(
             f"goal: expected a way of at most {stride * (MOST_FRAMES - 1):.3g} m ({MOST_FRAMES} "
-            "frames), got "
-            f"{length:.3g} m; plan it in parts"
+            f"frames), got {length:.3g} m; plan it in parts"
         )
-    last = max(
-        1.0, length / max(wanted - 1, 1) / stride
-    )  # fewer frames than that take longer steps
+    last = max(1.0, length / max(wanted - 1, 1) / stride)  # of fewer frames, longer steps
     update: dict[str, Any] = {
         "frames": wanted,
         "gait": gait if alternative.gait is None else spec.gait,
@@ -150,23 +137,52 @@ def course_between(
     if not body.source.own:  # of others the height says it, too
         rooms["com_radius_m"] = BodySpec().com_radius_m * body.size
     update["body"] = BodySpec(**rooms)
-    if len(body.limbs) < 4:  # the body goes from over one foot to over another
-        aside = float(np.linalg.norm(toes[:, :2], axis=1).max())
-        between = np.linalg.norm(toes[:, None, :2] - toes[:, :2], axis=2)
-        nearest = float(between[between > 0.0].min(initial=np.inf))
-        if not body.relative_reach:  # which keeps soles apart wherever they are
-            window = min(update["candidates"]["window_m"], max(_APART * nearest, 0.02 * body.size))
-            update["candidates"]["window_m"] = window
-        room = max(spec.body.com_radius_m, _SWAY * aside)
-        rooms |= {"com_radius_m": room, "last_radius_m": min(room, near_of(body))}
-        update["body"] = spec.body.model_copy(update=rooms)
-        update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * _SWAY * aside)
+    if len(body.limbs) < 4:
+        _let_sway(update, spec, rooms, body, toes)
     update["weights"] = {"tilt": Weights().tilt * body.size**2}
     if not alternative.near_toes:
         update["weights"]["stance"] = 0.0
     if alternative.level:
         update["body"] = described(**{k: v for k, v in update.items() if k == "body"}).level()
     return described(stance=spec.stance, **update)
+
+
+def _check_standing(standing: StandingMap | None, robot: Robot, friction: float) -> None:
+    """Refuse a map of another robot, and one of ground with less friction."""
+    if standing is None:
+        return
+    if standing.identity != robot.identity:
+        mine, theirs = (
+            name or "the default hexapod" for name in (standing.identity, robot.identity)
+        )
+        raise InvalidInput(f"standing: expected a map of {theirs}, got one of {mine}")
+    if friction > standing.friction:
+        raise InvalidInput(
+            f"standing: expected a map at a friction of {friction:g} or more, got "
+            f"{standing.friction:g}: what cannot be stood on there may be here"
+        )
+
+
+def _let_sway(
+    update: dict[str, Any], spec: CourseSpec, rooms: dict[str, float], robot: Robot, toes_m: Array
+) -> None:
+    """Let the body of two or three legs go from over one foot to over another: keys of a course are
+    changed in place.
+
+    Arguments:
+        rooms: radii of the body's balls.
+        toes_m: vectors from the body to its toes, shape (N, 3) [m].
+    """
+    aside = float(np.linalg.norm(toes_m[:, :2], axis=1).max())
+    between = np.linalg.norm(toes_m[:, None, :2] - toes_m[:, :2], axis=2)
+    nearest = float(between[between > 0.0].min(initial=np.inf))
+    if not robot.relative_reach:  # which keeps soles apart wherever they are
+        window = min(update["candidates"]["window_m"], max(_APART * nearest, 0.02 * robot.size))
+        update["candidates"]["window_m"] = window
+    room = max(spec.body.com_radius_m, _SWAY * aside)
+    more = {"com_radius_m": room, "last_radius_m": min(room, near_of(robot))}
+    update["body"] = spec.body.model_copy(update=rooms | more)
+    update["steps"]["com_m"] = max(update["steps"]["com_m"], 2.0 * _SWAY * aside)
 
 
 def _body_height(terrain: Terrain, toes_m: Array, place_m: Array) -> float:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -140,94 +140,138 @@ def plan_course(
     between = cast("LaidBetween", question) if turned else None
     if between is not None:
         question, wrench = between.local, between.turned(wrench)
-    question = _loaded(question, wrench)
     if shares is None:
         shares = SHARES if getattr(planner, "reserve", False) else _ALL_FRICTION
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
-    spent = list[Effort]()
-    steep: Problem | None = None
+    search = _CourseSearch(
+        question=_loaded(question, wrench),
+        planner=planner,
+        shares=shares,
+        presses=presses,
+        limits=limits,
+        start_rad=start_rad,
+        push_n=push_n,
+        stated=stated,
+        kept=kept,
+        progress=progress,
+    )
+    try:
+        outcome = search.outcome(layouts, deadline)
+    except (NoPlace, PlanningFailed):
+        if between is not None:
+            between("inner")  # which says where in the world
+        raise
+    return outcome if between is None else _moved_back(outcome, between)
 
-    def piece(course: Problem, angles: Array | None, end: float) -> Answer[Plan]:
-        from .witness import with_whole_body  # slow to import
 
-        outcome = plan_with_reserve(planner, course, shares, presses, deadline=_search_end(end))
-        spent.append(outcome.effort)
-        if outcome.certificate is not None:  # of this piece from this posture, and of nothing else
-            outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
-        assert limits is not None
-        return with_whole_body(outcome, limits, angles, margins=False, deadline=end)
+@dataclass(frozen=True, kw_only=True)
+class _CourseSearch:
+    """The search for an answer to a course: its arguments are those of ``plan_course``.
 
-    def bearing_pushes(course: Problem) -> Problem:
-        if push_n > course.push_n:
-            course = replace(course, push_n=push_n)
-        check_push(course, planner)
-        return course
+    Arguments:
+        spent: on the contacts of every piece.
+        steep: whether the ground is, where bending is dear and tried last.
+    """
 
-    def answered(course: Problem, end: float, alternative: Alternative = AS_ASKED) -> Answer[Plan]:
-        course = bearing_pushes(course)
+    question: Problem | LayOut
+    planner: Planner
+    shares: Sequence[float]
+    presses: Sequence[float]
+    limits: WholeBodyLimits | None
+    start_rad: Array | None
+    push_n: float
+    stated: bool
+    kept: Kept | None
+    progress: Progress | None
+    spent: list[Effort] = field(default_factory=list)
+    steep: bool = False
+
+    def outcome(self, layouts: Sequence[Alternative], deadline: float) -> Answer[Plan]:
+        """The answer over the ways in which the course is laid out."""
+        question, search = self.question, self
+        if not callable(question):
+            return self.answered(question, deadline)
+        if not self.stated and self.limits is not None and len(layouts) > 1:
+            steep = _on_steep_ground(question)
+            if steep is not None:
+                own, search = steep.robot.source.own, replace(self, steep=True)
+                found, layouts = _leaning(question, layouts, self.at_a_glance, own, deadline)
+                if found is not None:
+                    return found
+        return _laid_out(question, layouts, search.answered, deadline, self.stated)
+
+    def answered(
+        self, course: Problem, end: float, alternative: Alternative = AS_ASKED
+    ) -> Answer[Plan]:
+        """The answer over one course, piece by piece where it is long."""
+        course, limits = self._bearing_pushes(course), self.limits
         so_far: Answer[Plan] | None = None
-        if limits is not None and in_pieces(course) and start_rad is None:
-            detour = _detour(question, alternative, push_n)
+        if limits is not None and in_pieces(course) and self.start_rad is None:
             pieces = plan_pieces(
                 course,
-                piece,
-                detour=detour,
-                kept=kept,
-                progress=progress,
+                self._piece,
+                detour=_detour(self.question, alternative, self.push_n),
+                kept=self.kept,
+                progress=self.progress,
                 deadline=_search_end(end, _PIECES),
             )
-            so_far = _whole(pieces, planner.name, spent, end)
-            if kept is not None and so_far.status is Status.FEASIBLE:
-                kept.remove()
+            so_far = _whole(pieces, self.planner.name, self.spent, end)
+            if self.kept is not None and so_far.status is Status.FEASIBLE:
+                self.kept.remove()
             if pieces.failed is None or course.frames > AT_ONCE or time.perf_counter() > end:
                 return so_far
             if pieces.plan is None:
                 so_far = None  # which says no more than the whole does
         search_end = end if limits is None else _search_end(end)
-        outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
-        if outcome.certificate is not None and not stated:
+        outcome = self._contacts(course, search_end)
+        if outcome.certificate is not None and not self.stated:
             outcome = _undecided(outcome, _LAID + _slipping(outcome, alternative))
         elif (
             outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer"
         ):
-            outcome = _refuted(outcome, question, planner, shares[-1], end)
+            outcome = _refuted(outcome, self.question, self.planner, self.shares[-1], end)
         if limits is not None and outcome.solution is not None:
             from .witness import with_whole_body  # slow to import
 
             unbent = replace(limits, steps=0)
-            for within in (limits,) if steep is None else (unbent, limits):  # bending is dear there
-                judged = with_whole_body(outcome, within, start_rad, deadline=end)
+            for within in (unbent, limits) if self.steep else (limits,):
+                judged = with_whole_body(outcome, within, self.start_rad, deadline=end)
                 if judged.status is Status.FEASIBLE:
                     break
             outcome = judged
         undecided = outcome.status not in (Status.FEASIBLE, Status.INFEASIBLE)
         return so_far if so_far is not None and undecided else outcome
 
-    def at_a_glance(course: Problem, end: float, *, firmly: bool) -> Answer[Plan]:
+    def at_a_glance(self, course: Problem, end: float, *, firmly: bool) -> Answer[Plan]:
+        """The answer over one course without bending, as it is found first."""
         from .witness import with_whole_body  # slow to import
 
-        assert limits is not None
-        asked, pressed = bearing_pushes(course), presses if firmly else ()
-        found = plan_with_reserve(quick(planner), asked, shares[:1], pressed, deadline=end)
-        return with_whole_body(found, replace(limits, steps=0), start_rad, deadline=end)
+        assert self.limits is not None
+        asked, pressed = self._bearing_pushes(course), self.presses if firmly else ()
+        first = quick(self.planner)
+        found = plan_with_reserve(first, asked, self.shares[:1], pressed, deadline=end)
+        unbent = replace(self.limits, steps=0)
+        return with_whole_body(found, unbent, self.start_rad, deadline=end)
 
-    if not callable(question):
-        return answered(question, deadline)
-    outcome: Answer[Plan] | None = None
-    try:
-        if not stated and limits is not None and len(layouts) > 1:
-            steep = _on_steep_ground(question)
-        if steep is not None:
-            own = steep.robot.source.own
-            outcome, layouts = _leaning(question, layouts, at_a_glance, own, deadline)
-        if outcome is None:
-            outcome = _laid_out(question, layouts, answered, deadline, stated)
-    except (NoPlace, PlanningFailed):
-        if between is not None:
-            between("inner")  # which says where in the world
-        raise
-    return outcome if between is None else _moved_back(outcome, between)
+    def _piece(self, course: Problem, angles: Array | None, end: float) -> Answer[Plan]:
+        from .witness import with_whole_body  # slow to import
+
+        outcome = self._contacts(course, _search_end(end))
+        self.spent.append(outcome.effort)
+        if outcome.certificate is not None:  # of this piece from this posture, and of nothing else
+            outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
+        assert self.limits is not None
+        return with_whole_body(outcome, self.limits, angles, margins=False, deadline=end)
+
+    def _contacts(self, course: Problem, end: float) -> Answer[Plan]:
+        return plan_with_reserve(self.planner, course, self.shares, self.presses, deadline=end)
+
+    def _bearing_pushes(self, course: Problem) -> Problem:
+        if self.push_n > course.push_n:
+            course = replace(course, push_n=self.push_n)
+        check_push(course, self.planner)
+        return course
 
 
 def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
