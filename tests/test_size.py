@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3009, 41631),
     "learners": (5450, 79085),
-    "planners": (34561, 554021),
+    "planners": (34572, 554170),
     "runner": (7240, 96424),
     "views": (4499, 69986),
 }
@@ -53,7 +53,7 @@ ALLOWANCES: dict[str, int] = {
     "stepping over": 100,
     "sequences": 300,
     "pictures": 184,
-    "speed": 18,
+    "speed": 7,
     "margins": 0,
 }
 """Statements by which the package may still rise, per piece of work."""

@@ -248,6 +248,9 @@ def laid_between(
 class LaidBetween:
     """Generator of the course over a terrain from one place (x, y) [m] to another, and on from
     where a plan failed.
+
+    Arguments:
+        seen_from: the frame in which all of it is; None for the world.
     """
 
     terrain: FileTerrain
@@ -257,6 +260,7 @@ class LaidBetween:
     frames: int | None
     standing: StandingMap | None = None
     straight: bool = False
+    seen_from: Frame | None = None
 
     def __call__(self, sets: Sets, alternative: Alternative = AS_ASKED) -> Problem:
         """The course over the inner or outer sets of the robot's legs.
@@ -282,6 +286,7 @@ class LaidBetween:
             start_m=np.array(self.start_m),
             goal_m=np.array(self.goal_m),
             near_m=near_of(robot),
+            frame=self.seen_from,
         )
 
     @cached_property
@@ -314,6 +319,7 @@ class LaidBetween:
             terrain=moved.model_copy(update=same),
             start_m=start,
             goal_m=goal,
+            seen_from=self.frame,
         )
 
     def turned(self, wrench: Array | None) -> Array | None:

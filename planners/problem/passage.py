@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..files.arrays import Array, checked, checked_members, read_only
 from ..files.codec import fields_to_json, from_json
 from ..robot.model import Robot
+from ..terrain.frame import Frame
 from ..terrain.patch import Patch
 
 FACING_UP = 0.3
@@ -201,6 +202,7 @@ class Passage:
         footholds: surfaces on which feet may stand.
         start_m, goal_m: places of the centre of mass, shape (2,) [m].
         near_m: horizontal distance within which it is there [m].
+        frame: frame in which all of it is; None for the world.
 
     Raises:
         InvalidInput: for a wrong shape, and numbers out of range.
@@ -215,6 +217,7 @@ class Passage:
     start_m: Array
     goal_m: Array
     near_m: float
+    frame: Frame | None = None
 
     def __post_init__(self) -> None:
         for name in ("terrain", "footholds"):

@@ -281,9 +281,7 @@ def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
     robot, problem, plan = question.robot or hexapod(), answer.problem, answer.solution
     frame = question.frame
     assert frame is not None
-    if answer.message and answer.status is not Status.FEASIBLE:
-        said = f"{answer.message}; places are from {frame.origin_m.tolist()}, x towards the goal"
-        answer = replace(answer, message=said)
+    answer = replace(answer, message=frame.in_world(answer.message))
     if plan is None:
         assert isinstance(problem, Problem)
         return replace(answer, problem=problem.moved(frame, robot))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..files.arrays import Array
+
+_NUMBER = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
+_PLACE = re.compile(rf"\({_NUMBER}, {_NUMBER}\)")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,3 +46,12 @@ class Frame:
     def places(self, places_m: Array) -> Array:
         """Places of this frame in the world, shape (…, 3) [m]."""
         return np.asarray(self.vectors(places_m) + self.origin_m)
+
+    def in_world(self, said: str) -> str:
+        """A sentence about this frame with its places, as "(1, -0.2)", those of the world."""
+
+        def there(found: re.Match[str]) -> str:
+            x, y, _ = np.round(self.places(np.array([float(found[1]), float(found[2]), 0.0])), 3)
+            return f"({x + 0.0:.10g}, {y + 0.0:.10g})"
+
+        return _PLACE.sub(there, said)

@@ -77,12 +77,13 @@ def explain_flood(certificate: Certificate) -> Explanation:
     assert isinstance(passage, Passage)
     start, goal = (f"({place[0]:g}, {place[1]:g})" for place in (passage.start_m, passage.goal_m))
     extent = Extent.of(passage.robot)
-    return Explanation(
-        relaxations=(),
-        message=f"balanced motion is impossible: none leads from within {passage.near_m:.2g} m of {start} to as near "
+    said = (
+        f"balanced motion is impossible: none leads from within {passage.near_m:.2g} m of {start} to as near "
         f"{goal}: {_ASSUMED}{_depth(extent)}; no foot is more than {extent.reach_m:.3g} m from the "
-        f"centre of mass, and no two feet are more than {extent.apart_m:.3g} m apart",
+        f"centre of mass, and no two feet are more than {extent.apart_m:.3g} m apart"
     )
+    message = said if passage.frame is None else passage.frame.in_world(said)
+    return Explanation(relaxations=(), message=message)
 
 
 def _depth(extent: Extent) -> str:

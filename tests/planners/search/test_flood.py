@@ -21,6 +21,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.outer_sets import Extent
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.flood import flood
+from stancekit.planners.terrain.frame import Frame
 from stancekit.planners.terrain.polygon import surface_patch
 from stancekit.planners.verify.flood import KINDS, _Replay, check_flood
 
@@ -170,6 +171,16 @@ def test_a_proof_survives_its_file(wall: Certificate, tmp_path: Path) -> None:
     assert check.accepted
     assert stancekit.verify(read).accepted
     assert stancekit.explain(read).message in check.message
+
+
+def test_a_proof_in_a_frame_says_places_of_the_world(wall: Certificate, tmp_path: Path) -> None:
+    frame = Frame(origin_m=np.array([5.0, 7.0, 0.0]), heading_rad=0.5 * np.pi)
+    framed = replace(wall, problem=replace(wall.refuted, frame=frame))
+    stancekit.save(framed, tmp_path / "wall.json")
+    said = stancekit.explain(stancekit.load(tmp_path / "wall.json")[1]).message
+    assert "(5, 7)" in said
+    assert "(5, 8.4)" in said
+    assert frame.in_world("at (-1e-05, 0.5), twice") == "at (4.5, 7), twice"
 
 
 def _of(kind: str) -> Callable[[Certificate], np.ndarray]:
