@@ -52,6 +52,15 @@ def test_a_mesh_of_a_ball_is_a_foot_of_its_radius(tmp_path: Path) -> None:
     assert [leg.radius_m for leg in again.legs] == [leg.radius_m for leg in model.legs]
 
 
+def test_a_mesh_with_corners_is_a_point(tmp_path: Path) -> None:
+    box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [
+        0.03,
+        0.01,
+        0.02,
+    ]
+    assert all(leg.radius_m == 0.0 for leg in with_feet(tmp_path, box).legs)
+
+
 def test_what_a_ball_may_lack() -> None:
     points = corners()
     found = fitted_ball(points)

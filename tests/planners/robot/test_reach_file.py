@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.model import Limb, Robot
@@ -54,6 +55,24 @@ def test_every_published_file_is_read_as_its_faces_say(robot):
                 own @ np.array(lines_of(path, "v")[int(corner) - 1], dtype=float)
             )
         assert np.all(corners.mean(axis=0) @ normals.T < bounds)  # outward
+
+
+@pytest.mark.parametrize("robot", LIMBS)
+def test_the_ball_holds_the_set_and_hardly_more(robot):
+    """The farthest point of the set in a direction, by a linear program, is in the ball, and one is
+    at its border.
+    """
+    sets = read_reach(folder_of(robot), LIMBS[robot])
+    rng = np.random.default_rng(0)
+    for limb in LIMBS[robot][:2]:
+        rows, (*centre, radius) = sets.toes[limb], sets.balls[limb]
+        ways = rng.normal(size=(40, 3))
+        far = []
+        for way in ways / np.linalg.norm(ways, axis=1)[:, None]:
+            found = linprog(-way, rows.normals, rows.bounds_m, bounds=(None, None))
+            far.append(np.linalg.norm(found.x - centre))
+        assert max(far) <= radius
+        assert max(far) >= 0.9 * radius
 
 
 def test_feet_are_paired_and_signs_are_those_of_the_paper():

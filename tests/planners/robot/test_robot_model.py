@@ -2,7 +2,7 @@
 refused.
 """
 
-from itertools import pairwise
+from itertools import pairwise, permutations
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, hexapod_model, named_robot
 from stancekit.planners.robot.robot_model import Remark, RobotModel, model_of
 from stancekit.planners.robot.urdf_reader import JointCorrection
 from tests.planners.robot.link_frames import link_frames
@@ -44,6 +46,29 @@ def texts(model: RobotModel, kind: str) -> list[str]:
     return [remark.text for remark in model.remarks if remark.kind == kind]
 
 
+def test_the_hexapods_urdf_agrees_with_the_hexapod() -> None:
+    model, robot_, servo = hexapod_model(), hexapod(), Servo()
+    assert model.name == robot_.name
+    assert model.leg_names == robot_.limb_names
+    assert model.body.mass_kg == pytest.approx(robot_.mass_kg, rel=1e-9)
+    assert model.remarks == ()
+    for each, limb in zip(model.legs, robot_.limbs, strict=True):
+        np.testing.assert_allclose(each.hip_m, limb.shoulder_m, atol=1e-9)
+        assert each.radius_m == FOOT_RADIUS_M
+        assert limb.reach_m < each.chain.length_m < 1.1 * limb.reach_m
+        np.testing.assert_allclose(each.lower_rad, servo.lower_rad)
+        np.testing.assert_allclose(each.upper_rad, servo.upper_rad)
+        np.testing.assert_allclose(each.torque_nm, servo.torque_nm)
+
+
+def test_its_feet_are_those_of_the_kinematics_that_plans_use() -> None:
+    model, angles = hexapod_model(), np.random.default_rng(0).uniform(-0.5, 0.9, 24)
+    feet = [
+        each.chain.feet(angles[None, 4 * i : 4 * i + 4])[0] for i, each in enumerate(model.legs)
+    ]
+    np.testing.assert_allclose(feet, Kinematics(hexapod()).feet(angles), atol=1e-12)
+
+
 @pytest.mark.parametrize("order", ORDERS)
 def test_joints_are_right_by_name_in_any_order_of_limbs(order: tuple[str, ...]) -> None:
     import pinocchio as pin
@@ -66,6 +91,17 @@ def test_joints_are_right_by_name_in_any_order_of_limbs(order: tuple[str, ...]) 
         np.testing.assert_allclose(
             foot, data.oMf[known.getFrameId(f"{each.name}_FOOT")].translation, atol=1e-12
         )
+
+
+def test_every_order_of_limbs_gives_the_same_legs() -> None:
+    first = model_of(quadruped())
+    for order in permutations(HIPS):
+        model = model_of(quadruped(order))
+        assert model.leg_names == order
+        for each in model.legs:
+            twin = first.leg(each.name)
+            np.testing.assert_array_equal(each.nominal_m, twin.nominal_m)
+            assert each.joints == twin.joints
 
 
 def test_legs_and_feet_are_found_and_the_guess_is_marked() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from stancekit.planners.robot import hexapod
@@ -181,6 +182,26 @@ def test_the_largest_box_of_an_octahedron_is_known() -> None:
     more = octahedron.cut(np.eye(3), np.full(3, 2.0))
     assert len(more.normals) == 11
     assert len(more.lean().normals) == 8
+
+
+def test_the_largest_ball_is_that_of_another_formulation() -> None:
+    """Bounded sets with an inside, unbounded ones, and empty ones, by SciPy's linprog."""
+    rng, found = np.random.default_rng(0), []
+    for _ in range(60):
+        normals = rng.normal(size=(rng.integers(3, 30), 3))
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        polytope = Polytope(normals=normals, offsets_m=rng.uniform(-0.1, 0.5, len(normals)))
+        rows = np.column_stack([normals, np.ones(len(normals))])
+        free = [(None, None)] * 3 + [(0.0, None)]
+        answer = linprog([0.0, 0.0, 0.0, -1.0], rows, polytope.offsets_m, bounds=free)
+        found.append(answer.status == 0 and answer.x[3] > 0.0)
+        if found[-1]:
+            np.testing.assert_allclose(polytope.largest_ball[3], answer.x[3], rtol=1e-9)
+            assert polytope.contains(polytope.largest_ball[None, :3]).all()
+        else:
+            with refuses("polytope"):
+                _ = polytope.largest_ball
+    assert 10 < sum(found) < 50
 
 
 def test_flat_sets_and_legs_without_an_inside_are_refused() -> None:

@@ -24,6 +24,7 @@ from stancekit.planners.projection.project import PROJECTIONS, SURFACE, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.robot.robot_file import hexapod_urdf
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import DecoupledPlanner
@@ -498,6 +499,18 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     with refuses():
         replan(replace(standing, yaws_rad=()), course, frame=4)
     assert len(plan.problem.footholds) == 6
+
+
+def test_plans_with_soles_are_not_executed(climbed):
+    from stancekit.runner.acceptance import Accepted
+
+    plan = climbed[1].solution
+    with pytest.raises(InvalidInput) as refused:
+        Accepted.verified(plan, "plan.json")
+    assert_names(str(refused.value), "plan.json")
+    with refuses("robot biped"):
+        hexapod_urdf(plan.problem.robot)
+    assert check_plan(plan, joints=True).group("joints").verdict == "not checked"
 
 
 def test_envelopes_are_for_point_feet(planner, soled, drawn):

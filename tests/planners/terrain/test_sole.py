@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.sole import sole_offsets, sole_region
+from stancekit.planners.terrain.sole import checked_sole, sole_offsets, sole_region
+from tests.refusals import assert_names, refuses
 
 SOLE = np.array([[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]])
 
@@ -59,3 +61,28 @@ def test_the_centre_is_where_all_points_are_on_the_patch(seed):
     on = np.all([inside(patch.vertices_m, tried + offset) for offset in offsets], axis=0)
     assert 0 < on.sum() < len(on)
     assert np.array_equal(inside(region.vertices_m, tried), on)
+
+
+def test_bad_soles_and_patches_without_room_are_refused_in_one_line():
+    for points, message in (
+        (SOLE[:2], "sole_m"),
+        (
+            [[0.0, 0.0], [0.1, 0.1], [0.2, 0.2]],
+            "sole_m",
+        ),
+        ([[0.0, 0.0, 0.0]], "sole_m"),
+    ):
+        with pytest.raises(InvalidInput) as refused:
+            checked_sole(points, "sole_m")
+        assert_names(str(refused.value), message)
+    beam = ground([[-0.4, -0.06], [0.4, -0.06], [0.4, 0.06], [-0.4, 0.06]])
+    assert len(sole_region(beam, sole_offsets(SOLE, beam, 0.0)).vertices_m) == 4
+    with refuses("sole"):
+        sole_region(beam, sole_offsets(SOLE, beam, 0.5 * np.pi))
+    bent = beam.vertices_m.copy()
+    bent[1, 2] += 1e-4
+    bent = Patch(
+        vertices_m=bent, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5
+    )
+    with refuses("sole"):
+        sole_region(bent, sole_offsets(SOLE, bent, 0.0))
