@@ -127,12 +127,14 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
     same left out.
     """
 
-    def stretched(leg: Leg, feet: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def stretched(
+        leg: Leg, feet: np.ndarray, start: np.ndarray, up: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         away = feet - leg.hip_m
         near = leg.hip_m + away * np.minimum(
             1.0, 0.33 / np.linalg.norm(away, axis=1, keepdims=True)
         )
-        angles, missed = descend(leg, near, start)
+        angles, missed = descend(leg, near, start, up)
         assert missed.max() < 1e-6
         return angles, np.linalg.norm(feet - near, axis=1)
 
