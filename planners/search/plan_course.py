@@ -158,7 +158,7 @@ def plan_course(
     )
     try:
         outcome = search.outcome(layouts, deadline)
-    except (NoPlace, PlanningFailed):
+    except (InvalidInput, PlanningFailed):
         if between is not None:
             between("inner")  # which says where in the world
         raise

@@ -395,6 +395,11 @@ def test_a_plan_that_is_moved_and_turned_with_its_world_is_that_plan(
         assert stancekit.verify(tmp_path / "there.json").accepted
 
 
+def test_a_place_that_is_refused_is_named_as_it_was_given() -> None:
+    with refuses("goal_xy_m", "(-20, 30)"):
+        stancekit.plan("stairs:0.3:7", start_xy_m=(0.0, 0.0), goal_xy_m=(-20.0, 30.0))
+
+
 @pytest.mark.parametrize("size", [0.25, 4.0])
 @pytest.mark.parametrize("legs", [False, True])
 def test_a_plan_of_a_robot_of_any_size_is_one_plan_scaled(
