@@ -79,8 +79,7 @@ def test_slopes_are_planned_the_hexapods_over_layouts_that_need_no_bending(
     answer = planned(slope(tmp_path, degrees), goal, 0.9, robot)
     assert answer.status.value == "feasible"
     assert answer.report.accepted
-    if robot is None:
-        assert answer.details["torque_steps"] == 0
+    assert answer.details["torque_steps"] <= (0 if robot is None else 5)
 
 
 def test_stairs_whose_risers_the_legs_can_step_are_planned_from_a_tread():
