@@ -35,15 +35,15 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3009, 41631),
     "learners": (5450, 79085),
-    "planners": (34572, 554170),
-    "runner": (7240, 96424),
+    "planners": (34656, 555711),
+    "runner": (7249, 96545),
     "views": (4499, 69986),
 }
 CAPS: dict[str, int] = {"tests": 42_442, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
-    "soles": 96,
+    "soles": 3,
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,

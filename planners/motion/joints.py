@@ -298,7 +298,7 @@ class JointPath:
         self, moments: PathMoments, postures: PathPostures, t: int, limb: int
     ) -> Array:
         """A comfortable posture of a limb at a moment, near to where it is drawn."""
-        normals = self.path.ups(moments)[t]
+        normals = moments.ups[t]
         answer = self._kinematics.solve(
             moments.com_m[t],
             moments.rotation_rad[t],
@@ -327,7 +327,7 @@ class JointPath:
     def _postures(self, moments: PathMoments) -> PathPostures:
         kinematics, angles = self._kinematics, self._drawn(moments)
         rotations = rotations_of(moments.rotation_rad)
-        normals, feet, wished = self.path.ups(moments), moments.feet_m, angles
+        normals, feet, wished = moments.ups, moments.feet_m, angles
         origins, error = moments.com_m, np.zeros(feet.shape[:2])
         for _ in range(_ROUNDS):
             shifts = np.array([kinematics.com_offset(q) for q in angles])
@@ -344,7 +344,7 @@ class JointPath:
 
 def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) -> WholeBody:
     """Postures as ``Bodies`` takes them."""
-    normals = path.ups(moments)
+    normals = moments.ups
     return WholeBody(
         rotation=postures.rotations,
         origin_m=postures.origins_m,

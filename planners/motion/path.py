@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,14 @@ from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..robot.chain import rotations_of
+from ..robot.inverse_kinematics import descend
 from ..robot.leg import levelled
 from ..robot.robot_file import FOOT_RADIUS_M
 from ..terrain.patch import Solids, solids_of
+
+if TYPE_CHECKING:
+    from ..robot.kinematics import Kinematics
 
 _TOUCH_DOWN_M = 0.02
 """No foot comes down farther beyond its place [m]."""
@@ -97,7 +103,7 @@ class _Swing:
 def clear_swing(
     ends: tuple[Array, Array],
     normals: tuple[Array, Array],
-    lift_m: float,
+    lift_m: float | Array,
     solids: Solids,
     radius_m: float = FOOT_RADIUS_M,
     kept_m: float = _KEPT_M,
@@ -109,13 +115,14 @@ def clear_swing(
 
     Arguments:
         ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m].
-        lift_m: least lift.
+        lift_m: least lift, or that of either end, shape (2,).
         radius_m: of the foot.
         corners_m: of a sole about its centre where it leaves and where it comes, shape (2, K, 3)
             [m]; None for a ball.
     """
-    lifted = ends[0] + (lift_m + raises_m[:, :1]) * normals[0]
-    lowered = ends[1] + (lift_m + raises_m[:, 1:]) * normals[1]
+    up, down = np.broadcast_to(lift_m, 2)
+    lifted = ends[0] + (up + raises_m[:, :1]) * normals[0]
+    lowered = ends[1] + (down + raises_m[:, 1:]) * normals[1]
 
     def gaps(its: slice) -> Array:
         paths = lifted[its, None] + _SHARES[:, None] * (lowered[its] - lifted[its])[:, None]
@@ -136,6 +143,20 @@ LIFT_M = 0.05
 """Least height to which feet of a robot of size 1 are lifted [m]."""
 _SOLE_LIFT_M = 0.02
 """The same of soles, whose ankles have no room to keep them level high behind the body [m]."""
+_TIPS_RAD = np.array(
+    sorted(
+        product((0.0, 0.15, 0.3, 0.45, 0.6, -0.15, -0.3), repeat=2),
+        key=lambda pair: (abs(pair[0]) + abs(pair[1]), abs(pair[0])),
+    )
+)
+"""Angles by which the toes of a sole in the air may hang down where it is lifted and where it comes
+down from, the smallest first (49, 2): a heel is lifted before the toes are, where the ankle has no
+room."""
+_ON_THE_WAY, _ROUNDS = np.arange(1, 12) / 4.0, 2
+"""Moments of a swing at which a leg is asked whether it gets there: the part, and how much of it is
+behind; and how often, as where the body is depends on its answer."""
+_FOLLOWED_M = 1e-5
+"""A leg whose sole's corners stay no farther from their way follows it [m]."""
 APART_M = 0.01
 """Between two moments that are judged no foot and no body's origin of a robot of size 1 goes
 farther [m]."""
@@ -153,6 +174,7 @@ class Segment:
         foothold: what every limb stands on, −1 in the air.
         surface: the foothold that it stands on, leaves or comes to, shape (N,).
         feet_m: centres of the feet at both ends, shape (2, N, 3).
+        ups: directions that feet have up at both ends, shape (2, N, 3).
         part: of a step: 0 lifts, 1 goes across, 2 comes down; −1 of none.
     """
 
@@ -160,6 +182,7 @@ class Segment:
     foothold: tuple[int, ...]
     surface: NDArray[np.int_]
     feet_m: Array
+    ups: Array
     part: int = -1
 
     @property
@@ -175,8 +198,8 @@ class PathMoments:
     Arguments:
         before, after, share: the key frames that the body is between, and how far, (T,) each.
         com_m, rotation_rad: of the body, shape (T, 3).
-        feet_m: centres, shape (T, N, 3).
-        foothold, surface: as of ``Segment``, shape (T, N).
+        feet_m, ups: centres and directions that feet have up, shape (T, N, 3).
+        foothold: as of ``Segment``, shape (T, N).
         part, passed: of a step, as of ``Segment``, and how much of it is behind, (T,) each.
     """
 
@@ -186,8 +209,8 @@ class PathMoments:
     com_m: Array
     rotation_rad: Array
     feet_m: Array
+    ups: Array
     foothold: NDArray[np.int_]
-    surface: NDArray[np.int_]
     part: NDArray[np.int_]
     passed: Array
 
@@ -241,8 +264,8 @@ class PlanPath:
         self.feet_m = plan.toes_m + radii[:, None] * self.normals
         self._holds = np.asarray(course.holds)
         legs = course.robot.source.own_model().legs if course.robot.source.own else ()
-        self.soles = {leg.name: leg.sole for leg in legs if leg.sole is not None}
-        self.lift_m = (_SOLE_LIFT_M if self.soles else LIFT_M) * self.size
+        self._legs = {leg.name: leg for leg in legs if leg.sole is not None}
+        self.lift_m = (_SOLE_LIFT_M if self._legs else LIFT_M) * self.size
         insets = [0.0 if patch.certainty is None else patch.certainty.inset_m for patch in patches]
         self.touch_downs_m = touch_downs_m(plan)
         self._kept_m = (
@@ -257,6 +280,7 @@ class PlanPath:
             foothold=tuple(holds.tolist()),
             surface=holds,
             feet_m=np.stack([self.feet_m[holds]] * 2),
+            ups=np.stack([self.normals[holds]] * 2),
         )
 
     @cached_property
@@ -278,60 +302,121 @@ class PlanPath:
     def _step(self, k: int) -> tuple[Segment, ...]:
         old, new = self._holds[k - 1], self._holds[k]
         moving = [self._names.index(name) for name in self.plan.problem.lifts[k]]
+        comes = old.copy()
+        comes[moving] = new[moving]
         corners = np.stack([self.feet_m[old]] * 4)
+        left, came = self.normals[old], self.normals[comes]
+        ups = np.array([[left, left], [came, came], [came, came]])
         for i in moving:
-            swing = clear_swing(
-                (self.feet_m[old[i]], self.feet_m[new[i]]),
-                (self.normals[old[i]], self.normals[new[i]]),
-                self.lift_m,
-                self._around,
-                float(self.radii_m[i]),
-                float(self._kept_m[[old[i], new[i]]].max()),
-                self.size * _RAISES_M,
-                self._corners(i, (old[i], new[i])),
-            )
+            if self._names[i] in self._legs:
+                swing, turned = self._sole_swing(k, i, old[i], new[i])
+                ups[:, :, i] = np.stack([turned[:-1], turned[1:]], axis=1)
+            else:
+                swing = self._swing(i, old[i], new[i])
             corners[:, i] = swing.corners
         held = np.isin(np.arange(len(old)), moving, invert=True)
-        foothold, leaves, comes = (
-            tuple(np.where(held, old, -1).tolist()),
-            old,
-            np.where(held, old, new),
+        foothold = tuple(np.where(held, old, -1).tolist())
+        parts = tuple(
+            Segment(
+                frames=frames,
+                foothold=foothold,
+                surface=comes if part else old,
+                feet_m=corners[part : part + 2],
+                ups=ups[part],
+                part=part,
+            )
+            for part, frames in enumerate(((k - 1, k - 1), (k - 1, k), (k, k)))
         )
-        across = Segment(
-            frames=(k - 1, k), foothold=foothold, surface=comes, feet_m=corners[1:3], part=1
-        )
-        if not moving:
-            return (across,)
-        lift = Segment(
-            frames=(k - 1, k - 1), foothold=foothold, surface=leaves, feet_m=corners[:2], part=0
-        )
-        return (
-            lift,
-            across,
-            Segment(frames=(k, k), foothold=foothold, surface=comes, feet_m=corners[2:], part=2),
+        return parts if moving else parts[1:2]
+
+    def _swing(
+        self,
+        limb: int,
+        old: int,
+        new: int,
+        drops_m: Array | float = 0.0,
+        corners_m: Array | None = None,
+    ) -> _Swing:
+        """The clear swing of a limb from one foothold to another.
+
+        Arguments:
+            drops_m: how much higher than others it is lifted at either end, shape (2,).
+            corners_m: as of ``clear_swing``.
+        """
+        return clear_swing(
+            (self.feet_m[old], self.feet_m[new]),
+            (self.normals[old], self.normals[new]),
+            self.lift_m + drops_m,
+            self._around,
+            float(self.radii_m[limb]),
+            float(self._kept_m[[old, new]].max()),
+            self.size * _RAISES_M,
+            corners_m,
         )
 
-    def _corners(self, limb: int, footholds: tuple[int, int]) -> Array | None:
-        """Corners of a limb's sole about its centre on two footholds, each a little farther out,
-        shape (2, K, 3) [m]; None for a ball.
+    def _sole_swing(self, k: int, limb: int, old: int, new: int) -> tuple[_Swing, Array]:
+        """The swing to key frame k of a limb with a sole whose toes hang down the least, of those
+        that its leg can follow, and directions that the sole has up at its four corners, shape (4,
+        3). The one that is followed best where its leg follows none.
         """
-        sole = self.soles.get(self._names[limb])
-        if sole is None:
-            return None
+        sole = self._legs[self._names[limb]].sole
+        assert sole is not None
         out = sole.points_m * (1.0 + _ROOM_M / np.linalg.norm(sole.points_m, axis=1)[:, None])
-        axes = levelled(self.normals[list(footholds)])
-        return np.asarray(out @ np.swapaxes(axes[:, :, :2], 1, 2))
+        flat = levelled(self.normals[[old, new]])
+        best: tuple[float, _Swing, Array] | None = None
+        for tips in _TIPS_RAD if self.plan.joints_rad is not None else _TIPS_RAD[:1]:
+            sine, cosine = np.sin(tips)[:, None], np.cos(tips)[:, None]
+            ups = cosine * flat[:, :, 2] + sine * flat[:, :, 0]
+            corners = out @ np.swapaxes(levelled(ups)[:, :, :2], 1, 2)
+            drops = np.maximum(-np.einsum("ski,si->sk", corners, flat[:, :, 2]).min(axis=1), 0.0)
+            swing = self._swing(limb, old, new, drops, corners)
+            turned = np.array([flat[0, :, 2], *ups, flat[1, :, 2]])
+            if self.plan.joints_rad is None:
+                return swing, turned
+            missed = self._missed_m(k, limb, np.array(swing.corners), turned)
+            if best is None or missed < best[0]:
+                best = missed, swing, turned
+            if missed <= _FOLLOWED_M:
+                break
+        assert best is not None
+        return best[1:]
 
-    def ups(self, moments: PathMoments) -> Array:
-        """Directions that feet have up, shape (T, N, 3): normals of what they stand on, leave or come
-        to. A sole in the air turns from the one to the other.
+    def _missed_m(self, k: int, limb: int, corners: Array, ups: Array) -> float:
+        """Largest distance that a leg stays from such a swing to key frame k [m].
+
+        Arguments:
+            corners, ups: the sole's middles, and directions that it has up, shape (4, 3).
         """
-        normals = self.normals[moments.surface]
-        if not self.soles:
-            return np.asarray(normals)
-        left = self.normals[self._holds[moments.before]]
-        share = np.where(moments.part == 1, moments.passed, 1.0)[:, None, None]
-        return np.asarray(left + share * (normals - left))
+        plan, kinematics = self.plan, self._kinematics
+        assert plan.joints_rad is not None
+        part = _ON_THE_WAY.astype(int)
+        passed = (_ON_THE_WAY - part)[:, None]
+        body = np.clip(_ON_THE_WAY - 1.0, 0.0, 1.0)[:, None]
+
+        def on_line(first: Array, last: Array) -> Array:
+            return np.asarray(first + body * (last - first))
+
+        ends, joints = (k - 1, k), kinematics.joints_of(limb)
+        turns = rotations_of(on_line(*plan.rotation_rad[[*ends]]))
+        com, drawn = on_line(*plan.com_m[[*ends]]), on_line(*plan.joints_rad[[*ends]])
+        feet, up = (line[part] + passed * (line[part + 1] - line[part]) for line in (corners, ups))
+        angles, missed = drawn.copy(), np.zeros(len(part))
+        for _ in range(_ROUNDS):  # legs weigh something
+            shifts = np.array([kinematics.com_offset(posture) for posture in angles])
+            origins = com - np.einsum("tij,tj->ti", turns, shifts)
+            angles[:, joints], missed = descend(
+                kinematics.model.legs[limb],
+                np.einsum("tij,ti->tj", turns, feet - origins),
+                drawn[:, joints],
+                np.einsum("tij,ti->tj", turns, up),
+            )
+        return float(missed.max())
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        from ..robot.kinematics import Kinematics  # slow to import
+
+        return Kinematics(self.plan.problem.robot)
 
     def swing(self, foothold: int, shares: Array) -> Array:
         """Place of a toe at shares of its way to a foothold, shape (K, 3) [m]: up, across and
@@ -377,10 +462,13 @@ class PlanPath:
         plan, counts = self.plan, [len(shares) for _, shares in parts]
         share = np.concatenate([shares for _, shares in parts])
         ends = np.repeat(np.array([segment.frames for segment, _ in parts]), counts, axis=0)
-        feet = [
-            segment.feet_m[0] + shares[:, None, None] * (segment.feet_m[1] - segment.feet_m[0])
-            for segment, shares in parts
-        ]
+        feet, ups = (
+            [ends[0] + shares[:, None, None] * (ends[1] - ends[0]) for ends, shares in lines]
+            for lines in (
+                [(segment.feet_m, shares) for segment, shares in parts],
+                [(segment.ups, shares) for segment, shares in parts],
+            )
+        )
         foothold = np.repeat(np.array([segment.foothold for segment, _ in parts]), counts, axis=0)
         body = np.where(ends[:, 0] == ends[:, 1], 0.0, share)[:, None]
         before, after = ends.T
@@ -392,8 +480,8 @@ class PlanPath:
             rotation_rad=plan.rotation_rad[before]
             + body * (plan.rotation_rad[after] - plan.rotation_rad[before]),
             feet_m=np.concatenate(feet),
+            ups=np.concatenate(ups),
             foothold=foothold,
-            surface=np.repeat(np.array([segment.surface for segment, _ in parts]), counts, axis=0),
             part=np.repeat([segment.part for segment, _ in parts], counts),
             passed=share,
         )

@@ -102,7 +102,7 @@ class PlanMotion:
         self.plan, self.timing = plan, timing
         self.path = PlanPath(plan, uncarried=uncarried)
         self.forces_n, self.longer = plan.forces_n if forces_n is None else forces_n, longer
-        if self.path.soles and (moments := plan.moments_nm) is not None:
+        if (moments := plan.moments_nm) is not None:
             self.forces_n = np.concatenate([self.forces_n[..., :3], moments], axis=2)
         self.standing_n = standing_n or {}
         course = plan.problem
@@ -269,11 +269,7 @@ class PlanMotion:
         forces = np.array([phase.forces for phase in self.phases])
         surface = np.array([phase.segment.surface for phase in self.phases])
         (a, b), last = frames.T, frames[:, 1] - frames[:, 0]
-        normals = up = self.normals[surface]
-        if self.path.soles:  # which turn in the air
-            across = np.array([phase.segment.part == 1 for phase in self.phases])
-            holds = np.asarray(plan.problem.holds)[a]
-            up = np.where(across[:, None, None], self.normals[holds], normals)
+        ups = np.array([phase.segment.ups for phase in self.phases])
         return {
             "com": plan.com_m[a],
             "moved": plan.com_m[b] - plan.com_m[a],
@@ -285,8 +281,8 @@ class PlanMotion:
             "stepped": feet[:, 1] - feet[:, 0],
             "forces": forces[:, 0],
             "loaded": forces[:, 1] - forces[:, 0],
-            "normals": up,
-            "tilted": normals - up,
+            "normals": ups[:, 0],
+            "tilted": ups[:, 1] - ups[:, 0],
             "friction": self._friction[surface],
         }
 

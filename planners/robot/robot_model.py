@@ -377,13 +377,24 @@ class RobotModel:
         """The rotors' inertia behind the gears as every joint feels it, shape (J,): what an MJCF
         says, else that of ``drive``.
         """
+        told = self._dynamics("armature")
+        return np.where(told > 0.0, told, self.drive[2])
+
+    @cached_property
+    def resistance(self) -> tuple[Array, Array]:
+        """Damping [Nm s/rad] and dry friction [Nm] of the joints themselves, as the file has them,
+        shape (J,) each; 0 where it says nothing.
+        """
+        return self._dynamics("damping"), self._dynamics("friction")
+
+    def _dynamics(self, name: str) -> Array:
+        """An attribute of the joints' ``dynamics``, shape (J,); 0 where there is none."""
         said = {
-            joint.get("name", ""): _angle(moved.get("armature", "0"), f"joint {joint.get('name')}")
+            joint.get("name", ""): _angle(moved.get(name, "0"), f"joint {joint.get('name')}")
             for joint in self.tree.findall("joint")
             if (moved := joint.find("dynamics")) is not None
         }
-        told = np.array([said.get(name, 0.0) for name in self.joint_names])
-        return np.where(told > 0.0, told, self.drive[2])
+        return np.array([said.get(joint, 0.0) for joint in self.joint_names])
 
     @property
     def torque_doubts(self) -> tuple[tuple[str, str], ...]:

@@ -19,9 +19,12 @@ import numpy as np
 from ..answer.answer import Answer, Status
 from ..answer.plan import Plan
 from ..errors import InvalidInput
+from ..files.arrays import Array
 from ..problem import Problem
 from ..projection.held import PRESSES, PUSHES, pressing, push_share, pushed, steady
+from ..robot.leg import Leg
 from ..terrain.patch import Patch
+from ..terrain.polygon import half_planes
 from ..terrain.sole import sole_offsets, sole_region
 from .answer import COURSE_LIMIT_S, Planner
 from .two_stage import TwoStagePlanner
@@ -138,32 +141,79 @@ _SOLES = (0.5, 0.65, 0.8)
 distance from the edge over which the robot tips."""
 
 
+_ANKLES, _ANKLE_SHARE, _INSIDE = 2, 0.85, 0.8
+"""Joints of a leg that are its ankle, the share of their torque with which they hold the weight, and
+how far from its middle to its edge a smaller sole's middle may be."""
+
+
 def narrowed(course: Problem, share: float) -> Problem:
-    """The course with soles that are so much smaller about their middles, which may be where those of
-    the whole soles may.
+    """The course with soles that are so much smaller, which may be where those of the whole soles
+    may.
+
+    They are about their middles where ankles hold the whole weight on every point of them, else
+    nearer to the ankles and still smaller.
     """
     soles = {limb.name: limb.sole_m for limb in course.robot.limbs}
+    held = {name: (np.zeros(2), share) for name in soles}
+    if course.robot.source.own:
+        weight_n = course.robot.mass_kg * course.gravity_m_s2
+        legs = course.robot.source.own_model().legs
+        held |= {leg.name: _held(leg, weight_n, share) for leg in legs if leg.sole is not None}
     limbs = tuple(
-        limb if limb.sole_m is None else replace(limb, sole_m=share * limb.sole_m)
+        limb
+        if (sole := limb.sole_m) is None
+        else replace(
+            limb, sole_m=held[limb.name][0] + held[limb.name][1] * (sole - held[limb.name][0])
+        )
         for limb in course.robot.limbs
     )
     footholds = []
     for foothold in course.footholds:
         whole, candidates = soles[foothold.limb], foothold.candidates
         if whole is not None and share < 1.0:
+            about, its = held[foothold.limb]
             candidates = tuple(
-                sole_region(patch, sole_offsets((1.0 - share) * whole, patch, yaw))
+                sole_region(patch, sole_offsets((1.0 - its) * (whole - about), patch, yaw))
                 for patch, yaw in zip(candidates, foothold.yaws_rad, strict=True)
             )
         footholds.append(replace(foothold, candidates=candidates))
     return replace(course, robot=replace(course.robot, limbs=limbs), footholds=tuple(footholds))
 
 
+def _held(leg: Leg, weight_n: float, share: float) -> tuple[Array, float]:
+    """The place on a leg's sole about which, and the share, of those up to this one, to which it is
+    narrowed so that the ankle holds the weight on every point of it: shape (2,) [m].
+    """
+    sole = leg.sole
+    assert sole is not None
+    last = slice(-_ANKLES, None)
+    turns = leg.chain.frames(leg.stance_rad[None])[0][0]
+    lever = leg.chain.feet_and_jacobian(leg.stance_rad[None])[1][0, 2, last]
+    axes = np.einsum("nij,nj->ni", turns[last], leg.chain.axes[last])
+    ahead, left = (turns[-1] @ sole.rotation)[:2, :2].T
+    slopes = np.stack([axes[:, 0] * of[1] - axes[:, 1] * of[0] for of in (ahead, left)], axis=1)
+    limit = leg.torque_nm[last]
+    most = _ANKLE_SHARE * np.where(limit > 0.0, limit, np.inf) / weight_n
+    ankle = np.linalg.lstsq(slopes, -lever, rcond=None)[0]
+    normals, offsets = half_planes(sole.points_m)
+    ankle = ankle / max(1.0, float((normals @ ankle / offsets).max()) / _INSIDE)
+    best = np.zeros(2), 0.0
+    for about in np.linspace(0.0, 1.0, 11)[:, None] * ankle:
+        room = most - np.abs(lever + slopes @ about)
+        shares = room[:, None] / np.maximum(np.abs(slopes @ (sole.points_m - about).T), 1e-9)
+        its = min(share, float(shares.min()))
+        if its > best[1]:
+            best = about, its
+        if its >= share:
+            break
+    return best if best[1] > 0.0 else (np.zeros(2), share)
+
+
 def on_whole_soles(plan: Plan, course: Problem) -> Plan:
     """The plan with the same forces and moments on the soles that the course has.
 
-    A point of a smaller sole is between that of the whole one and its middle, and the middle is a
-    mean of its points: forces at the one are forces at the others, within the same cones.
+    A point of a smaller sole is between that of the whole one and the place about which it was made
+    smaller, and that is a mean of points of the whole one: forces at the one are forces at the others, within the same cones.
     """
     if not course.has_soles or plan.points_m is None or plan.point_forces_n is None:
         return plan
@@ -174,15 +224,18 @@ def on_whole_soles(plan: Plan, course: Problem) -> Plan:
         if limb.sole_m is None or own.sole_m is None or np.array_equal(own.sole_m, limb.sole_m):
             continue
         count = len(limb.sole_m)
-        share = float(np.abs(own.sole_m).max() / np.abs(limb.sole_m).max())
-        mean = nnls(np.vstack([limb.sole_m.T, np.ones(count)]), np.array([0.0, 0.0, 1.0]))[0]
+        share = float(np.ptp(own.sole_m, axis=0).max() / np.ptp(limb.sole_m, axis=0).max())
+        about = (own.sole_m - share * limb.sole_m).mean(axis=0) / (1.0 - share)
+        mean = nnls(np.vstack([limb.sole_m.T, np.ones(count)]), np.array([*about, 1.0]))[0]
         its = forces[:, i, :count]
         middle = (1.0 - share) * mean[:, None] * its.sum(axis=1, keepdims=True)
         forces[:, i, :count] = share * its + middle
         for p, foothold in enumerate(course.footholds):
             if foothold.limb == limb.name:
                 toe = plan.toes_m[p]
-                points[p, :count] = toe + (points[p, :count] - toe) / share
+                points[p, :count] = toe + limb.sole_m @ np.linalg.pinv(own.sole_m) @ (
+                    points[p, :count] - toe
+                )
     return replace(plan, points_m=points, point_forces_n=forces)
 
 

@@ -154,9 +154,9 @@ class LoopStiffness:
         yielded = np.where(
             stand, self._drives.stiffness_nm_rad * (state.sent_rad - state.angles_rad), 0.0
         )
-        torques = np.where(
-            stand, torques_nm + self._drives.damping_nms_rad * state.rates_rad_s, 0.0
-        )
+        slowed = self._drives.damping_nms_rad * state.rates_rad_s
+        slowed += self._drives.resistance(state.rates_rad_s)
+        torques = np.where(stand, torques_nm + slowed, 0.0)
         self._prior = self._prior or _PRIOR_S * float(max(torques @ torques, yielded @ yielded))
         self._square = self._kept * self._square + self._period_s * float(yielded @ yielded)
         self._along = self._kept * self._along + self._period_s * float(yielded @ torques)
@@ -172,8 +172,8 @@ def command(
     rising_rad_s2: Array,
     share: float = 1.0,
 ) -> Array:
-    """q + Kp⁻¹ (τ + Kd q̇ + J q̈), shape (J,) [rad]: a loop τ = Kp (q* − q) − Kd q̇ that is sent
-    this gives τ at q.
+    """q + Kp⁻¹ (τ + Kd q̇ + J q̈ + r(q̇)), shape (J,) [rad]: a loop τ = Kp (q* − q) − Kd q̇ that is
+    sent this gives τ at q, and what the joint itself turns against.
 
     A servo takes no torque: it gets it as an offset of its position.
 
@@ -184,6 +184,7 @@ def command(
     if not drives.yields:
         return np.array(angles_rad)
     torques = torques_nm + drives.damping_nms_rad * rates_rad_s + drives.rotor_kg_m2 * rising_rad_s2
+    torques = torques + drives.resistance(rates_rad_s)
     return np.asarray(angles_rad + torques / (share * drives.stiffness_nm_rad))
 
 

@@ -88,7 +88,7 @@ class BulletWorld(SimulatedWorld):
                 self._robot,
                 self._motors,
                 bullet.TORQUE_CONTROL,
-                forces=torques.tolist(),
+                forces=(torques - drives.resistance(rates)).tolist(),
                 physicsClientId=client,
             )
             bullet.stepSimulation(physicsClientId=client)

@@ -14,6 +14,9 @@ from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel
 
+_SLOW_RAD_S = 0.1
+"""Joints that turn faster meet their dry friction, slower ones a part of it [rad/s]."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drives:
@@ -24,6 +27,7 @@ class Drives:
         lower_rad, upper_rad, velocity_rad_s, torque_nm: limits.
         stiffness_nm_rad, damping_nms_rad: Kp, Kd.
         rotor_kg_m2: inertia of the rotors, seen behind the gears.
+        viscous_nms_rad, dry_nm: damping and dry friction of the joints themselves.
         actuators: what turns every joint, J of them.
         assigned: what names them, None where the robot's own file says what its joints can.
         yields: to loads, as those loops do; False where a joint is to be where it is sent: its loop
@@ -38,6 +42,8 @@ class Drives:
     stiffness_nm_rad: Array
     damping_nms_rad: Array
     rotor_kg_m2: Array
+    viscous_nms_rad: Array
+    dry_nm: Array
     actuators: tuple[ActuatorModel, ...]
     assigned: Actuators | None = None
     yields: bool = True
@@ -72,7 +78,7 @@ class Drives:
             if actuators is None
             else actuators.of(names)
         )
-        gains = model.drive[:2]
+        gains, (viscous, dry) = model.drive[:2], model.resistance
         loops = np.array(
             [
                 _loop(actuator, (*gains, float(rotor)))
@@ -88,6 +94,8 @@ class Drives:
             stiffness_nm_rad=loops[:, 0],
             damping_nms_rad=loops[:, 1],
             rotor_kg_m2=loops[:, 2],
+            viscous_nms_rad=viscous,
+            dry_nm=dry,
             actuators=models,
             assigned=actuators,
         )
@@ -97,6 +105,12 @@ class Drives:
         """Loss of a joint's torque per rad/s, as a share, shape (J,) [s]; 0 where it loses none."""
         return np.array(
             [1.0 / each.no_load_rad_s if each.curve == "linear" else 0.0 for each in self.actuators]
+        )
+
+    def resistance(self, rates_rad_s: Array) -> Array:
+        """Torque that joints turn against at these speeds, beside their loops' Kd q̇ [Nm]."""
+        return np.asarray(
+            self.viscous_nms_rad * rates_rad_s + self.dry_nm * np.tanh(rates_rad_s / _SLOW_RAD_S)
         )
 
     def torque_range(self, rates_rad_s: Array) -> tuple[Array, Array]:

@@ -13,11 +13,15 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, joint_names
+from stancekit.planners.robot.robot_model import model_of
+from stancekit.planners.robot.walker import contact_robot
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.runner.control.tracker import command
 from stancekit.runner.worlds import WORLDS, make_world
 from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.world import Ground, State, World
+from tests.planners.robot.small_urdfs import biped
 from tests.refusals import refuses
 
 MODULES = {"bullet": ("pybullet", "catalogue"), "mujoco": ("mujoco", "robots")}
@@ -228,6 +232,27 @@ def test_gravity_is_the_one_that_was_asked_for(world: World) -> None:
         for _ in range(40):
             state = moon.step(angles)
     assert state.velocity[2] == pytest.approx(-1.62 * 0.2, rel=0.02)
+
+
+@pytest.mark.parametrize("name", list(MODULES))
+def test_joints_that_turn_against_their_own_friction_are_where_they_are_sent(name: str) -> None:
+    """Knees of a robot without weight, turned evenly: what its loops alone would lag behind by is
+    (D q̇ + F) / Kp.
+    """
+    pytest.importorskip(MODULES[name][0])
+    stiff = 'velocity="8"/><dynamics damping="4" friction="1"/>'
+    robot = contact_robot(model_of(biped().replace('velocity="8"/>', stiff)))
+    model = robot.source.own_model()
+    angles = np.concatenate([leg.stance_rad for leg in model.legs])
+    rates = np.where(np.char.find(model.joint_names, "knee") >= 0, 0.5, 0.0)
+    with make_world(name, robot, gravity_m_s2=1e-6) as world:
+        world.reset([], angles, np.array([0.0, 0.0, 5.0]), np.eye(3))
+        lag = (4.0 * 0.5 + 1.0) / world.drives.stiffness_nm_rad.min()
+        for k in range(100):
+            wanted = angles + (k + 1) / world.rate_hz * rates
+            state = world.step(command(world.drives, wanted, 0.0 * rates, rates, 0.0 * rates))
+    assert lag > 0.01
+    assert np.abs(state.angles_rad - wanted).max() < 0.2 * lag
 
 
 def test_sendable_targets_never_leap() -> None:

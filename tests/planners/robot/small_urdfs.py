@@ -99,3 +99,50 @@ def quadruped(
     bone: str = "",
 ) -> str:
     return robot([leg(name, effort, mass, bone) for name in order], trunk=10.0 * mass)
+
+
+BOX = '<box size="0.16 0.08 0.02"/>'
+CORNERS = [f"{x} {y} -0.035" for x in (-0.08, 0.08) for y in (-0.04, 0.04)]
+FEET = {
+    "box": [(BOX, "0 0 -0.03")],
+    "balls": [('<sphere radius="0.005"/>', corner) for corner in CORNERS],
+    "ankle": [(BOX, "0 0 -0.03"), ('<box size="0.3 0.3 0.01"/>', "0 0 0.01")],
+    "ball": [('<sphere radius="0.03"/>', "0 0 -0.01")],
+    "wheel": [('<sphere radius="0.03"/>', "0 0 0")],
+}
+JOINTS = (
+    ("hip_roll", "1 0 0", 0.0),
+    ("hip_pitch", "0 1 0", 0.0),
+    ("hip_yaw", "0 0 1", 0.0),
+    ("knee", "0 1 0", -0.3),
+    ("heel", "0 1 0", -0.3),
+    ("foot", "1 0 0", 0.0),
+)
+
+
+def biped(foot: str = "box", effort: float = 60.0, heel: float = 1.2, heel_nm: float = 0.0) -> str:
+    """Hips of three joints, a knee and ankles of two; thigh and shank of 0.3 m.
+
+    Arguments:
+        heel: how far ankles pitch either way [rad].
+        heel_nm: their torque, that of the others where 0 [Nm].
+    """
+    shapes = "".join(
+        f'<collision><origin xyz="{at}"/><geometry>{what}</geometry></collision>'
+        for what, at in FEET[foot]
+    )
+    parts = []
+    for side, y in (("left", 0.08), ("right", -0.08)):
+        before = "base"
+        for name, axis, drop in JOINTS:
+            most = heel if name == "heel" else 1.2
+            low, high = (0.0, 2.2) if name == "knee" else (-most, most)
+            most_nm = heel_nm if name == "heel" and heel_nm else effort
+            held = f'<limit lower="{low}" upper="{high}" effort="{most_nm}" velocity="8"/>'
+            if foot == "wheel" and name == "foot":
+                axis, held = "0 1 0", '<limit lower="-9" upper="9" effort="9" velocity="8"/>'
+            place, own = f"0 {y if before == 'base' else 0} {drop}", f"{side}_{name}"
+            parts += [joint(f"{own}_j", before, own, place, axis, held), small(link(own, 0.3), 0.3)]
+            before = own
+        parts[-1] = parts[-1].replace("</link>", f"{shapes}</link>")
+    return robot(parts, "biped")

@@ -1,59 +1,23 @@
 """Feet of robots on two legs: what their shapes are, how they stand, and plans that stand on them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stancekit
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import FootContact
 from stancekit.planners.robot.reach_sets import limbs_over
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot
+from stancekit.planners.search.friction_margin import narrowed
 from stancekit.planners.verify import check_plan
-from tests.planners.robot.small_urdfs import joint, link, robot, small
+from tests.planners.robot.small_urdfs import biped
 from tests.refusals import refuses
-
-BOX = '<box size="0.16 0.08 0.02"/>'
-CORNERS = [f"{x} {y} -0.035" for x in (-0.08, 0.08) for y in (-0.04, 0.04)]
-FEET = {
-    "box": [(BOX, "0 0 -0.03")],
-    "balls": [('<sphere radius="0.005"/>', corner) for corner in CORNERS],
-    "ankle": [(BOX, "0 0 -0.03"), ('<box size="0.3 0.3 0.01"/>', "0 0 0.01")],
-    "ball": [('<sphere radius="0.03"/>', "0 0 -0.01")],
-    "wheel": [('<sphere radius="0.03"/>', "0 0 0")],
-}
-JOINTS = (
-    ("hip_roll", "1 0 0", 0.0),
-    ("hip_pitch", "0 1 0", 0.0),
-    ("hip_yaw", "0 0 1", 0.0),
-    ("knee", "0 1 0", -0.3),
-    ("heel", "0 1 0", -0.3),
-    ("foot", "1 0 0", 0.0),
-)
-
-
-def biped(foot: str = "box", effort: float = 60.0) -> str:
-    """Hips of three joints, a knee and ankles of two; thigh and shank of 0.3 m."""
-    shapes = "".join(
-        f'<collision><origin xyz="{at}"/><geometry>{what}</geometry></collision>'
-        for what, at in FEET[foot]
-    )
-    parts = []
-    for side, y in (("left", 0.08), ("right", -0.08)):
-        before = "base"
-        for name, axis, drop in JOINTS:
-            low, high = (0.0, 2.2) if name == "knee" else (-1.2, 1.2)
-            held = f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="8"/>'
-            if foot == "wheel" and name == "foot":
-                axis, held = "0 1 0", '<limit lower="-9" upper="9" effort="9" velocity="8"/>'
-            place, own = f"0 {y if before == 'base' else 0} {drop}", f"{side}_{name}"
-            parts += [joint(f"{own}_j", before, own, place, axis, held), small(link(own, 0.3), 0.3)]
-            before = own
-        parts[-1] = parts[-1].replace("</link>", f"{shapes}</link>")
-    return robot(parts, "biped")
 
 
 @pytest.mark.parametrize("foot", ["box", "balls", "ankle"])
@@ -120,3 +84,41 @@ def test_ankles_bear_the_moments_of_forces_at_the_corners_of_soles(walked: Plan)
     np.testing.assert_allclose(
         np.abs(ankle), float(plan.forces_n[stance, limb, 2]) * np.abs(arm[:2])[[0, 1]], rtol=0.15
     )
+
+
+STEP = (
+    "v -2 -2 0\nv 0.2 -2 0\nv 0.2 2 0\nv -2 2 0\nv 0.2 -2 0.08\nv 2 -2 0.08\nv 2 2 0.08\n"
+    "v 0.2 2 0.08\nf 1 2 3 4\nf 2 5 8 3\nf 5 6 7 8\n"
+)
+
+
+def test_toes_hang_down_in_the_air_where_ankles_have_no_room_and_stay_off_the_step(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "step.obj").write_text(STEP)
+    body = contact_robot(model_of(biped(heel=0.75)))
+    answer = stancekit.plan(
+        tmp_path / "step.obj", robot=body, start_xy_m=(0.0, 0.0), goal_xy_m=(0.5, 0.0)
+    )
+    assert answer.status.value == "feasible"
+    moments = PlanPath(answer.solution).moments()
+    air = moments.foothold < 0
+    assert 0.1 < moments.ups[air][:, 0].max() < 0.6
+    np.testing.assert_allclose(moments.ups[~air], [[0.0, 0.0, 1.0]] * (~air).sum(), atol=1e-9)
+    sole = body.source.own_model().legs[0].sole
+    ups = moments.ups[air] / np.linalg.norm(moments.ups[air], axis=1)[:, None]
+    ahead = np.cross([0.0, 1.0, 0.0], ups)
+    corners = moments.feet_m[air][:, None] + np.einsum("k,ti->tki", sole.points_m[:, 0], ahead)
+    ground = np.where(corners[..., 0] > 0.2, 0.08, 0.0)
+    assert (corners[..., 2] - ground).min() > -1e-6
+
+
+def test_soles_are_narrowed_to_where_ankles_hold_the_weight(walked: Plan) -> None:
+    course = walked.problem
+    assert narrowed(course, 0.5).robot.limbs[0].sole_m == pytest.approx(
+        0.5 * course.robot.limbs[0].sole_m
+    )
+    weak = contact_robot(model_of(biped(heel_nm=2.0)))
+    weight_n = weak.mass_kg * course.gravity_m_s2
+    sole = narrowed(replace(course, robot=weak), 0.5).robot.limbs[0].sole_m
+    np.testing.assert_allclose(weight_n * np.abs(sole[:, 0]).max(), 0.85 * 2.0, rtol=0.02)
