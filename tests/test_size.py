@@ -39,7 +39,7 @@ HELD: dict[str, Size] = {
     "runner": (7249, 96545),
     "views": (4499, 69986),
 }
-CAPS: dict[str, int] = {"tests": 42_442, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 42500, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
