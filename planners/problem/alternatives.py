@@ -89,6 +89,9 @@ AS_ASKED = Alternative()
 HIGHER = Alternative(height=1.15)
 """The layout that is tried first where a foot alone stays from its path: its leg has no room to
 lift it."""
+KNEES_BENT = Alternative(height=0.92)
+"""The layout that is tried first after that which was asked for where feet are soles: knees that are
+bent more have room for soles that lean."""
 ALTERNATIVES = (
     AS_ASKED,
     Alternative(spread=1.15, height=0.85),

@@ -9,7 +9,7 @@ for ``contacts`` of the robot's YAML file.
 A sphere is fitted to the corners of a mesh's convex hull by least squares, ‖x‖² = 2 x·m + (r² −
 ‖m‖²), and made as large as the farthest of them is away. It is taken where nearly all corners, and
 the planes of half of the hull's surface, are no farther from it than a part of its radius, and than
-a millimetre: balls that are cut off on their sides, or have a neck, are balls, boxes and cylinders
+two millimetres: balls that are cut off on their sides, or have a neck, are balls, boxes and cylinders
 not. Where it may touch, away from the leg's last joint, it has to be round: half a ball with its
 flat side down is none.
 
@@ -140,7 +140,9 @@ def off_solids(
 
 
 _ROUND = 0.15
-"""Share of a ball's radius: as far as a mesh that is taken for one may be from it."""
+"""Share of a ball's radius: as far as a mesh that is taken for one may be from it, and no farther
+than ``_OFF_BALL_M``."""
+_OFF_BALL_M = 2e-3
 _NECK = 0.05
 """Share of a ball's corners that may be farther from it, where a shank ends in it."""
 HALF = 0.5
@@ -402,7 +404,7 @@ def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | N
     if outward is not None:
         ways = ways[ways @ outward > np.cos(_TOUCHING_RAD)]
     ends = ((points_m - middle_m) @ ways.T).max(axis=0)
-    return bool(ends.min() >= radius_m - _FARTHER_M)
+    return bool(ends.min() >= radius_m - min(_ROUND * radius_m, _OFF_BALL_M))
 
 
 def _touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
@@ -561,7 +563,7 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
         return None
     middle, away = _about(points_m)
     radius_m = float(away.max())
-    least = radius_m - min(_ROUND * radius_m, _FARTHER_M)
+    least = radius_m - min(_ROUND * radius_m, _OFF_BALL_M)
     if not float(np.quantile(away, _NECK)) >= least:
         return None
     some = points_m[

@@ -21,7 +21,7 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
 from ..problem import Problem
-from ..problem.alternatives import AS_ASKED, HIGHER, LEANING, Alternative, ordered
+from ..problem.alternatives import AS_ASKED, HIGHER, KNEES_BENT, LEANING, Alternative, ordered
 from ..problem.candidates import NoPlace
 from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
@@ -470,6 +470,8 @@ def _laid_out(
             left = ordered(left, "contacts" if outcome.solution is None else "body")
             if _cannot_lift(outcome):
                 left.sort(key=lambda each: each is not HIGHER)
+            if left and course.has_soles:
+                left.insert(0, KNEES_BENT)
     if first is None:
         assert refusal is not None
         raise refusal

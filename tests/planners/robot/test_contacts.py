@@ -52,6 +52,13 @@ def test_a_mesh_of_a_ball_is_a_foot_of_its_radius(tmp_path: Path) -> None:
     assert [leg.radius_m for leg in again.legs] == [leg.radius_m for leg in model.legs]
 
 
+def test_a_ball_that_is_two_millimetres_off_touches_as_one(tmp_path: Path) -> None:
+    worn = np.random.default_rng(1).uniform(0.94, 1.0, (400, 1))
+    for leg in with_feet(tmp_path, MIDDLE + worn * (corners() - MIDDLE)).legs:
+        assert not leg.doubt
+        assert leg.radius_m == pytest.approx(0.03, abs=2e-3)
+
+
 def test_a_mesh_with_corners_is_a_point(tmp_path: Path) -> None:
     box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [
         0.03,
