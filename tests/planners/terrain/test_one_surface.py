@@ -60,28 +60,64 @@ def test_a_plane_as_two_triangles_or_four_thousand():
     assert fine.area_m2 == pytest.approx(whole.area_m2, rel=1e-6)
 
 
-@pytest.mark.parametrize("degrees", [0, 20])
-def test_bricks_whose_corners_are_within_the_edges_of_others_are_one_surface(degrees):
+@pytest.mark.parametrize("degrees", [0, 5, 20])
+@pytest.mark.parametrize("digits", [9, 3])
+def test_bricks_whose_corners_are_within_the_edges_of_others_are_one_surface(degrees, digits):
     corners, slope = list[tuple[float, float, float]](), np.tan(np.radians(degrees))
     for row in range(10):
         ends = np.clip(np.arange(-1.0 - 0.2 * (row % 2), 1.3, 0.4), -1.0, 1.0)
         for a, b in pairwise(ends):
             y = 0.2 * row - 1.0
             corners += [(x, z, slope * x) for x, z in ((a, y), (b, y), (b, y + 0.2), (a, y + 0.2))]
-    found = footholds(corners, np.concatenate([4 * k + QUAD for k in range(len(corners) // 4)]))
+    quads = np.concatenate([4 * k + QUAD for k in range(len(corners) // 4)])
+    found = footholds(np.round(corners, digits), quads)
     assert len(found.pieces) == 1
     assert found.area_m2 == pytest.approx(1.96**2 / np.cos(np.arctan(slope)), rel=5e-3)
 
 
-def test_two_planes_that_meet_stay_two():
+@pytest.mark.parametrize(("noise_m", "pieces"), [(2e-4, 2), (5e-4, 12)])
+def test_the_sides_of_a_step_that_was_measured_are_two_surfaces(noise_m, pieces):
+    x = np.linspace(-1.0, 1.0, 41)
+    corners = np.array([(a, b, 0.0) for a in x for b in x[10:31]])
+    corners[21 * 21 :, 2] = 0.1
+    corners[20 * 21 : 21 * 21, 0] += 0.04
+    rows = np.arange(len(corners)).reshape(41, 21)
+    a, b, c, d = (
+        each.ravel() for each in (rows[:-1, :-1], rows[1:, :-1], rows[1:, 1:], rows[:-1, 1:])
+    )
+    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    noise = np.random.default_rng(0).normal(0.0, noise_m, corners.shape)
+    found = footholds(corners + noise, triangles)
+    heights = np.array([piece.patch.centre_m[2] for piece in found.pieces])
+    assert len({piece.surface for piece in found.pieces}) == 2
+    assert len(heights) <= pieces
+    np.testing.assert_allclose(np.minimum(np.abs(heights), np.abs(heights - 0.1)), 0.0, atol=5e-4)
+    assert found.area_m2 == pytest.approx(0.96 * (1.04 - 0.04 + 0.95 - 0.04), rel=5e-3)
+
+
+@pytest.mark.parametrize("digits", [9, 3])
+@pytest.mark.parametrize("riser", [False, True])
+def test_planes_four_millimetres_apart_stay_two(digits, riser):
+    low = cut(np.array([[-1.0, -0.5, 0], [0, -0.5, 0], [0, 0.5, 0], [-1.0, 0.5, 0]]), QUAD, 0.1)
+    parts = [low, (low[0] + [1.0, 0.0, 0.004], low[1])]
+    if riser:
+        side = np.array([[0, -0.5, 0], [0, 0.5, 0], [0, 0.5, 0.004], [0, -0.5, 0.004]])
+        parts.append(cut(side, QUAD[:, ::-1], 0.1))
+    mesh = trimesh.util.concatenate([trimesh.Trimesh(*part, process=False) for part in parts])
+    found = footholds(mesh.vertices.round(digits), mesh.faces)
+    assert sorted(piece.patch.centre_m[2] for piece in found.pieces) == pytest.approx([0.0, 0.004])
+
+
+@pytest.mark.parametrize("lean", [-0.0437, 0.02])
+def test_two_planes_that_meet_stay_two(lean):
     x = np.repeat([-1.0, 0.0, 1.0], 2)
-    corners = np.column_stack([x, np.tile([-0.5, 0.5], 3), 0.02 * np.abs(x)])
+    corners = np.column_stack([x, np.tile([-0.5, 0.5], 3), lean * np.abs(x)])
     triangles = [[0, 2, 3], [0, 3, 1], [2, 4, 5], [2, 5, 3]]
     small = cut(corners, triangles, 0.1)
     for digits in (9, 3):
         found = footholds(small[0].round(digits), small[1])
         leans = sorted(piece.patch.normal[0] for piece in found.pieces if piece.area_m2 > 0.1)
-        assert leans == pytest.approx([-0.02, 0.02], abs=2e-3)
+        assert leans == pytest.approx([-abs(lean), abs(lean)], abs=2e-3)
 
 
 def boxes(*bounds):
