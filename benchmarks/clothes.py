@@ -180,7 +180,7 @@ def grounds() -> Iterator[Ground]:
         goal=(1.8, 0.0),
         passable=False,
     )
-    door = [box(0.9, 1.0, sign * 0.7, sign * HALF_M, 0.0, 0.8) for sign in (1.0, -1.0)]
+    door = [box(0.9, 1.0, *sides, 0.0, 0.8) for sides in ((0.7, HALF_M), (-HALF_M, -0.7))]
     yield Ground(name="door", triangles=np.concatenate([plain, *door]), goal=(1.8, 0.0))
     beams = [
         box(-1.0, 1.6, y - 0.08, y + 0.08, -0.3, 0.0) for y in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)

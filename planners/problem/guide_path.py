@@ -227,10 +227,13 @@ def guide_path(
     ends_m: Array,
     avoid_m: Sequence[Array] = (),
     standing: StandingMap | None = None,
+    *,
+    mirrored: bool = False,
 ) -> GuidePath:
     """The best way between two places, shape (2, 2) [m].
 
     Arguments:
+        mirrored: whether the lattice begins at the terrain's left border, not at its right one.
         avoid_m: places (x, y) where a plan along another way failed.
         standing: map of where the robot can stand when it faces along x: a way costs more where it is
             not likely to, and most where standing there so is proved impossible, which another
@@ -246,7 +249,9 @@ def guide_path(
     first: InvalidInput | PlanningFailed | None = None
     for apart in _APART:
         for lowest in (False, True):
-            lattice = _Lattice.over(terrain.patches, surfaces, footprint, apart, lowest=lowest)
+            lattice = _Lattice.over(
+                terrain.patches, surfaces, footprint, apart, lowest=lowest, mirrored=mirrored
+            )
             try:
                 return lattice.way(start, goal, avoid_m, standing)
             except (NoPlace, PlanningFailed) as error:
@@ -325,6 +330,7 @@ class _Lattice:
         apart: float,
         *,
         lowest: bool,
+        mirrored: bool,
     ) -> _Lattice:
         """The lattice over footholds.
 
@@ -339,6 +345,8 @@ class _Lattice:
         low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
         spacing = max(LATTICE_M * footprint.size, float(np.sqrt(np.prod(high - low) / _MOST_NODES)))
         shape = np.ceil((high - low) / spacing).astype(int) + 1
+        if mirrored:
+            low[1] = high[1] - spacing * (shape[1] - 1)
         heights, slopes = _rastered(standing, low, spacing, shape)
         layered = bool(np.nanmax(heights[0] - heights[1], initial=0.0) > apart * reach)
         k = int(lowest)
