@@ -334,12 +334,12 @@ class LaidBetween:
     @cached_property
     def frame(self) -> Frame | None:
         """Frame in which the course is planned, about a round place near the start, x towards the
-        goal; None for the world's own, where the goal is ahead, feet are soles, or a map is given.
+        goal; None for the world's own, where the goal is ahead or feet are soles.
         """
         way, robot = np.subtract(self.goal_m, self.start_m), self.robot or hexapod()
         soles = any(limb.sole_m is not None for limb in robot.limbs)
         heading = float(np.arctan2(way[1], way[0]))
-        if heading == 0.0 or self.standing is not None or soles or robot.feet:
+        if heading == 0.0 or soles or robot.feet:
             return None
         origin = local_origin(np.array([*self.start_m, 0.0]))
         return Frame(origin_m=origin, heading_rad=heading)
@@ -355,9 +355,13 @@ class LaidBetween:
         same = {"friction": terrain.friction, "footholds": terrain.footholds}
         ends = (back.places(np.array([*end, 0.0])) for end in (self.start_m, self.goal_m))
         start, goal = (tuple(end[:2].tolist()) for end in ends)
+        turned, standing = robot.turned(back), self.standing
+        if standing is not None and standing.identity == robot.identity:
+            standing = replace(standing, identity=turned.identity, frame=self.frame)
         return replace(
             self,
-            robot=robot.turned(back),
+            robot=turned,
+            standing=standing,
             terrain=moved.model_copy(update=same),
             start_m=start,
             goal_m=goal,
