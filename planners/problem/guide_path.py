@@ -64,6 +64,9 @@ _NEXT_TO_M = 0.06
 _ALIKE_M = 5e-3
 """Heights of a border that differ by less are one to people [m]."""
 _STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
+_TIE_DIGITS, _TIE = 6, 1e-6
+"""Decimals of the costs of ways between nodes, in their spacing, and share of a cost: what only
+rounding tells apart is alike."""
 _TRIES = 32
 """So many straight parts are tried from a node of a way on."""
 _NEAR, TURN_RAD = 6, np.pi / 4.0
@@ -531,7 +534,7 @@ class _Lattice:
                 length = float(np.linalg.norm(places[end] - places[at]))
                 cost = length * float(np.mean(0.5 * (worth[rows][1:] + worth[rows][:-1])))
                 good = free[rows].all() and bool((rises <= self._rise(self.spacing_m)).all())
-                if end == at + 1 or (good and cost <= (1.0 + 1e-9) * (spent[end] - spent[at])):
+                if end == at + 1 or (good and cost <= (1.0 + _TIE) * (spent[end] - spent[at])):
                     break
             points = np.column_stack([self.corner_m + self.spacing_m * line, self.z_m[rows]])
             parts.append(points[1:])
@@ -833,7 +836,7 @@ class _Lattice:
             ones.append(index[here][good])
             others.append(index[there][good])
             cost = np.hypot(flat, rise) * 0.5 * (worth[here] + worth[there])
-            costs.append(cost[good])
+            costs.append(np.round(cost[good] / self.spacing_m, _TIE_DIGITS))
         shape = (z.size, z.size)
         return coo_array(
             (np.concatenate(costs), (np.concatenate(ones), np.concatenate(others))), shape=shape
@@ -1108,7 +1111,7 @@ def _straightened(points: Array, off_m: float) -> Array:
     about = points - points[0]
     share = np.clip(about @ line / max(float(line @ line), 1e-12), 0.0, 1.0)
     off = np.linalg.norm(about - share[:, None] * line, axis=1)
-    farthest = int(off.argmax())
+    farthest = int(np.round(off / off_m, _TIE_DIGITS).argmax())
     if off[farthest] <= off_m:
         return points[[0, -1]]
     return np.concatenate(
