@@ -31,15 +31,15 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1498, 16758),
-    "cli": (3565, 39846),
+    "cli": (3570, 39919),
     "configs": (3, 30),
     "envs": (3009, 41631),
     "learners": (5450, 79085),
-    "planners": (34572, 554170),
-    "runner": (7240, 96424),
-    "views": (4499, 69986),
+    "planners": (34642, 555775),
+    "runner": (7239, 96435),
+    "views": (4515, 70309),
 }
-CAPS: dict[str, int] = {"tests": 42_442, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 42_498, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
@@ -52,7 +52,7 @@ ALLOWANCES: dict[str, int] = {
     "formats": 38,
     "stepping over": 100,
     "sequences": 300,
-    "pictures": 184,
+    "pictures": 94,
     "speed": 7,
     "margins": 0,
 }

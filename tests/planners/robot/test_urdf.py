@@ -52,26 +52,6 @@ def test_a_straight_limb_is_longer_than_the_reach_and_a_foot() -> None:
         assert link_lengths(limb).sum() > limb.reach_m + FOOT_RADIUS_M
 
 
-def test_a_robot_of_half_the_size_has_links_of_half_the_size() -> None:
-    robot = hexapod()
-    limbs = tuple(
-        Limb(name=limb.name, shoulder_m=0.5 * limb.shoulder_m, reach_m=0.5 * limb.reach_m)
-        for limb in robot.limbs
-    )
-    small = Robot(name="half", mass_kg=robot.mass_kg / 8.0, limbs=limbs, drawn=Servo())
-    for key in ("radius", "length"):
-        values, halves = (
-            [
-                float(shape.get(key))
-                for shape in ElementTree.fromstring(hexapod_urdf(each)).iter()
-                if shape.get(key)
-            ]
-            for each in (robot, small)
-        )
-        np.testing.assert_allclose(halves, 0.5 * np.array(values), rtol=1e-8)
-    np.testing.assert_allclose(small.source.foot_radii_m, 0.5 * robot.source.foot_radii_m)
-
-
 @pytest.mark.parametrize("rotors_in_links", [False, True])
 def test_every_inertia_is_one_that_a_body_can_have(rotors_in_links: bool) -> None:
     links = parsed(rotors_in_links=rotors_in_links).findall("link")
