@@ -180,7 +180,7 @@ def grounds() -> Iterator[Ground]:
         goal=(1.8, 0.0),
         passable=False,
     )
-    door = [box(0.9, 1.0, sign * 0.7, sign * HALF_M, 0.0, 0.8) for sign in (1.0, -1.0)]
+    door = [box(0.9, 1.0, *sides, 0.0, 0.8) for sides in ((0.7, HALF_M), (-HALF_M, -0.7))]
     yield Ground(name="door", triangles=np.concatenate([plain, *door]), goal=(1.8, 0.0))
     beams = [
         box(-1.0, 1.6, y - 0.08, y + 0.08, -0.3, 0.0) for y in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)
@@ -584,7 +584,15 @@ def sized(size: float, ground: Ground, robot: str | None, folder: Path) -> Row:
             replace(limb, shoulder_m=size * limb.shoulder_m, reach_m=size * limb.reach_m)
             for limb in who.limbs
         )
-        who = stancekit.Robot(name="six", mass_kg=size**3 * who.mass_kg, limbs=tuple(limbs))
+        powers = {"torque_nm": 4, "velocity_rad_s": -0.5, "rotor_kg_m2": 5}
+        powers |= {"stiffness_nm_rad": 4, "damping_nms_rad": 4.5}
+        drive = {name: size**power * getattr(who.servo, name) for name, power in powers.items()}
+        who = stancekit.Robot(
+            name="six",
+            mass_kg=size**3 * who.mass_kg,
+            limbs=tuple(limbs),
+            drawn=replace(who.servo, **drive),
+        )
     there = replace(ground.of_size(size, passable=True), passable=ground.passable)
     footholds = written(there, who, folder)
     row = footholds if isinstance(footholds, dict) else plan(there, footholds, who)

@@ -22,7 +22,9 @@ def place(text: str, option: str) -> Array:
     try:
         x, y = (float(part) for part in text.split(","))
     except ValueError:
-        raise InvalidInput(f"{option}: expected a place X,Y in metres, got {shown(text)}") from None
+        x, y = np.nan, np.nan
+    if not (np.isfinite(x) and np.isfinite(y)):
+        raise InvalidInput(f"{option}: expected a place X,Y in metres, got {shown(text)}")
     return np.array([x, y])
 
 

@@ -10,6 +10,7 @@ import tyro
 from rich.table import Table
 
 from .console import emit, out
+from .gait_options import place
 from .options import (
     OF_FILE,
     FootholdOptions,
@@ -66,6 +67,10 @@ class ShowTerrain:
         default_factory=FootholdOptions
     )
     """What counts as a foothold."""
+    start: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
+    """Drawn in picture and page: where a plan would begin [m]."""
+    goal: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
+    """Drawn in picture and page: where it would end [m]."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the terrain with its footholds: .png, .pdf or .svg."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
@@ -77,17 +82,19 @@ class ShowTerrain:
     def run(self) -> int:
         """Read, find footholds, draw, say."""
         check_drawn(picture=self.picture, html=self.html)
+        asked = {"start": self.start, "goal": self.goal}
+        places = {key: place(each, f"--{key}") for key, each in asked.items() if each is not None}
         footholds = self._found()
         if self.picture is not None:
             from stancekit.views.sheet import save
             from stancekit.views.terrain import draw_footholds
 
-            save(draw_footholds(footholds), self.picture)
+            save(draw_footholds(footholds, places), self.picture)
         if self.html is not None:
             from stancekit.views.page import write_page
             from stancekit.views.terrain import foothold_motion
 
-            write_page(self.html, foothold_motion(footholds))
+            write_page(self.html, foothold_motion(footholds, places))
         axes = dict(zip("xyz", self.file.asked().axes, strict=True)) if self._is_file else {}
         if self.json:
             emit({**footholds.to_json(), **({"axes": axes} if axes else {})})

@@ -31,13 +31,13 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1498, 16758),
-    "cli": (3565, 39846),
+    "cli": (3570, 39919),
     "configs": (3, 30),
     "envs": (3009, 41631),
     "learners": (5450, 79085),
-    "planners": (34661, 555753),
-    "runner": (7249, 96545),
-    "views": (4499, 69986),
+    "planners": (34731, 557358),
+    "runner": (7248, 96556),
+    "views": (4515, 70309),
 }
 CAPS: dict[str, int] = {"tests": 42500, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
@@ -52,7 +52,7 @@ ALLOWANCES: dict[str, int] = {
     "formats": 38,
     "stepping over": 100,
     "sequences": 300,
-    "pictures": 184,
+    "pictures": 94,
     "speed": 7,
     "margins": 0,
 }

@@ -43,11 +43,12 @@ class Alternative:
     level: bool = False
     gait: Literal["wave"] | None = None
 
-    def of(self, spec: CourseSpec, robot: Robot) -> CourseSpec:
+    def of(self, spec: CourseSpec, robot: Robot, *, mirrored: bool = False) -> CourseSpec:
         """The description with these changes.
 
         Arguments:
             robot: whose limbs are placed.
+            mirrored: whether the right side moves first, not the left.
         """
         update: dict[str, object] = {}
         if (self.spread, self.height) != (1.0, 1.0):
@@ -65,8 +66,9 @@ class Alternative:
         if self.level:
             update["body"] = spec.level()
         if self.gait is not None:
+            left = -1.0 if mirrored else 1.0
             order = sorted(
-                robot.limbs, key=lambda limb: (limb.shoulder_m[1] < 0.0, limb.shoulder_m[0])
+                robot.limbs, key=lambda limb: (left * limb.shoulder_m[1] < 0.0, limb.shoulder_m[0])
             )
             update["gait"] = [[limb.name] for limb in order]
         return spec.model_copy(update=update)

@@ -20,6 +20,9 @@ _COMFORT = 0.85
 """A nominal toe is at most this share of the limb's reach away from the nominal shoulder."""
 
 
+_ALIKE_DIGITS = 6
+"""Decimals of distances of places that are told apart [m]; of those that are alike the one farther
+ahead comes first, then the one farther out."""
 _TOUCH_M = 0.01
 """Terrain this close to a toe does not hide its place [m]."""
 
@@ -102,7 +105,10 @@ class CandidatePatches:
             toes, self._places(toes), strict=True
         ):
             hip_m = limb.hip_at(shoulder_m)
-            order = np.lexsort((indices, np.linalg.norm(places - toe_m, axis=1)))
+            away = np.linalg.norm(places - toe_m, axis=1)
+            ahead, aside = places[:, 0], np.abs(places[:, 1] - shoulder_m[1])
+            nearest = [np.round(each, _ALIKE_DIGITS) for each in (-aside, -ahead, away)]
+            order = np.lexsort((indices, *nearest))
             pieces.append([])
             for index, place in zip(indices[order].tolist(), places[order], strict=True):
                 if len(pieces[-1]) == count:

@@ -26,7 +26,7 @@ from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
 from .contact import Weights
 from .course_keys import BodySpec, CourseSpec, toe_offset
-from .course_layout import build_course
+from .course_layout import build_course, gait_sets
 from .guide_path import Footprint, guide_path
 from .passage import Passage, near_of
 from .problem import MOST_FRAMES, Problem, local_origin
@@ -43,6 +43,8 @@ _SWAY = 1.2
 _APART = 0.6
 """Width of their candidates, in distances of toes from each other, so that legs do not cross."""
 _CANDIDATES = 3
+_LOPSIDED = 0.02
+"""A share of what there is by which two sides of a way differ, or they are alike."""
 
 
 def course_between(
@@ -94,17 +96,23 @@ def course_between(
         usual = spec.stance
         lower = {key: body.size * getattr(usual, key) for key in ("outward_m", "down_m")}
         spec = spec.model_copy(update={"stance": usual.model_copy(update=lower)})
-    spec = alternative.of(spec, body)
-    toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     reach = float(np.mean([limb.reach_m for limb in body.limbs]))
     terrain_along = terrain.along(np.array(keys["goal_m"])[None], folder)
     ends = np.array([start_m, goal_m], dtype=np.float64)
+    mirrored = _mirrored(terrain_along, body, ends)
+    spec = alternative.of(spec, body, mirrored=mirrored)
+    toes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in body.limbs])
     _check_standing(standing, body, terrain.friction)
     if straight:
         way = np.column_stack([ends, [_body_height(terrain_along, toes, end) for end in ends]])
     else:
-        way = guide_path(terrain_along, Footprint.of(body, toes), ends, avoid_m, standing).points_m
+        shape = Footprint.of(body, toes)
+        found = guide_path(terrain_along, shape, ends, avoid_m, standing, mirrored=mirrored)
+        way = found.points_m
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
+    if alternative.gait is None:
+        sets = [list(each) for each in gait_sets(gait, body, mirrored=True)]
+        spec = spec.model_copy(update={"gait": sets if mirrored else gait})
     turns = 2 if gait == "tripod" else len(body.limbs)
     if alternative.gait is not None:
         turns = len(body.limbs)
@@ -122,7 +130,7 @@ def course_between(
     last = max(1.0, length / max(wanted - 1, 1) / stride)  # of fewer frames, longer steps
     update: dict[str, Any] = {
         "frames": wanted,
-        "gait": gait if alternative.gait is None else spec.gait,
+        "gait": spec.gait,
         "start_m": tuple(way[0].tolist()),
         "goal_m": tuple(way[-1].tolist()),
         "via_m": [tuple(point) for point in way[1:-1].tolist()],
@@ -145,6 +153,40 @@ def course_between(
     if alternative.level:
         update["body"] = described(**{k: v for k, v in update.items() if k == "body"}).level()
     return described(stance=spec.stance, **update)
+
+
+def _mirrored(terrain: Terrain, robot: Robot, ends_m: Array) -> bool:
+    """Tell whether a question is the mirror image of the one that is laid out: there is more ground
+    to the right of its way than to the left, or as much and higher, or its robot faces to the right
+    of it.
+
+    Arguments:
+        ends_m: start and goal, shape (2, 2) [m].
+    """
+    way = ends_m[1] - ends_m[0]
+    ahead = way / np.linalg.norm(way) if way.any() else np.array([1.0, 0.0])
+    left = np.array([-ahead[1], ahead[0]])
+    fans = [patch.vertices_m for patch in terrain.patches]
+    parts = np.concatenate(
+        [
+            np.stack([fan[:1].repeat(len(fan) - 2, axis=0), fan[1:-1], fan[2:]], axis=1)
+            for fan in fans
+        ]
+    )
+    area = np.linalg.norm(np.cross(parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0]), axis=1)
+    aside, up = (parts[..., :2] - ends_m[0]) @ left, parts[..., 2] - parts[..., 2].min()
+    higher = np.vecdot(aside, up) + aside.sum(axis=1) * up.sum(axis=1)
+    away = np.vecdot(np.abs(aside), up) + np.abs(aside).sum(axis=1) * up.sum(axis=1)
+    shoulders = np.array([limb.shoulder_m[:2] for limb in robot.limbs])
+    facing = (shoulders @ ahead) * (shoulders @ left)
+    for odd, even in (
+        (area * aside.sum(axis=1), area * np.abs(aside).sum(axis=1)),
+        (area * higher, area * away),
+        (facing, np.vecdot(shoulders, shoulders)),
+    ):
+        if abs(odd.sum()) > _LOPSIDED * even.sum():
+            return bool(odd.sum() < 0.0)
+    return False
 
 
 def _check_standing(standing: StandingMap | None, robot: Robot, friction: float) -> None:
@@ -292,12 +334,12 @@ class LaidBetween:
     @cached_property
     def frame(self) -> Frame | None:
         """Frame in which the course is planned, about a round place near the start, x towards the
-        goal; None for the world's own, where the goal is ahead, feet are soles, or a map is given.
+        goal; None for the world's own, where the goal is ahead or feet are soles.
         """
         way, robot = np.subtract(self.goal_m, self.start_m), self.robot or hexapod()
         soles = any(limb.sole_m is not None for limb in robot.limbs)
         heading = float(np.arctan2(way[1], way[0]))
-        if heading == 0.0 or self.standing is not None or soles or robot.feet:
+        if heading == 0.0 or soles or robot.feet:
             return None
         origin = local_origin(np.array([*self.start_m, 0.0]))
         return Frame(origin_m=origin, heading_rad=heading)
@@ -313,9 +355,13 @@ class LaidBetween:
         same = {"friction": terrain.friction, "footholds": terrain.footholds}
         ends = (back.places(np.array([*end, 0.0])) for end in (self.start_m, self.goal_m))
         start, goal = (tuple(end[:2].tolist()) for end in ends)
+        turned, standing = robot.turned(back), self.standing
+        if standing is not None and standing.identity == robot.identity:
+            standing = replace(standing, identity=turned.identity, frame=self.frame)
         return replace(
             self,
-            robot=robot.turned(back),
+            robot=turned,
+            standing=standing,
             terrain=moved.model_copy(update=same),
             start_m=start,
             goal_m=goal,

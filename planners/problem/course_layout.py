@@ -66,7 +66,7 @@ def build_course(
     )
     radius[0] = spec.body.first_radius_m
     _check_way(com_m, radius, spec)
-    turns = _sets(spec.gait, robot)
+    turns = gait_sets(spec.gait, robot)
     lifts = ((), *(turns[(k - 1) % len(turns)] for k in range(1, spec.frames)))
     terrain = spec.terrain.along(corners, folder)
     footholds, placed = _footholds(
@@ -322,7 +322,9 @@ def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
             )
 
 
-def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str, ...], ...]:
+def gait_sets(
+    gait: str | Sequence[Sequence[str]], robot: Robot, *, mirrored: bool = False
+) -> tuple[tuple[str, ...], ...]:
     """The sets of limbs that move in turn, with the limbs in the robot's order.
 
     Raises InvalidInput for an unknown limb, a limb twice in a set, or a tripod gait of a number of
@@ -339,7 +341,8 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
         return tuple(tuple(name for name in names if name in moving) for moving in gait)
     if gait == "all":
         return (names,)
-    places = {limb.name: limb.shoulder_m.round(9) + 0.0 for limb in robot.limbs}
+    left = np.array([1.0, -1.0 if mirrored else 1.0, 1.0])
+    places = {limb.name: (left * limb.shoulder_m).round(9) + 0.0 for limb in robot.limbs}
     if gait == "wave":  # from the back to the front, left side first
         order = sorted(names, key=lambda name: (places[name][1] < 0.0, places[name][0]))
         return _with_shifts([(name,) for name in order], places)

@@ -64,6 +64,9 @@ _NEXT_TO_M = 0.06
 _ALIKE_M = 5e-3
 """Heights of a border that differ by less are one to people [m]."""
 _STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
+_TIE_DIGITS, _TIE = 6, 1e-6
+"""Decimals of the costs of ways between nodes, in their spacing, and share of a cost: what only
+rounding tells apart is alike."""
 _TRIES = 32
 """So many straight parts are tried from a node of a way on."""
 _NEAR, TURN_RAD = 6, np.pi / 4.0
@@ -227,10 +230,13 @@ def guide_path(
     ends_m: Array,
     avoid_m: Sequence[Array] = (),
     standing: StandingMap | None = None,
+    *,
+    mirrored: bool = False,
 ) -> GuidePath:
     """The best way between two places, shape (2, 2) [m].
 
     Arguments:
+        mirrored: whether the lattice begins at the terrain's left border, not at its right one.
         avoid_m: places (x, y) where a plan along another way failed.
         standing: map of where the robot can stand when it faces along x: a way costs more where it is
             not likely to, and most where standing there so is proved impossible, which another
@@ -246,7 +252,9 @@ def guide_path(
     first: InvalidInput | PlanningFailed | None = None
     for apart in _APART:
         for lowest in (False, True):
-            lattice = _Lattice.over(terrain.patches, surfaces, footprint, apart, lowest=lowest)
+            lattice = _Lattice.over(
+                terrain.patches, surfaces, footprint, apart, lowest=lowest, mirrored=mirrored
+            )
             try:
                 return lattice.way(start, goal, avoid_m, standing)
             except (NoPlace, PlanningFailed) as error:
@@ -325,6 +333,7 @@ class _Lattice:
         apart: float,
         *,
         lowest: bool,
+        mirrored: bool,
     ) -> _Lattice:
         """The lattice over footholds.
 
@@ -339,6 +348,8 @@ class _Lattice:
         low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
         spacing = max(LATTICE_M * footprint.size, float(np.sqrt(np.prod(high - low) / _MOST_NODES)))
         shape = np.ceil((high - low) / spacing).astype(int) + 1
+        if mirrored:
+            low[1] = high[1] - spacing * (shape[1] - 1)
         heights, slopes = _rastered(standing, low, spacing, shape)
         layered = bool(np.nanmax(heights[0] - heights[1], initial=0.0) > apart * reach)
         k = int(lowest)
@@ -523,7 +534,7 @@ class _Lattice:
                 length = float(np.linalg.norm(places[end] - places[at]))
                 cost = length * float(np.mean(0.5 * (worth[rows][1:] + worth[rows][:-1])))
                 good = free[rows].all() and bool((rises <= self._rise(self.spacing_m)).all())
-                if end == at + 1 or (good and cost <= (1.0 + 1e-9) * (spent[end] - spent[at])):
+                if end == at + 1 or (good and cost <= (1.0 + _TIE) * (spent[end] - spent[at])):
                     break
             points = np.column_stack([self.corner_m + self.spacing_m * line, self.z_m[rows]])
             parts.append(points[1:])
@@ -825,7 +836,7 @@ class _Lattice:
             ones.append(index[here][good])
             others.append(index[there][good])
             cost = np.hypot(flat, rise) * 0.5 * (worth[here] + worth[there])
-            costs.append(cost[good])
+            costs.append(np.round(cost[good] / self.spacing_m, _TIE_DIGITS))
         shape = (z.size, z.size)
         return coo_array(
             (np.concatenate(costs), (np.concatenate(ones), np.concatenate(others))), shape=shape
@@ -1100,7 +1111,7 @@ def _straightened(points: Array, off_m: float) -> Array:
     about = points - points[0]
     share = np.clip(about @ line / max(float(line @ line), 1e-12), 0.0, 1.0)
     off = np.linalg.norm(about - share[:, None] * line, axis=1)
-    farthest = int(off.argmax())
+    farthest = int(np.round(off / off_m, _TIE_DIGITS).argmax())
     if off[farthest] <= off_m:
         return points[[0, -1]]
     return np.concatenate(

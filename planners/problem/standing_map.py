@@ -17,6 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import parse_json, read_bytes
 from ..files.writing import write_bytes
+from ..terrain.frame import Frame
 
 FORMAT = "stancekit/standing-map/1"
 _MOST_BYTES = 512_000_000
@@ -63,6 +64,7 @@ class StandingMap:
         seconds: time that each part took, by name [s].
         card: how the likely answers were learned and calibrated.
         options: what was asked of the terrain's file and of footholds, other than the usual.
+        frame: frame of the places that are asked for; None for the map's own.
 
     Raises:
         InvalidInput: from ``read``, for a file that is damaged or foreign.
@@ -93,6 +95,7 @@ class StandingMap:
     seconds: dict[str, float] = field(default_factory=dict)
     card: dict[str, Any] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
+    frame: Frame | None = None
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -155,6 +158,8 @@ class StandingMap:
         """Verdicts at places, shape (…, 2) [m], for the heading that is nearest: unknown beyond the
         map.
         """
+        if self.frame is not None:
+            xy_m = self.frame.places(np.insert(xy_m, 2, 0.0, axis=-1))[..., :2]
         turned = np.angle(np.exp(1j * (self.headings_rad - heading_rad)))
         layer = self.verdict[:, :, int(np.abs(turned).argmin())]
         index = np.round((np.asarray(xy_m) - self.corner_m) / self.spacing_m).astype(int)

@@ -31,8 +31,9 @@ JOINTS = ("yaw", "hip", "roll", "knee")
 positive), the thigh, and the limb's y again. A foot below its shoulder is on the axis of yaw: there
 roll moves it sideways."""
 
-FOOT_RADIUS_M = 0.012
-"""Radius of a foot that is drawn up."""
+FOOT_RADIUS_M, USUAL_REACH_M = 0.012, 0.35
+"""Radius of a foot that is drawn up for a limb of the usual reach, as the default hexapod's limbs
+have it; of others it follows their reach."""
 
 
 _Positive = Annotated[float, Within(above=0.0)]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .actuators import FOOT_RADIUS_M, JOINTS, Servo
+from .actuators import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
 from .inverse_kinematics import InverseKinematics, LegPostures, seeds_of
 from .limb import Limb
 from .robot_model import RobotModel
@@ -80,8 +80,9 @@ LINKS = (0.54, 0.53)
 radius and keeps the leg from being straight at the edge of its workspace."""
 _LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "foot": 0.001}
 """Mass of a limb's links in units of the robot's mass: six limbs are 10.8 % of it."""
-_LINK_RADIUS_M = 0.009
+_LINK_RADIUS_M, _SHOULDER_M, _LEAST_BODY_M = 0.009, 0.02, 0.04
 BODY_HEIGHT_M = 0.06
+"""Of a body whose limbs reach ``USUAL_REACH_M``, as all lengths here."""
 
 
 def link_lengths(limb: Limb) -> Array:
@@ -118,15 +119,17 @@ def drawn_urdf(
         )
     rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0
     shares = sum(_LIMB_SHARES.values()) * len(limbs)
-    radius = 0.75 * max(float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in limbs])), 0.04)
+    size = float(np.mean([limb.reach_m for limb in limbs])) / USUAL_REACH_M
+    out = float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in limbs]))
+    radius, height = 0.75 * max(out, size * _LEAST_BODY_M), size * BODY_HEIGHT_M
     mass = mass_kg * (1.0 - shares)
-    side, axial = mass * (3.0 * radius**2 + BODY_HEIGHT_M**2) / 12.0, mass * radius**2 / 2.0
+    side, axial = mass * (3.0 * radius**2 + height**2) / 12.0, mass * radius**2 / 2.0
     body = _link(
         "body",
         mass,
         (side, side, axial),
         0.0,
-        f'<cylinder radius="{radius:.9g}" length="{BODY_HEIGHT_M}"/>',
+        f'<cylinder radius="{radius:.9g}" length="{height:.9g}"/>',
     )
     parts = [part for limb in limbs for part in _limb(limb, mass_kg, servo, rotor)]
     return "\n".join(
@@ -136,29 +139,28 @@ def drawn_urdf(
 
 def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
     """Links and joints of one limb."""
-    name, lengths = limb.name, link_lengths(limb)
+    name, lengths, size = limb.name, link_lengths(limb), limb.reach_m / USUAL_REACH_M
+    slim, round_, foot = (size * each for each in (_LINK_RADIUS_M, _SHOULDER_M, FOOT_RADIUS_M))
     mass = {link: share * mass_kg for link, share in _LIMB_SHARES.items()}
     parts = [
         _link(
             f"{name}_{link}",
             mass[link],
-            (0.4 * mass[link] * 0.02**2 + rotor,) * 3,
+            (0.4 * mass[link] * round_**2 + rotor,) * 3,
             0.0,
-            '<sphere radius="0.02"/>',
+            f'<sphere radius="{round_:.9g}"/>',
         )
         for link in ("coxa", "hip")
     ]
     for link, length in zip(("thigh", "shank"), lengths, strict=True):
-        along = mass[link] * _LINK_RADIUS_M**2 / 2.0
-        across = mass[link] * (length**2 / 12.0 + _LINK_RADIUS_M**2 / 4.0)
-        shape = f'<cylinder radius="{_LINK_RADIUS_M}" length="{length:.9g}"/>'
+        along = mass[link] * slim**2 / 2.0
+        across = mass[link] * (length**2 / 12.0 + slim**2 / 4.0)
+        shape = f'<cylinder radius="{slim:.9g}" length="{length:.9g}"/>'
         inertia = (along + rotor, across + rotor, across + rotor)
         parts.append(_link(f"{name}_{link}", mass[link], inertia, 0.5 * length, shape))
-    grain = 0.4 * mass["foot"] * FOOT_RADIUS_M**2
+    grain = 0.4 * mass["foot"] * foot**2
     parts.append(
-        _link(
-            f"{name}_foot", mass["foot"], (grain,) * 3, 0.0, f'<sphere radius="{FOOT_RADIUS_M}"/>'
-        )
+        _link(f"{name}_foot", mass["foot"], (grain,) * 3, 0.0, f'<sphere radius="{foot:.9g}"/>')
     )
     chain = ("body", f"{name}_coxa", f"{name}_hip", f"{name}_thigh", f"{name}_shank")
     axes = ("0 0 1", "0 1 0", "1 0 0", "0 1 0")

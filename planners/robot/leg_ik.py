@@ -14,9 +14,9 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..terrain.patch import Solid, Solids
-from .actuators import JOINTS, Servo
+from .actuators import JOINTS, USUAL_REACH_M, Servo
 from .chain import rotation_of
-from .drawn_legs import link_lengths, outward_rad
+from .drawn_legs import LINKS, link_lengths, outward_rad
 from .limb import Limb
 
 _Clearance = Callable[[Array], Array]
@@ -25,8 +25,8 @@ _SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]
 _MARGIN_RAD = 0.15
 SHANK = np.array([0.0, 0.25, 0.5, 0.75, 0.88])
 _CLEARANCE_M = np.array([0.03, 0.03, 0.03, 0.026, 0.018])
-"""Points of the shank, as shares of it from the knee, and how far they should keep off the terrain:
-the last are near the foot's own surface."""
+"""Points of the shank, as shares of it from the knee, and how far those of a limb of the usual
+reach should keep off the terrain: the last are near the foot's own surface."""
 _WEIGHTS = {
     "approach": 1.0,  # shank not along the approach
     "up": 0.4,  # knee not above the shoulder
@@ -89,7 +89,8 @@ def posture_cost(
     if clearance is not None:
         points = links(lengths, family)
         far = clearance(points.reshape(*points.shape[:-3], -1, 3)).reshape(points.shape[:-1])
-        cost = cost + _WEIGHTS["clear"] * np.sum(np.maximum(_CLEARANCE_M - far, 0.0) ** 2, axis=-1)
+        short = np.maximum(_CLEARANCE_M - far / (lengths[1] / (LINKS[1] * USUAL_REACH_M)), 0.0)
+        cost = cost + _WEIGHTS["clear"] * np.sum(short**2, axis=-1)
     return np.clip(family, servo.lower_rad, servo.upper_rad), cost
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import to_json
-from .actuators import FOOT_RADIUS_M, JOINTS, Servo
+from .actuators import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
 from .model_json import model_to_json
 
 if TYPE_CHECKING:
@@ -209,6 +209,11 @@ class DrawnLegs(LegSource):
         from .drawn_model import drawn_model  # slow to import
 
         return drawn_model(self.name, self._mass_kg, self._limbs, servo or self._servo)
+
+    @property
+    def foot_radii_m(self) -> Array:
+        """Radii of the feet, which follow the reach of their limbs [m]."""
+        return np.array([limb.reach_m / USUAL_REACH_M * FOOT_RADIUS_M for limb in self._limbs])
 
     @property
     def joint_names(self) -> tuple[str, ...]:

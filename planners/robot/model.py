@@ -23,7 +23,7 @@ from ..files.codec import LATER, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..terrain.frame import Frame
-from .actuators import Servo
+from .actuators import USUAL_REACH_M, Servo
 from .leg_sources import DrawnLegs, LegSource, OwnLegs
 from .limb import Foot, half_sides
 from .limb import LegLimits as LegLimits
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 _HEXAPOD = "hexapod"
 _USUAL_SERVO = Servo()
 """The drives of legs that are drawn up where nothing else is said."""
-_REACH_M = 0.35
-"""Reach of the limbs of the default hexapod [m]."""
 _SAME = 1e-9
 """A mass and that of the model may differ by so much of it, and lengths of the hexapod's limbs by
 so much [m]."""
@@ -318,7 +316,7 @@ class Robot:
         """
         if self.source.own:
             return self.source.own_model().size
-        return max((limb.reach_m for limb in self.limbs), default=_REACH_M) / _REACH_M
+        return max((limb.reach_m for limb in self.limbs), default=USUAL_REACH_M) / USUAL_REACH_M
 
     @property
     def weight_n(self) -> float:
@@ -398,7 +396,7 @@ def hexapod() -> Robot:
 
 @lru_cache(maxsize=1)
 def _hexapod_limbs() -> tuple[Limb, ...]:
-    radius_m, reach_m = 0.18, _REACH_M
+    radius_m, reach_m = 0.18, USUAL_REACH_M
     azimuth_deg = {"LF": 30.0, "LM": 90.0, "LR": 150.0, "RF": -30.0, "RM": -90.0, "RR": -150.0}
     return tuple(
         Limb(

@@ -166,8 +166,11 @@ COPLANAR_RAD = 1e-3
 """Triangles whose normals differ by less may be of one facet [rad]."""
 FLAT_M = 2e-4
 """No corner of a facet is farther off its plane [m]."""
-_ROUNDED_M = 1e-3
-"""Nor is a corner of one that neighbours make up whose corners were rounded [m]."""
+_ROUNDED_M, _STRAY = 1e-3, 0.1
+"""Nor is a corner of one that neighbours make up whose corners were rounded or measured [m], but for
+this share of them, which are up to twice as far off."""
+MEASURED_M = 2e-5
+"""Corners of a facet that were rounded or measured are farther off its plane, in the rms [m]."""
 _SNAP_M = 1e-8
 """Corners of a facet are moved by up to half of this to fit each other [m]."""
 _CRACK_M = 2e-5
@@ -324,8 +327,16 @@ def _united(triangles: Any) -> Any:
         closed = whole.buffer(_CRACK_M, join_style="mitre").buffer(-_CRACK_M, join_style="mitre")
         whole = closed if closed.area > 0.0 else whole
     whole = whole.simplify(_SNAP_M)
-    notched = whole.convex_hull.area - whole.area > _SNAP_M
-    return whole.simplify(_ROUNDED_M) if notched else whole
+    return smoothed(whole) if whole.convex_hull.area - whole.area > _SNAP_M else whole
+
+
+def smoothed(polygon: Any) -> Any:
+    """A polygon without notches of corners that were rounded: its hull where that is as large but
+    for ``_ROUNDED_M``.
+    """
+    simple = polygon.simplify(_ROUNDED_M)
+    hull = simple.convex_hull
+    return hull if simple.buffer(_ROUNDED_M).covers(hull) else simple
 
 
 def _covering(triangles: Any) -> Any:
@@ -361,18 +372,37 @@ def _joined(
         labels[left[fits]] = count + group[fits]
         left, count = left[~fits], count + number
     labels[left] = count + np.arange(len(left))
-    labels = _unrounded(labels, corners, normals, edge_pairs(triangles))
+    beside = np.concatenate([edge_pairs(triangles), _beside(corners, triangles)])
+    labels = _unrounded(labels, corners, normals, beside)
     return _merged_planes(labels, corners, normals, area)
+
+
+def _beside(corners: Array, triangles: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Pairs of triangles that share no edge, a corner of one in an edge of the other to twice
+    ``_ROUNDED_M``, shape (K, 2).
+    """
+    shapely, room = shapely_module(), 2.0 * _ROUNDED_M
+    edges = np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    _, number, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    side, owner = np.divmod(np.flatnonzero(count[number.reshape(-1)] == 1), len(triangles))
+    start, end = corners[owner, side], corners[owner, (side + 1) % 3]
+    low, high = np.minimum(start, end)[:, :2] - room, np.maximum(start, end)[:, :2] + room
+    tree = shapely.STRtree(shapely.box(*low.T, *high.T))
+    corner, edge = tree.query(shapely.points(start[:, :2]))
+    along, away = (end - start)[edge], start[corner] - start[edge]
+    share = np.clip(np.vecdot(away, along) / np.vecdot(along, along), 0.0, 1.0)
+    near = np.linalg.norm(away - share[:, None] * along, axis=1) <= room
+    return np.stack([owner[corner[near]], owner[edge[near]]], axis=1)
 
 
 def _unrounded(
     labels: NDArray[np.int_], corners: Array, normals: Array, pairs: NDArray[np.int_]
 ) -> NDArray[np.int_]:
-    """Labels with neighbouring groups as one whose corners are all within ``_ROUNDED_M`` of one
-    plane: again and again two groups that fit each other better than any other of their neighbours.
+    """Labels with neighbouring groups as one whose corners are within ``_ROUNDED_M`` of one plane:
+    again and again two groups that fit each other better than any other of their neighbours.
 
     Arguments:
-        pairs: triangles that share an edge, shape (K, 2).
+        pairs: triangles that touch, shape (K, 2).
     """
     if not len(pairs):
         return labels
@@ -415,10 +445,12 @@ def _unrounded(
         facing = np.vecdot(normals[mine], normal[of]) * np.sign(
             np.vecdot(up[first[of]], normal[of])
         )
-        worst = np.zeros(len(both))
-        np.maximum.at(worst, pair[labels[mine]], np.where(facing > 0.5, off.max(axis=1), np.inf))
-        tried = np.concatenate([tried, key[rms >= _ROUNDED_M], key[both[worst > _ROUNDED_M]]])
-        one, other = one[both[worst <= _ROUNDED_M]], other[both[worst <= _ROUNDED_M]]
+        worst, stray = np.zeros(len(both)), (off > _ROUNDED_M).mean(axis=1)
+        np.maximum.at(worst, of, np.where(facing > 0.5, off.max(axis=1), np.inf))
+        good = np.bincount(of, weights=stray) <= _STRAY * np.bincount(of)
+        good &= worst <= 2.0 * _ROUNDED_M
+        tried = np.concatenate([tried, key[rms >= _ROUNDED_M], key[both[~good]]])
+        one, other = one[both[good]], other[both[good]]
         for total in (*sums, up):
             total[one] += total[other]
         whose = np.arange(number)

@@ -22,6 +22,7 @@ from ..files.arrays import Array
 from .facets import (
     COPLANAR_RAD,
     FLAT_M,
+    MEASURED_M,
     FlatPiece,
     Plane,
     connected,
@@ -29,6 +30,7 @@ from .facets import (
     facets_of,
     parts_of,
     shapely_module,
+    smoothed,
 )
 from .footholds import REASONS, FootholdLimits, Footholds, Rung, TerrainPatch, held_on_both_sides
 from .patch import THICKNESS_M, Patch
@@ -265,8 +267,10 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
     outside = around.outside([facet for _, facet in standing])
     pieces, tops = list[TerrainPatch](), dict[int, FlatPiece]()
     for (number, facet), free in zip(standing, outside, strict=True):
-        tops[number] = replace(facet, polygon=free)
         refused["inside"] += facet.polygon.area - free.area
+        if facet.rms_m > MEASURED_M:
+            free = shapely_module().union_all([smoothed(part) for part in parts_of(free)])
+        tops[number] = replace(facet, polygon=free)
         pieces += standing_pieces(facet, free, number, limits, friction, refused)
     if rungs:
         pieces += _on_rungs(rungs, len(facets), mesh, around, limits, friction, refused)
@@ -438,13 +442,8 @@ class _Around:
         corners, heights = corners[within], heights[within]
         flat = facet.plane.flat(corners)
         whole = (heights.min(axis=1) >= _ABOVE_M) & (heights.max(axis=1) <= clearance_m)
-        cut = [
-            _slab(*each, clearance_m) for each in zip(flat[~whole], heights[~whole], strict=True)
-        ]
-        shadows = [_closed(flat[whole]), *(_closed(piece[None]) for piece in cut if len(piece))]
-        polygons = np.concatenate(
-            [self._shapely.polygons(each) for each in shadows if len(each)] or [np.zeros(0)]
-        )
+        shadows = flat[whole], _slabs(flat[~whole], heights[~whole], clearance_m)
+        polygons = np.concatenate([self._shapely.polygons(_closed(each)) for each in shadows])
         touching = polygons[self._shapely.intersects(facet.polygon, polygons)]
         if not len(touching):
             return facet.polygon
@@ -580,27 +579,27 @@ def _closed(triangles: Array) -> Array:
     return np.asarray(triangles[np.abs(area) > _THIN_M * np.ptp(triangles, axis=1).max(axis=1)])
 
 
-def _slab(flat: Array, heights: Array, top: float) -> Array:
-    """The part of a triangle between just above the plane and ``top``, in the plane's coordinates,
-    shape (U, 2).
+def _slabs(flat: Array, heights: Array, top: float) -> Array:
+    """The parts of triangles, shapes (K, 3, 2) and (K, 3), between just above the plane and
+    ``top``, in the plane's coordinates, without those that have none, corners said several times,
+    shape (L, 12, 2).
     """
-    points, levels = flat, heights
+    rows = np.concatenate([flat, heights[..., None]], axis=-1)
     for sign, level in ((-1.0, -_ABOVE_M), (1.0, top)):
-        if len(points) < 3:
-            break
-        over = sign * levels - level
-        corners = list[Array]()
-        rows = np.column_stack([points, levels])
-        for here, there, h, g in zip(
-            rows, np.roll(rows, -1, axis=0), over, np.roll(over, -1), strict=True
-        ):
-            if h <= 0.0:
-                corners.append(here)
-            if (h < 0.0 < g) or (g < 0.0 < h):
-                corners.append(here + h / (h - g) * (there - here))
-        rows = np.array(corners).reshape(-1, 3)
-        points, levels = rows[:, :2], rows[:, 2]
-    return points if len(points) >= 3 else np.zeros((0, 2))
+        over = sign * rows[..., 2] - level
+        ahead, after = np.roll(rows, -1, axis=1), np.roll(over, -1, axis=1)
+        crosses = over * after < 0.0
+        share = np.where(crosses, over / np.where(crosses, over - after, 1.0), 0.0)
+        crossing = rows + share[..., None] * (ahead - rows)
+        corners = np.stack([rows, crossing], axis=2).reshape(len(rows), 2 * over.shape[1], 3)
+        within = np.stack([over <= 0.0, crosses], axis=2).reshape(len(rows), 2 * over.shape[1])
+        some = within.any(axis=1)
+        corners, within = corners[some], within[some]
+        slot = np.where(within, np.arange(within.shape[1]), -1)
+        last = np.maximum.accumulate(slot, axis=1)
+        last = np.where(last < 0, slot.max(axis=1, keepdims=True), last)
+        rows = np.take_along_axis(corners, last[..., None], axis=1)
+    return rows[..., :2]
 
 
 def _crossings(flat: Array, heights: Array) -> Array:

@@ -22,7 +22,6 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.projection.force_distribution import ForceDistribution, wrench_at
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.terrain.patch import Solid
 
 from ..log import Record
@@ -105,7 +104,7 @@ class StandingMotion:
     ) -> None:
         self._now, self._com, self._rotation, self._feet = now, com_m, rotation_rad, feet_m
         self._down, self._normals, self._forces = (
-            toes_m + FOOT_RADIUS_M * normals,
+            toes_m + now.radii_m[:, None] * normals,
             normals,
             forces_n,
         )
@@ -137,7 +136,7 @@ class StandingMotion:
             rotation_rate_rad_s=still,
             frame=np.broadcast_to(self._now.frame, when.shape),
             feet_m=self._feet + np.where(self._air[:, None], moved, 0.0),
-            radii_m=np.full(limbs, FOOT_RADIUS_M),
+            radii_m=self._now.radii_m,
             forces_n=np.where(landed[..., None], self._forces[1], self._forces[0]),
             foothold=np.where(landed, self._foothold, self._now.foothold),
             normals=np.broadcast_to(self._normals, (*when.shape, limbs, 3)),
@@ -195,7 +194,7 @@ class SlipRecovery:
         normals, friction = (
             np.array([getattr(patch, name) for patch in patches]) for name in ("normal", "friction")
         )
-        under = state.feet_m - FOOT_RADIUS_M * normals
+        under = state.feet_m - now.radii_m[:, None] * normals
         toes = np.array([nearest_on(patch, toe) for patch, toe in zip(patches, under, strict=True)])
         com_m, stands = measured_com_m(self._kinematics, state), now.stands
         wrench = wrench_at(course, index)

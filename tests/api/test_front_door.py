@@ -395,6 +395,34 @@ def test_a_plan_that_is_moved_and_turned_with_its_world_is_that_plan(
         assert stancekit.verify(tmp_path / "there.json").accepted
 
 
+def test_a_plan_that_is_mirrored_with_its_world_is_that_plan_mirrored(tmp_path: Path) -> None:
+    mirror, plans = np.array([1.0, -1.0, 1.0]), list[stancekit.Plan]()
+    floor, block = [-1.2, 1.8, -0.9, 1.3, 0.0], [0.1, 0.5, 0.2, 0.6, 0.05]
+    for left in (1.0, -1.0):
+        boxes = [[a, b, *sorted((left * c, left * d)), top] for a, b, c, d, top in (floor, block)]
+        path = replace(QUESTIONS["step-small"], boxes=boxes).file(tmp_path)
+        found = stancekit.plan(
+            path, start_xy_m=(0.0, 0.0), goal_xy_m=(0.4, left * 0.1), settings=WALKS
+        )
+        assert found.solution is not None, found.message
+        plans.append(found.solution)
+    one, other = plans
+    assert one.com_m * mirror == pytest.approx(other.com_m, abs=1e-4)
+    places = np.array([limb.shoulder_m for limb in stancekit.hexapod().limbs])
+    other_side = [int(np.linalg.norm(places * mirror - each, axis=1).argmin()) for each in places]
+    for frame in range(len(one.com_m)):
+        toes = other.toes_at(frame)[other_side]
+        assert one.toes_at(frame) * mirror == pytest.approx(toes, abs=1e-3)
+
+
+def test_a_symmetric_robot_stands_symmetrically() -> None:
+    demo = Path(__file__).resolve().parents[2] / "configs" / "demo"
+    stands = {leg.name: leg.stance_rad for leg in stancekit.robot(demo / "ant.yaml").legs.legs}
+    for name in ("F", "M", "H"):
+        left, right = stands[f"L{name}"], stands[f"R{name}"]
+        assert left == pytest.approx(right * np.array([-1.0, 1.0, 1.0]), abs=1e-3)
+
+
 def test_a_place_that_is_refused_is_named_as_it_was_given() -> None:
     with refuses("goal_xy_m", "(-20, 30)"):
         stancekit.plan("stairs:0.3:7", start_xy_m=(0.0, 0.0), goal_xy_m=(-20.0, 30.0))

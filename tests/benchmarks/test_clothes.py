@@ -17,8 +17,8 @@ ROWS = {
     "slope20": ("ply", "offset", "twice", "rounded", "grid"),
     "down30": ("off", "rounded", "grid"),
     "ramp25": ("stl", "rounded", "grid"),
-    "steps": ("twice", "cut", "grid"),
-    "wall": ("rounded", "playground"),
+    "steps": ("twice", "cut", "grid", "times 0.25", "times 4"),
+    "wall": ("rounded", "playground", "times 0.25"),
 }
 
 

@@ -307,7 +307,7 @@ def test_a_run_whose_time_is_up_answers_with_the_best_so_far(gait):
         (("lava", "--goal", "1,1"), "terrain: expected a file, one of ripple, "),
         (("ripple", "--goal", "1"), "--goal: expected a place X,Y in metres, got '1'"),
         (("ripple", "--goal", "1,1,1"), "--goal: expected a place X,Y in metres, got '1,1,1'"),
-        (("ripple", "--goal", "1,nan"), "--goal: expected finite numbers"),
+        (("ripple", "--goal", "1,nan"), "--goal: expected a place"),
         (("ripple", "--goal", "9,9"), "--goal: expected torso and feet over the terrain, "),
         (("pit", "--goal", "1.3,0"), "--goal: expected ground to stand on, got a wall of 79°"),
         (

@@ -4,10 +4,7 @@ for bad input.
 
 from __future__ import annotations
 
-import os
-import pty
 import signal
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +20,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators import __main__ as emulators
-from tests.emulators.devices import DeviceProcess, short, start_of
+from tests.emulators.devices import DeviceProcess, start_of
 
 
 @pytest.fixture
@@ -116,20 +113,3 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert error.count("\n") == 1
     assert Calibration.from_yaml("servos.yaml").baud == 3000000
     assert not Path("bus").is_symlink()
-
-
-def test_on_a_terminal_states_are_short() -> None:
-    state = {"now_s": 27155.542875992, "on": True, "rad": [0.12345, 1], "log": [1.0] * 33}
-    seen = {"now_s": 27155.543, "on": True, "rad": [0.123, 1], "log": "33 of them"}
-    assert short(state) == seen
-    ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "tests.emulators", "bus", "--position", "0.123456"]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=theirs, text=True, cwd=Path(__file__).parents[2]
-    ) as bus:
-        os.close(theirs)
-        bus.communicate("\ntea\n")
-    _, shown, refused = os.read(ours, 65536).decode().splitlines()
-    os.close(ours)
-    assert '"position_rad": [0.123]' in shown
-    assert refused.startswith('{"error": "expected one of ')

@@ -141,24 +141,6 @@ def test_sync_reads_fast_or_not_agree_and_indirect_data_are_what_they_point_to(p
     assert packets.read4ByteTxRx(port, 3, 224) == (expected[1], 0, 0)
 
 
-def test_a_header_in_an_answer_reaches_the_sdk_but_one_that_the_sdk_sends_is_lost(
-    bus: EmulatedBus, port: Any
-) -> None:
-    offset = int.from_bytes(b"\xff\xff\xfd\xff", "little", signed=True)
-    bus.servos._put(1, 20, offset)
-    assert packets.read4ByteTxRx(port, 2, 20) == (offset & 0xFFFFFFFF, 0, 0)
-    assert (
-        packets.write4ByteTxRx(port, 2, 20, offset)[0] == sdk.COMM_RX_TIMEOUT
-    )  # the SDK's stuffing has no effect
-    assert packets.ping(port, 2)[1] == 0
-
-
-@given(st.lists(st.integers(0, 4095), min_size=24, max_size=24))
-def test_no_goals_within_a_turn_need_the_stuffing_that_the_sdk_lacks(ticks: list[int]) -> None:
-    rows = b"".join(bytes([1 + i]) + tick.to_bytes(4, "little") for i, tick in enumerate(ticks))
-    assert p2.HEADER not in bytes([p2.SYNC_WRITE]) + b"\x74\0\x04\0" + rows
-
-
 def test_errors_are_those_of_the_protocol(port: Any) -> None:
     def error(address: int, size: int, value: int) -> int:
         return packets.writeTxRx(port, 4, address, size, list(value.to_bytes(size, "little")))[1]

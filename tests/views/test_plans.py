@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
+from stancekit.terrains import terrain
 from stancekit.views.plans import PlanView, draw_plan, ghosts
 from stancekit.views.sheet import save, to_rgb
-from stancekit.views.terrain import ICE, cells
+from stancekit.views.terrain import ICE, cells, draw_footholds, foothold_motion
 from tests.refusals import refuses
 
 
@@ -196,6 +197,20 @@ def test_frames_of_a_film_show_one_room(view):
 def area(polygon):
     fan = np.cross(polygon[1:-1] - polygon[0], polygon[2:] - polygon[0])
     return 0.5 * np.linalg.norm(fan.sum(axis=0))
+
+
+def test_footholds_are_drawn_with_the_places_that_are_named():
+    places = {"start": np.array([-0.3, 0.1]), "goal": np.array([0.5, 0.0])}
+    found = terrain("slopes:0.3:4")
+    drawn, bare = foothold_motion(found, places).fixed, foothold_motion(found).fixed
+    assert not bare.labels
+    assert [label.text for label in drawn.labels] == list(places)
+    for post, place in zip(drawn.paths[len(bare.paths) :], places.values(), strict=True):
+        foot = post.pieces_m[0, 0]
+        np.testing.assert_allclose(foot[:2], place)
+        patch = found.surfaces[0]
+        assert (foot - patch.centre_m) @ patch.normal == pytest.approx(0.0, abs=1e-9)
+    assert to_rgb(draw_footholds(found, places, size_px=(400, 300))).std() > 5.0
 
 
 def test_one_frame_and_no_terrain_are_drawn_too():

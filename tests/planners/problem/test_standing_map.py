@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.standing_map import (
     FEASIBLE,
     INFEASIBLE,
@@ -45,6 +47,24 @@ def changed(**keys: object) -> np.ndarray:
     found = made()
     head = {**found.to_json(), "headings_rad": found.headings_rad.tolist(), **keys}
     return np.array(json.dumps(head))
+
+
+def test_a_way_that_is_planned_in_its_own_frame_keeps_off_where_the_map_says() -> None:
+    verdict = np.full((81, 81, 1), FEASIBLE, dtype=np.uint8)
+    verdict[40:55, 52:62] = INFEASIBLE
+    whole = replace(
+        made((81, 81, 1)), verdict=verdict, corner_m=np.array([-2.0, -2.0]), spacing_m=0.05
+    )
+    barred = np.array([[0.0, 0.6], [0.65, 1.1]])
+    ways = list[bool]()
+    for standing in (None, replace(whole, friction=0.8)):
+        asked = laid_between("slopes:0:4", (0.0, 0.0), (0.7, 1.6), standing=standing)
+        frame = asked.frame
+        assert frame is not None
+        way = frame.places(asked.local("inner").com_nominal_m)[:, :2]
+        np.testing.assert_allclose(way[[0, -1]], [[0.0, 0.0], [0.7, 1.6]], atol=1e-9)
+        ways.append(bool(np.all((way > barred[0]) & (way < barred[1]), axis=1).any()))
+    assert ways == [True, False]
 
 
 def test_a_map_comes_back_from_its_file(tmp_path: Path) -> None:

@@ -155,20 +155,6 @@ def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
     assert config_path("robots/hexapod.urdf").read_text(encoding="utf-8") == hexapod_urdf(hexapod())
 
 
-def _as_before(path: Path, plan: Plan) -> None:
-    """Take the key ``legs`` out of a plan's file, and make its digests those of the rest."""
-    from stancekit.planners.answer.report import plan_digest
-    from stancekit.planners.formats.plan_file import _seal
-
-    data = json.loads(path.read_text())
-    del data["course"]["robot"]["legs"], data["sha256"]
-    verdict = data["verdict"]
-    bare = replace(plan, problem=Problem.from_json(data["course"]))
-    checked = verdict.get("checked", ["contacts"])
-    verdict["digest"] = plan_digest(bare, verdict["tolerance"], verdict["accepted"], checked)
-    path.write_text(json.dumps({**data, "sha256": _seal(data)}))
-
-
 def test_a_plan_of_unknown_legs_has_no_joints(plan: Plan) -> None:
     forged = replace(plan, joints_rad=np.zeros((plan.problem.frames, 16)))
     report = check_plan(forged)
