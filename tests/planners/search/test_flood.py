@@ -299,6 +299,24 @@ def test_where_a_robot_may_leap_the_answer_is_undecided_with_the_proof(tmp_path:
         assert stancekit.verify(answer.certificate).accepted
 
 
+@pytest.mark.parametrize(("kind", "assumes"), [("gap", False), ("wall", True)])
+def test_a_sentence_assumes_how_deep_the_centre_of_mass_gets_where_a_step_needs_it(
+    kind: str, assumes: bool, tmp_path: Path
+) -> None:
+    pytest.importorskip("pinocchio")
+    from tests.planners.robot.made_robots import quadruped
+
+    (tmp_path / "dog.urdf").write_text(quadruped(trunk=0.4))
+    dog = robot_of(tmp_path / "dog.urdf")
+    extent = Extent.of(dog)
+    assert extent.assumes
+    far = 1.1 * (extent.reach_m + extent.depth_m)
+    proof = flood(replace(passage(kind, far), robot=dog))
+    assert proof is not None
+    assert ("below its surface" in stancekit.explain(proof).message) == assumes
+    assert stancekit.verify(proof).accepted
+
+
 def test_standing_still_is_a_question_with_a_plan(tmp_path: Path) -> None:
     path = _mesh(tmp_path, 0.1)
     answer = stancekit.plan(path, start_xy_m=(0.0, 0.0), goal_xy_m=(0.0, 0.0))
