@@ -217,6 +217,19 @@ def test_what_no_robot_has_is_a_doubt_that_names_the_link(
     assert line in said(read(name, tmp_path))
 
 
+@pytest.mark.parametrize("shape", ['<sphere radius="0"/>', '<box size="0.04 0.04 0"/>'])
+def test_a_foot_of_no_size_is_a_doubt_and_a_person_says_what_touches(shape: str) -> None:
+    text = quadruped().replace('<sphere radius="0.02"/>', shape)
+    with refuses("LF_foot", "contacts"):
+        model_of(text).check_known()
+    names = ("LF_foot", "RF_foot", "LH_foot", "RH_foot")
+    points = {name: FootContact(point_m=np.zeros(3), radius_m=0.02) for name in names}
+    known = model_of(text, contacts=points)
+    known.check_known()
+    assert "LF_foot" in said(known)
+    assert shape not in known.urdf
+
+
 def test_what_cannot_be_read_as_a_robot_is_refused_with_its_link(tmp_path: Path) -> None:
     with refuses("LF_shank", "-0.15 kg"):
         read("shanks-of-negative-mass", tmp_path / "a")
