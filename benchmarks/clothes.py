@@ -47,6 +47,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_terrain import FileTerrain
 from stancekit.planners.projection.held import PRESSES
+from stancekit.planners.robot.catalogue import as_they_come, provider_folder
+from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
@@ -65,6 +67,10 @@ FRICTION = 0.9
 LIMIT_S = 120.0
 """Of a plan [s]: twice the usual, so that a loaded machine changes little."""
 SHIPPED = ("hexapod", "configs/demo/ant.yaml", "a1", "aliengo", "laikago", "spirit40", "vision60")
+TWINS = {"go2": "go2_mjcf", "g1": "g1_mjcf"}
+"""Robots whose packages have them as URDF and as MJCF, in packages that need not be installed."""
+TWIN_M = 0.01
+"""Two files of a robot may have its feet, and its stand height, so far apart [m]."""
 DRAWN, SIZE_M = 12, 0.6
 """Drawn robots, and the size from foot to foot that grounds are made for [m]."""
 QUICK = {
@@ -262,6 +268,7 @@ def robots(folder: Path) -> dict[str, str | None]:
     for name in SHIPPED:
         path = ROOT / name
         found[path.stem] = None if name == "hexapod" else str(path) if path.suffix else name
+    found |= {name: name for name in TWINS}
     for seed in range(DRAWN):
         path = folder / f"drawn{seed}.urdf"
         path.write_text(drawn(seed), encoding="utf-8")
@@ -401,6 +408,30 @@ def as_grid(ground: Ground, robot: str | None, folder: Path) -> Row:
     except stancekit.StancekitError as error:
         return refused(error)
     return plan(ground, footholds, robot)
+
+
+def other_file(ground: Ground, robot: str | None, folder: Path) -> Row:
+    """The robot as another package's file has it, in the posture that the first one stands in."""
+    assert robot is not None
+    _, provider, inside = next(each for each in as_they_come() if each[0] == TWINS[robot])
+    if provider_folder(provider) is None:
+        return {"status": NONE, "message": f"{provider} is not installed", "cpu_s": 0.0}
+    mine, path = robot_of(robot).source.own_model(), folder / f"{TWINS[robot]}.yaml"
+    names = (zip(leg.joint_names, leg.stance_rad.tolist(), strict=True) for leg in mine.legs)
+    posture = {joint: angle for leg in names for joint, angle in leg}
+    known = {"name": robot, "provider": provider, "urdf": inside, "posture_rad": posture}
+    path.write_text(json.dumps(known), encoding="utf-8")
+    twin = robot_of(path).source.own_model()
+    feet = [
+        {leg.name: leg.chain.feet(leg.stance_rad[None])[0] for leg in each.legs}
+        for each in (mine, twin)
+    ]
+    if set(feet[0]) != set(feet[1]):
+        return {"status": f"legs {', '.join(feet[1])}", "message": "", "cpu_s": 0.0}
+    apart = max(float(np.linalg.norm(feet[0][name] - feet[1][name])) for name in feet[0])
+    if max(apart, abs(mine.stand_height_m - twin.stand_height_m)) > TWIN_M:
+        return {"status": f"feet {apart:.3f} m apart", "message": "", "cpu_s": 0.0}
+    return as_file(".obj", ground, str(path), folder)
 
 
 def by_playground(ground: Ground, robot: str | None, folder: Path) -> Row:
@@ -635,6 +666,7 @@ def renamed(ground: Ground, robot: str | None, folder: Path) -> Row:
 
 PLAIN = Cloth(name="plain", same=FIGURES, ask=partial(as_file, ".obj"))
 AWAY_M = np.array([3.0, -2.0, 0.5])
+OTHER_FILE = Cloth(name="other file", same=VERDICT, ask=other_file)
 CLOTHES = (
     *(
         Cloth(
@@ -665,6 +697,7 @@ CLOTHES = (
     Cloth(name="loop", same=FIGURES, ask=by_loop),
     Cloth(name="environment", same=VERDICT, ask=by_environment),
     Cloth(name="mirrored", same=VERDICT, ask=mirrored),
+    OTHER_FILE,
     Cloth(name="renamed", same=VERDICT, ask=renamed),
     *(
         Cloth(
@@ -761,6 +794,7 @@ def pairs(asked: ClothesOptions) -> Iterator[Row]:
         return kept.add(key, cloth.ask(ground, who[name], asked.folder))
 
     every = list(product(over.values(), who, clothes.values()))
+    every = [each for each in every if (each[1] in TWINS) == (each[2] is OTHER_FILE)]
     if asked.sample is not None:
         rng = np.random.default_rng(asked.seed)
         every = [every[k] for k in rng.permutation(len(every))[: asked.sample]]

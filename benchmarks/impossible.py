@@ -8,7 +8,9 @@ Rows are kept as they come (``--out``), and a run that was stopped goes on from 
 questions: half a metre ahead, back and aside, 5 cm, standing still, 5 cm up and down, a ramp of 5
 degrees. Impossible ones: steps and walls at least 1.2 times as high as a foot gets below the centre
 of mass in any tilt, gaps at least 1.2 times as wide as it gets aside; both are the outer reach, since
-tilt is free. The band is between the largest that a plan crosses and the smallest that is proved.
+tilt is free. The band is between the largest that a plan crosses and the smallest that is proved, of
+the first robots that are drawn (``--bands``) and of others by name (``--named``); what a plan crosses
+is executed in MuJoCo, and the flood is asked of the largest: it may not refute it.
 """
 
 from __future__ import annotations
@@ -19,7 +21,6 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 from _bench import Lines, Options, Row, launch, markdown, share
@@ -63,7 +64,9 @@ class Given(Options):
     sizes: int = 3
     """Number of sizes of what is impossible, the smallest first."""
     bands: int = 0
-    """Number of robots whose band is looked for in every kind."""
+    """Number of drawn robots whose band is looked for in every kind."""
+    named: tuple[str, ...] = ()
+    """Names or files of others whose band is looked for, too."""
     quick: bool = False
     """Six robots, and one size of what is impossible."""
 
@@ -205,10 +208,21 @@ def ground(words: str, folder: Path, room_m: float) -> Path:
     return path
 
 
-def asked(words: str, goal: tuple[float, float], robot: Path, room_m: float, given: Given) -> Row:
-    """The row of one question: its status, whether balanced motion is proved impossible, and the
-    processor time.
+def asked(
+    words: str,
+    goal: tuple[float, float],
+    robot: Path | str,
+    room_m: float,
+    given: Given,
+    *,
+    executed: bool = False,
+) -> Row:
+    """The row of one question: its status, and the processor time.
+
+    Arguments:
+        executed: run what is planned in MuJoCo, and say what comes of it.
     """
+    about: Row = {}
     begin = time.process_time()
     with TemporaryDirectory() as folder:
         try:
@@ -221,12 +235,15 @@ def asked(words: str, goal: tuple[float, float], robot: Path, room_m: float, giv
                 settings=stancekit.PlanSettings(leaps=False),
             )
             status, why = answer.status.value, answer.message
+            if executed and status == "feasible" and answer.solution is not None:
+                report = stancekit.simulate(answer.solution)
+                about["run"] = "as planned" if report.succeeded else report.message
         except Exception as error:  # an error is what is counted here
             status, why = "error", f"{type(error).__name__}: {error}"
-    return {"status": status, "cpu_s": time.process_time() - begin, "why": why[:300]}
+    return {"status": status, "cpu_s": time.process_time() - begin, "why": why[:300], **about}
 
 
-def proved(words: str, goal: tuple[float, float], robot: Path, room_m: float) -> Row:
+def proved(words: str, goal: tuple[float, float], robot: Path | str, room_m: float) -> Row:
     """The row of one question to the flood alone."""
     from stancekit.planners.problem.course_between import laid_between
     from stancekit.planners.search.flood import flood
@@ -344,39 +361,61 @@ def rows(given: Given) -> Iterator[Row]:
                             {**about, "part": "impossible", "kind": kind, "factor": factor, **row},
                         )
                     yield lines.rows[key]
-                key, wanted = f"{number} {kind} band", number < given.bands
-                if wanted and key not in lines.rows:
-                    lines.add(
-                        key,
-                        {**about, "part": "band", "kind": kind, **_band(kind, path, room, given)},
-                    )
-                if wanted:
-                    yield lines.rows[key]
 
 
-def _band(kind: str, robot: Path, room: float, given: Given) -> Row:
-    """Largest size of a kind that is planned, and the smallest that is proved, in reaches."""
+def band_rows(given: Given) -> Iterator[Row]:
+    """Rows of bands, kept ones as they are."""
+    lines = Lines(given.out)
+    with TemporaryDirectory() as folder:
+        who: dict[str, Path | str] = {}
+        for number in range(given.bands):
+            path = Path(folder) / f"drawn{number}.urdf"
+            path.write_text(urdf(2 + number % 7, np.random.default_rng([given.seed, number])))
+            who[f"drawn {number}"] = path
+        for name, file in (who | {name: name for name in given.named}).items():
+            robot = robot_of(file)
+            room = Extent.of(robot).reach_m
+            about = {
+                "part": "band",
+                "robot": name,
+                "legs": len(robot.limbs),
+                "feet": "balls" if all(limb.sole_m is None for limb in robot.limbs) else "soles",
+                "reach_m": room,
+            }
+            for kind in ("step", "wall", "gap"):
+                key = f"{name} {kind} band"
+                if key not in lines.rows:
+                    lines.add(key, {**about, "kind": kind, **_band(kind, file, room, given)})
+                yield lines.rows[key]
 
-    def goal(size: float) -> tuple[float, float]:
-        return AHEAD_M + 0.4 + 0.5 * room + (size if kind == "gap" else 0.0), 0.0
 
-    def halved(low: float, high: float, holds: Any) -> tuple[float, float]:
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if holds(middle * room) else (middle, high)
-        return low, high
+def _band(kind: str, robot: Path | str, room: float, given: Given) -> Row:
+    """Largest size of a kind that is planned, and the smallest that is proved, in reaches; what comes
+    of the largest in MuJoCo, whether the flood refutes it, and why the smallest that is not planned
+    is not.
+    """
 
-    _, least = halved(
-        0.0, 2.5, lambda size: proved(f"{kind}:{size:.6f}", goal(size), robot, room)["proved"]
-    )
-    most, _ = halved(
-        0.0,
-        least,
-        lambda size: (
-            asked(f"{kind}:{size:.6f}", goal(size), robot, room, given)["status"] != "feasible"
-        ),
-    )
-    return {"planned": most, "proved": least}
+    def question(size: float) -> tuple[str, tuple[float, float]]:
+        aside = size * room if kind == "gap" else 0.0
+        return f"{kind}:{size * room:.6f}", (AHEAD_M + 0.4 + 0.5 * room + aside, 0.0)
+
+    def is_proved(size: float) -> bool:
+        return bool(proved(*question(size), robot, room)["proved"])
+
+    low, least = 0.0, 2.5
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + least)
+        low, least = (low, middle) if is_proved(middle) else (middle, least)
+    most, high, row, why = 0.0, least, {"run": ""}, ""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (most + high)
+        answer = asked(*question(middle), robot, room, given, executed=True)
+        if answer["status"] == "feasible":
+            most, row = middle, answer
+        else:
+            high, why = middle, answer["why"]
+    refuted = most > 0.0 and is_proved(most)
+    return {"planned": most, "proved": least, "run": row["run"], "refuted": refuted, "why": why}
 
 
 def table(found: list[Row]) -> Iterable[str]:
@@ -418,27 +457,32 @@ def table(found: list[Row]) -> Iterable[str]:
             [
                 row["robot"],
                 row["legs"],
+                row["feet"],
                 row["kind"],
-                f"{row['planned']:.2f}",
-                f"{row['proved']:.2f}",
+                f"{row['planned'] * row['reach_m']:.2f}",
+                f"{row['proved'] * row['reach_m']:.2f}",
+                f"{row['proved'] / row['planned']:.1f}" if row["planned"] else "",
+                row["run"] or "not planned",
+                row["why"],
             ]
             for row in bands
         ]
-        yield from markdown(
-            ["robot", "legs", "kind", "largest planned, in reaches", "smallest proved"], lines
-        )
+        head = ["robot", "legs", "feet", "kind", "largest planned [m]", "smallest proved [m]"]
+        yield from markdown([*head, "times", "in MuJoCo", "the next larger one"], lines)
 
 
 def main(given: Given) -> int:
     """Ask all robots; 1 where an answer is false."""
     found = []
-    for row in chain(heavy_rows(given), rows(given)):
+    for row in chain(heavy_rows(given), rows(given), band_rows(given)):
         given.say(row)
         found.append(row)
     wrong = [
         row
         for row in found
-        if row.get("status") in ("infeasible", "error") or row.get("infeasible", 0)
+        if row.get("status") in ("infeasible", "error")
+        or row.get("infeasible", 0)
+        or row.get("refuted")
     ]
     print("\n".join(table(found)))
     return int(bool(wrong))

@@ -116,6 +116,22 @@ def shape_elements(root: Element) -> list[tuple[str, Element, bool]]:
     ]
 
 
+def remove_empty_shapes(root: Element) -> list[str]:
+    """Take out balls, boxes, cylinders and capsules of which a size is 0, which no simulator has; the
+    links that had one.
+    """
+    gone = list[str]()
+    for link, element, _ in shape_elements(root):
+        body = element.find("geometry/*")
+        assert body is not None
+        texts = " ".join(body.get(key, "") for key in _SIZES.get(body.tag, ())).split()
+        with suppress(ValueError):  # told where shapes are read
+            if 0.0 in map(float, texts):
+                next(each for each in root.iterfind("link") if element in each).remove(element)
+                gone.append(link)
+    return gone
+
+
 def _mesh_file(name: str, folder: Path, packages: Sequence[Path] = ()) -> Path | None:
     """The file of a mesh, or None where there is none.
 

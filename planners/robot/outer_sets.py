@@ -499,6 +499,11 @@ class Extent:
         """
         return _DEEPER * max(self.outward_m, 0.0)
 
+    @property
+    def assumes(self) -> bool:
+        """Tell whether ``depth_m`` is more than what follows from the trunk."""
+        return 0.0 < self.outward_m < np.inf
+
     @classmethod
     def of(cls, robot: Robot) -> Extent:
         """The extent of a robot; that of one without legs of its own as its limbs' balls have it, its

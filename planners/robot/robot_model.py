@@ -30,7 +30,7 @@ from .inverse_kinematics import REACHED_M, descend
 from .joint_limits import GUESSED_RAD_S, hold, limit_doubts, mend_limits, speed_doubts
 from .leg import FootContact, Leg, Mount
 from .leg_search import Found, Waist, legs_of
-from .meshes import Shape, disabled_pairs, shapes_of
+from .meshes import Shape, disabled_pairs, remove_empty_shapes, shapes_of
 from .mjcf import Mjcf
 from .plausibility import (
     body_doubts,
@@ -469,7 +469,8 @@ def model_of(
     text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
     root = parsed(text, where)
     mended, in_degrees = mend_limits(root, where)
-    if remove_root_joint(root) or mended:
+    empty = remove_empty_shapes(root)
+    if remove_root_joint(root) or mended or empty:
         text = ElementTree.tostring(root, encoding="unicode")
     if len(root_rpy_rad):
         text = turned(text, root_rpy_rad, where)
@@ -509,6 +510,7 @@ def model_of(
     doubts += _speed_doubts(root, legs, moved)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
     doubts += shape_doubts(root, legs, shapes, mounts)
+    doubts += [(f"link {each}", "a shape of no size, which is left out") for each in empty]
     made = RobotModel(
         name=called,
         urdf=text,

@@ -12,7 +12,8 @@ robot can do, tilted and turned in any way:
   W d·c = Σ f_kz d·p_k − (p_kz − z₀) d·f_k ≤ W max_k (d·p_k + κ_k |p_kz − z₀|), κ_k the tangent of
   slope and friction together;
 * trunk: a ball about the centre of mass that is inside of the trunk is above the ground; a centre
-  that may be outside is assumed to be no deeper in it than twice as far. That is what bars walls.
+  that may be outside is assumed to be no deeper in it than twice as far, where there is no proof
+  without that. That is what bars walls.
 
 Where the states that are reached from the start do not hold the goal, they are a certificate, which
 ``verify.flood`` replays with code of its own.
@@ -21,6 +22,7 @@ Where the states that are reached from the start do not hold the goal, they are 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -63,7 +65,11 @@ def flood(passage: Passage) -> Certificate | None:
     if spacing > MOST_SPACING_M or not 0 < len(passage.footholds) <= _MOST_PIECES:
         return None
     try:
-        found = _Flood(passage, Extent.of(passage.robot), low, high, spacing).certificate()
+        extent = Extent.of(passage.robot)
+        found = _Flood(passage, extent, low, high, spacing).certificate()
+        if found is not None and extent.assumes:
+            bare = replace(extent, outward_m=np.inf)
+            found = _Flood(passage, bare, low, high, spacing).certificate() or found
     except InvalidInput:  # a robot of which nobody knows where its feet may be
         return None
     return found if found is not None and check_flood(found).accepted else None

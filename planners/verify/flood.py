@@ -16,15 +16,17 @@ foot, that of two feet, or balance along one of the directions, over the lowest 
 the ground leaves. None that is held is near the goal. Then no motion leads there that is balanced at
 every moment, with feet alone touching the footholds, trunk and centre of mass over the map, the
 ground one of heights as it is seen once per cell of the raster. A centre that may leave the trunk is
-assumed to be no deeper in the ground than twice as far as it gets out of it. The robot may tilt and
-turn as it likes, and legs are not judged against the ground. Its extents, which hold it in any posture
-(``robot.outer_sets``), and ``tops_of_solids`` are all that planners use as well.
+assumed to be no deeper in the ground than twice as far as it gets out of it; the sentence says so
+where a step is not refuted without that. The robot may tilt and turn as it likes, and legs are not
+judged against the ground. Its extents, which hold it in any posture (``robot.outer_sets``), and
+``tops_of_solids`` are all that planners use as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -79,16 +81,19 @@ def explain_flood(certificate: Certificate) -> Explanation:
     extent = Extent.of(passage.robot)
     said = (
         f"balanced motion is impossible: none leads from within {passage.near_m:.2g} m of {start} to as near "
-        f"{goal}: {_ASSUMED}{_depth(extent)}; no foot is more than {extent.reach_m:.3g} m from the "
+        f"{goal}: {_ASSUMED}{_depth(certificate, extent)}; no foot is more than {extent.reach_m:.3g} m from the "
         f"centre of mass, and no two feet are more than {extent.apart_m:.3g} m apart"
     )
     message = said if passage.frame is None else passage.frame.in_world(said)
     return Explanation(relaxations=(), message=message)
 
 
-def _depth(extent: Extent) -> str:
-    """What is assumed of a centre of mass that may leave the trunk."""
-    if not 0.0 < extent.depth_m < np.inf:
+def _depth(certificate: Certificate, extent: Extent) -> str:
+    """What is assumed of a centre of mass that may leave the trunk, where a step needs it."""
+    if not extent.assumes:
+        return ""
+    with suppress(_Refused):
+        _Replay(certificate, replace(extent, outward_m=np.inf)).check()
         return ""
     return f", the centre of mass never more than {extent.depth_m:.2g} m below its surface"
 
@@ -110,13 +115,17 @@ class _Surface:
 
 
 class _Replay:
-    """The states of one certificate."""
+    """The states of one certificate.
 
-    def __init__(self, certificate: Certificate) -> None:
+    Arguments:
+        extent: of the robot; its own where it is not given.
+    """
+
+    def __init__(self, certificate: Certificate, extent: Extent | None = None) -> None:
         passage = certificate.refuted
         if not isinstance(passage, Passage):
             raise _Refused("expected a passage")
-        self.passage, self.extent = passage, Extent.of(passage.robot)
+        self.passage, self.extent = passage, extent or Extent.of(passage.robot)
         tree, self.directions = certificate.tree, certificate.multipliers
         if tree.ndim != 2 or tree.shape[1] != 5 or not np.isfinite(tree).all():
             raise _Refused("expected rows of five finite numbers")

@@ -352,6 +352,11 @@ def _meshes() -> Iterator[Made]:
     yield Made(
         name="feet-missing", urdf=quadruped(shape="ball-mesh"), wrong="a mesh that is not there"
     )
+    yield Made(
+        name="feet-of-no-size",
+        urdf=quadruped().replace('<sphere radius="0.02"/>', '<sphere radius="0"/>'),
+        wrong="no simulator has such a ball",
+    )
     squashed = ball() * [1.0, 1.0, 0.4]
     yield Made(
         name="feet-squashed",
