@@ -35,11 +35,11 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3009, 41631),
     "learners": (5450, 79085),
-    "planners": (34755, 557642),
+    "planners": (34775, 558055),
     "runner": (7248, 96556),
     "views": (4515, 70309),
 }
-CAPS: dict[str, int] = {"tests": 42_485, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
@@ -47,7 +47,7 @@ ALLOWANCES: dict[str, int] = {
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,
-    "promises": 306,
+    "promises": 286,
     "worlds": 195,
     "formats": 38,
     "stepping over": 100,

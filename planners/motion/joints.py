@@ -417,27 +417,35 @@ def _rolled(
     return rolled
 
 
-def path_torques(plan: Plan, solver: Kinematics) -> Array:
-    """Torques of all joints at the moments in which the body moves, the first and the last of every
-    step among them, shape (T, J) [Nm]. Forces run along the straight line between those of a step's
-    two stances.
+def path_torques(
+    plan: Plan, solver: Kinematics, *, deadline: float = math.inf
+) -> tuple[Array, Array]:
+    """Moments in which the body moves, the first and the last of every step among them, as progress
+    in key frames, shape (T,), and torques of all joints there, shape (T, J) [Nm]. Forces, and those
+    of soles with their moments, run along the straight line between those of a step's two stances.
+
+    Raises TimeEnded after the deadline (``time.perf_counter()``).
     """
-    path = PlanPath(plan)
-    moments, postures = JointPath(path, solver).judged()
+    path, forces_n = PlanPath(plan), plan.forces_n
+    if plan.moments_nm is not None:
+        forces_n = np.concatenate([forces_n, plan.moments_nm], axis=2)
+    moments, postures = JointPath(path, solver).judged(deadline=deadline)
     rows = np.flatnonzero((moments.part == 1) | ((moments.part == 0) & (moments.passed == 1.0)))
     torques = list[Array]()
     for t in rows.tolist():
         frames = int(moments.step[t]) - 1, int(moments.step[t])
-        before, after = (
-            support_forces(plan, plan.forces_n, k, path.support(frames[1])) for k in frames
-        )
+        before, after = (support_forces(plan, forces_n, k, path.support(frames[1])) for k in frames)
         share = moments.passed[t] if moments.part[t] == 1 else 0.0
+        forces = before + share * (after - before)
         torques.append(
             solver.torques(
-                postures.angles[t], postures.rotations[t], before + share * (after - before)
+                postures.angles[t],
+                postures.rotations[t],
+                forces[:, :3],
+                forces[:, 3:] if forces.shape[1] > 3 else None,
             )
         )
-    return np.array(torques).reshape(-1, len(solver.joints))
+    return moments.frame[rows], np.array(torques).reshape(-1, len(solver.joints))
 
 
 def support_forces(plan: Plan, forces_n: Array, frame: int, support: tuple[int, ...]) -> Array:

@@ -119,7 +119,7 @@ def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, flo
 
 def _on_the_way(plan: Plan, solver: Kinematics, limit_nm: Array) -> float:
     """Along the plan's path, where the robot is as it is executed: a share of the limit."""
-    return float((np.abs(path_torques(plan, solver)) / limit_nm).max(initial=0.0))
+    return float((np.abs(path_torques(plan, solver)[1]) / limit_nm).max(initial=0.0))
 
 
 _AIM, _SPARE = 0.97, 0.02

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from ..answer.report import (
     Report,
     plan_shapes,
 )
-from ..errors import InvalidInput
+from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import LARGEST, Array
 from ..problem import Problem
 from ..robot.robot_file import Servo
@@ -174,12 +174,48 @@ def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, 
             group.name: group
             for group in check_bodies(plan, report.angles, solver, deadline=deadline)
         }
+        if solver.soles and plan.joints_rad is not None and not plan.problem.uncarried:
+            groups["torque"] = _on_the_way(plan, solver, groups["torque"], deadline)
     except InvalidInput as error:
         return tuple(
             groups.get(name, Group(name, message=str(error), verdict="not checked"))
             for name in WHOLE_BODY
         )
     return tuple(groups[name] for name in WHOLE_BODY)
+
+
+def _on_the_way(plan: Plan, solver: Kinematics, torque: Group, deadline: float) -> Group:
+    """The group ``torque`` with what joints give between key frames of a plan on soles, whose steps
+    nobody bends where they give too much.
+    """
+    from ..motion.joints import path_torques  # slow to import
+
+    if torque.verdict != "holds":
+        return torque
+    try:
+        frames, torques = path_torques(plan, solver, deadline=deadline)
+    except TimeEnded:
+        return replace(torque, message=LATE, verdict="not checked")
+    shares = np.abs(torques) / np.minimum(solver.torque_nm, _torque_cap(plan))
+    row, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    share, frame = float(shares[row, joint]), float(frames[row])
+    if share <= 1.0:
+        return torque
+    limb = plan.problem.robot.limb_names[int(solver.legs[joint])]
+    said = (
+        f"frame {frame:.3g}, limb {limb}: on the way {abs(torques[row, joint]):.3g} Nm in a joint, "
+        f"where {solver.joints[joint]} has {solver.torque_nm[joint]:g}"
+    )
+    return replace(
+        torque,
+        value=share,
+        where=limb,
+        limb=limb,
+        when=frame,
+        message=said,
+        verdict="violated",
+        figures={**torque.figures, "share": share, "worst": {"frame": frame, "limb": limb}},
+    )
 
 
 def joint_report(

@@ -312,7 +312,7 @@ def test_torques_along_the_path_are_those_of_the_motion(plan: Plan, kinematics: 
     bent = with_joints(plan, kinematics)
     motion = PlanMotion(bent)
     profile = joint_profile(motion, kinematics)
-    table = path_torques(bent, kinematics)
+    table = path_torques(bent, kinematics)[1]
     moving = [k for k, phase in enumerate(motion.phases) if phase.segment.part == 1]
     ends = np.cumsum([phase.seconds for phase in motion.phases])
     first = profile.static_nm[round(ends[moving[0] - 1] * RATE_HZ)]
@@ -439,7 +439,7 @@ def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_tor
         return float(np.abs(joint_profile(motion, kinematics, rate_hz=20.0).static_nm).max())
 
     assert largest(bent.plan) < 1.1 * bent.after.torque_nm
-    assert np.abs(path_torques(bent.plan, kinematics)).max() <= 10.0
+    assert np.abs(path_torques(bent.plan, kinematics)[1]).max() <= 10.0
     assert largest(replace(bent.plan, joints_rad=None)) > 1.2 * bent.after.torque_nm
 
 

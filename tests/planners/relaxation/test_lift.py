@@ -446,19 +446,6 @@ def test_where_the_solver_gives_up_nothing_is_proved(drawn, climb, monkeypatch):
     assert (answer.solved, answer.bound) == (False, -np.inf)
 
 
-def test_a_mixed_scene_has_the_corners_that_it_has(mixed):
-    problem = mixed(0, (3, 5, 4))
-    scaled = Scaled.of(problem)
-    assert scaled.size == (3, 5)
-    assert scaled.layout.corners == ((3,), (5,), (4,))
-    for piece, padded, contact in zip(scaled.pieces, scaled.patches, problem.contacts, strict=True):
-        own = contact.patch.vertices_m / 0.6
-        np.testing.assert_array_equal(piece, own)
-        np.testing.assert_array_equal(
-            padded, np.vstack([own, np.repeat(own[-1:], 5 - len(own), axis=0)])
-        )
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
 def test_the_answer_meets_what_the_lift_demands_of_it(programs, mixed, seed):
     scaled = Scaled.of(mixed(seed, (3, 4, 5)))

@@ -92,6 +92,14 @@ STEP = (
 )
 
 
+def test_torques_of_soles_are_judged_between_key_frames_too(walked: Plan) -> None:
+    most = check_plan(walked, joints=True).group("torque").figures["torque_nm"]
+    for more, verdict in ((0.02, "violated"), (1.0, "holds")):
+        limited = {**walked.provenance, "torque_nm": most + more}
+        plan = replace(walked, provenance=limited)
+        assert check_plan(plan, joints=True).group("torque").verdict == verdict
+
+
 def test_toes_hang_down_in_the_air_where_ankles_have_no_room_and_stay_off_the_step(
     tmp_path: Path,
 ) -> None:
