@@ -791,7 +791,11 @@ def pairs(asked: ClothesOptions) -> Iterator[Row]:
         key = f"{ground.name} {name} {cloth.name}"
         if key in kept.rows:
             return kept.rows[key]
-        return kept.add(key, cloth.ask(ground, who[name], asked.folder))
+        try:
+            row = cloth.ask(ground, who[name], asked.folder)
+        except stancekit.StancekitError as error:  # a robot that is no walker
+            row = refused(error)
+        return kept.add(key, row)
 
     every = list(product(over.values(), who, clothes.values()))
     every = [each for each in every if (each[1] in TWINS) == (each[2] is OTHER_FILE)]
