@@ -364,7 +364,7 @@ class PlanPath:
         out = sole.points_m * (1.0 + _ROOM_M / np.linalg.norm(sole.points_m, axis=1)[:, None])
         flat = levelled(self.normals[[old, new]])
         best: tuple[float, _Swing, Array] | None = None
-        for tips in _TIPS_RAD if self.plan.joints_rad is not None else _TIPS_RAD[:1]:
+        for tips in _TIPS_RAD:
             sine, cosine = np.sin(tips)[:, None], np.cos(tips)[:, None]
             ups = cosine * flat[:, :, 2] + sine * flat[:, :, 0]
             corners = out @ np.swapaxes(levelled(ups)[:, :, :2], 1, 2)

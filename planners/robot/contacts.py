@@ -139,10 +139,9 @@ def off_solids(
     return (heights - supports).max(axis=1), over | (height <= 0.0)
 
 
-_ROUND = 0.15
-"""Share of a ball's radius: as far as a mesh that is taken for one may be from it, and no farther
-than ``_OFF_BALL_M``."""
-_OFF_BALL_M = 2e-3
+_ROUND, _OFF_BALL_M = 0.15, 2e-3
+"""Share of its radius, and distance, by which a mesh that is taken for a ball may be off it: the
+smaller of the two."""
 _NECK = 0.05
 """Share of a ball's corners that may be farther from it, where a shank ends in it."""
 HALF = 0.5

@@ -82,7 +82,7 @@ _LIMB_SHARES = {"coxa": 0.004, "hip": 0.003, "thigh": 0.006, "shank": 0.004, "fo
 """Mass of a limb's links in units of the robot's mass: six limbs are 10.8 % of it."""
 _LINK_RADIUS_M, _SHOULDER_M, _LEAST_BODY_M = 0.009, 0.02, 0.04
 BODY_HEIGHT_M = 0.06
-"""Of a body whose limbs reach ``USUAL_REACH_M``, as all lengths here."""
+"""Height of a body whose limbs reach ``USUAL_REACH_M``, as all lengths here [m]."""
 
 
 def link_lengths(limb: Limb) -> Array:

@@ -388,9 +388,16 @@ class RobotModel:
         return self._dynamics("damping"), self._dynamics("friction")
 
     def _dynamics(self, name: str) -> Array:
-        """An attribute of the joints' ``dynamics``, shape (J,); 0 where there is none."""
+        """An attribute of the joints' ``dynamics``, shape (J,); 0 where there is none.
+
+        Raises InvalidInput for one below 0.
+        """
         said = {
-            joint.get("name", ""): _angle(moved.get(name, "0"), f"joint {joint.get('name')}")
+            joint.get("name", ""): checked(
+                _angle(moved.get(name, "0"), f"joint {joint.get('name')}: {name}"),
+                f"joint {joint.get('name')}: {name}",
+                least=0.0,
+            )
             for joint in self.tree.findall("joint")
             if (moved := joint.find("dynamics")) is not None
         }

@@ -212,8 +212,9 @@ def _held(leg: Leg, weight_n: float, share: float) -> tuple[Array, float]:
 def on_whole_soles(plan: Plan, course: Problem) -> Plan:
     """The plan with the same forces and moments on the soles that the course has.
 
-    A point of a smaller sole is between that of the whole one and the place about which it was made
-    smaller, and that is a mean of points of the whole one: forces at the one are forces at the others, within the same cones.
+    A point of a smaller sole lies between that of the whole one and the place about which the sole
+    was narrowed, and that place is a mean of points of the whole one: forces at the one are forces at
+    the others, within the same cones.
     """
     if not course.has_soles or plan.points_m is None or plan.point_forces_n is None:
         return plan

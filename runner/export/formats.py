@@ -25,6 +25,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
 
+from ..control.tracker import command
 from ..motion.time_parametrization import RATE_HZ, joint_motion
 from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulation import SimulatedBody
@@ -94,12 +95,13 @@ def _mjcf_of(moved: Moved) -> str:
     model = spec.compile()
     spec.modelname = moved.robot.name
     qpos, qvel = states(model, moved.table, world.body.base)
-    stiffness, damping = world.drives.stiffness_nm_rad, world.drives.damping_nms_rad
     table = moved.table
     assert table.angles_rad is not None
     assert table.rates_rad_s is not None
     assert table.torques_nm is not None
-    targets = table.angles_rad + (table.torques_nm + damping * table.rates_rad_s) / stiffness
+    targets = command(
+        world.drives, table.angles_rad, table.torques_nm, table.rates_rad_s, np.zeros(())
+    )
     names = _key_names(table.time_s, moved.keys_s)
     keys = zip(
         names, table.time_s.tolist(), qpos.tolist(), qvel.tolist(), targets.tolist(), strict=True

@@ -255,6 +255,12 @@ def test_joints_that_turn_against_their_own_friction_are_where_they_are_sent(nam
     assert np.abs(state.angles_rad - wanted).max() < 0.2 * lag
 
 
+def test_joints_that_drive_themselves_are_refused() -> None:
+    wrong = biped().replace('velocity="8"/>', 'velocity="8"/><dynamics damping="-4"/>', 1)
+    with refuses("left_hip_roll_j", "damping", "-4"):
+        make_world("mujoco", contact_robot(model_of(wrong)))
+
+
 def test_sendable_targets_never_leap() -> None:
     before = np.zeros(24)
     drives = Drives.of(ROBOT, Servo(), ROBOT.legs)
