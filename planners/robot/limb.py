@@ -150,9 +150,15 @@ class Foot:
         )
 
 
+_LARGEST_HALF_M = 5.0
+"""Half a side of the largest trunk: its face is sampled, and what is longer is a mistake in units
+[m]."""
+
+
 def half_sides(value: Any, where: str) -> Array:
-    """Half sides of a box, all above 0, shape (3,) [m]."""
+    """Half sides of a box, above 0 and up to what a robot may have, shape (3,) [m]."""
     sides = read_only(value, (3,), where)
-    if not np.all(sides > 0.0):
-        raise InvalidInput(f"{where}: expected sides above 0 m, got {sides.tolist()}")
+    if not np.all((sides > 0.0) & (sides <= _LARGEST_HALF_M)):
+        wanted = f"sides above 0 and up to {_LARGEST_HALF_M:g} m"
+        raise InvalidInput(f"{where}: expected {wanted}, got {sides.tolist()}")
     return sides
