@@ -104,6 +104,12 @@ class _Once(_Parser):  # type: ignore[misc]
         return mapping
 
 
+_Once.add_implicit_resolver(  # 1e-3 is a number, as in YAML 1.2
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    list("+-.0123456789"),
+)
+
 _MOST_ERRORS = 20
 """So many are told of a file; that there are more is said."""
 
@@ -172,7 +178,37 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
     except ValidationError as error:
         message = "; ".join(key + line for line in validation_errors(error, kind))
         raise InvalidInput(f"{where}: {message}" if where else message) from None
+    if wrong := "; ".join(f"{key}{line}" for line in no_numbers(kind, data)):
+        raise InvalidInput(f"{where}: {wrong}" if where else wrong)
     return value
+
+
+def no_numbers(kind: Any, data: Any) -> Iterator[str]:
+    """Truth values and texts in a document that stand where its kind has numbers, which pydantic
+    takes for some.
+    """
+    if not _has_words(data):
+        return
+    try:
+        _reader(kind).validate_json(json.dumps(data), strict=True)
+    except ValidationError as error:
+        for item in error.errors(include_url=False):
+            if item["type"] in ("int_type", "float_type"):
+                key = "".join(
+                    f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]
+                )
+                yield f"{key.lstrip('.')}: expected a number, got {shown(item['input'])}"
+    except (TypeError, ValueError):
+        return  # values of a program, and no document
+
+
+def _has_words(data: Any) -> bool:
+    """Tell whether a document has truth values, or texts that may pass for numbers."""
+    if isinstance(data, Mapping):
+        return any(map(_has_words, data.values()))
+    if isinstance(data, list | tuple):
+        return any(map(_has_words, data))
+    return isinstance(data, bool) or (isinstance(data, str) and data.strip()[:1] in "+-.0123456789")
 
 
 def typed(kind: type[Value], given: Mapping[str, Any], where: str) -> Value:

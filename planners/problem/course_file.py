@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from pydantic import ValidationError
 
 from ..errors import InvalidInput
-from ..files.documents import parse_yaml, read_json, read_yaml, validation_errors
+from ..files.documents import no_numbers, parse_yaml, read_json, read_yaml, validation_errors
 from ..files.writing import first_difference
 from ..plugins import split_name
 from ..robot.model import Robot
@@ -187,11 +187,14 @@ def spec_from(data: Mapping[str, Any]) -> CourseSpec:
     if not isinstance(data, Mapping):
         raise InvalidInput(f"expected keys and values, got {type(data).__name__}")
     try:
-        return CourseSpec.model_validate(data)
+        spec = CourseSpec.model_validate(data)
     except ValidationError as error:
         raise InvalidInput(
             "; ".join(_plain(text, data) for text in validation_errors(error, CourseSpec))
         ) from None
+    if wrong := "; ".join(_plain(text, data) for text in no_numbers(CourseSpec, data)):
+        raise InvalidInput(wrong)
+    return spec
 
 
 def _plain(text: str, data: Mapping[str, Any]) -> str:
