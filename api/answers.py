@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.learners.data.labelling import RecheckReport
 from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.certificate import Certificate, Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.motion import Evidence
 from stancekit.planners.answer.report import Report
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import FileCheck
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
-from stancekit.planners.verify import Explanation, check_certificate, check_plan
+from stancekit.planners.verify import Explanation
 from stancekit.planners.verify import explain as explain_proof
-from stancekit.planners.verify.crossings import check_crossing
-from stancekit.planners.verify.leaps import check_leap
-from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.planners.verify.judge import TOLERANCE, judge
 
-from .checks import TOLERANCE, check_file, check_rows
+from .checks import check_file, check_rows
+
+E = TypeVar("E", bound=Evidence)
 
 
 @checked
@@ -77,17 +76,9 @@ def explain(subject: Answer[Any] | Certificate, *, tolerance: float | None = Non
 
 
 @overload
-def verify(subject: Certificate) -> Report[Certificate]: ...
+def verify(subject: E, *, tolerance: float = TOLERANCE) -> Report[E]: ...
 @overload
 def verify(subject: Answer[Any], *, tolerance: float = TOLERANCE) -> Report[Any]: ...
-@overload
-def verify(subject: Plan, *, tolerance: float = TOLERANCE) -> Report[Plan]: ...
-@overload
-def verify(subject: Crossing) -> Report[Crossing]: ...
-@overload
-def verify(subject: LeapPlan) -> Report[LeapPlan]: ...
-@overload
-def verify(subject: Trajectory) -> Report[Trajectory]: ...
 @overload
 def verify(subject: Dataset | LeapTries) -> RecheckReport: ...
 @overload
@@ -101,22 +92,13 @@ def verify(
 ) -> FileCheck | RecheckReport: ...
 @checked
 def verify(
-    subject: Answer[Any]
-    | Certificate
-    | Plan
-    | LeapPlan
-    | Crossing
-    | Trajectory
-    | Dataset
-    | LeapTries
-    | str
-    | Path,
+    subject: Answer[Any] | Evidence | Dataset | LeapTries | str | Path,
     *,
     tolerance: float = TOLERANCE,
     robot: str | Path | None = None,
     course: str | None = None,
     terrain: str | Path | None = None,
-) -> Report[Plan | LeapPlan | Crossing | Trajectory | Certificate] | RecheckReport | FileCheck:
+) -> Report[Any] | RecheckReport | FileCheck:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made,
     without a solver.
 
@@ -158,19 +140,9 @@ def verify(
     evidence = _evidence(subject) if isinstance(subject, Answer) else subject
     if isinstance(problem := getattr(evidence, "problem", None), Problem):
         problem.check_whole()
-    match evidence:
-        case Certificate():
-            return check_certificate(evidence)
-        case Crossing():
-            return check_crossing(evidence)
-        case LeapPlan():
-            return check_leap(evidence, body=True)
-        case Plan():
-            return check_plan(evidence, tolerance=tolerance, joints=True, margins=True)
-        case Trajectory():
-            return check_trajectory(evidence)
-        case _:
-            return check_rows(evidence, tolerance=tolerance)
+    if not isinstance(evidence, Evidence):
+        return check_rows(evidence, tolerance=tolerance)
+    return judge(evidence, tolerance=tolerance)
 
 
 def _proof(answer: Answer[Any]) -> Certificate | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.answer.answer import UNBOUNDED
 from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import or_null
 from stancekit.planners.errors import InvalidInput
@@ -19,19 +20,17 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.verify import check_certificate, check_plan, explain
+from stancekit.planners.verify.judge import TOLERANCE
 
 if TYPE_CHECKING:
     from stancekit.envs.data.dataset import Dataset
     from stancekit.envs.data.leap_tries import LeapTries
     from stancekit.learners.data.labelling import RecheckReport
-    from stancekit.planners.answer.trajectory import Trajectory
     from stancekit.planners.formats.motion_file import FileCheck
     from stancekit.planners.terrain.patch import Patch
 
 _FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
-TOLERANCE = 1e-6
-"""Largest violation of an accepted posture or plan where no other is given."""
 _TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
@@ -62,11 +61,12 @@ def check_file(
     Raises:
         InvalidInput: for a file that holds none of them, and for one of another robot or course.
     """
-    from stancekit.planners.formats import plan_file
-    from stancekit.planners.formats.motion_file import is_motion_file
+    from stancekit.planners.formats import motion_file
+    from stancekit.planners.formats.table_file import is_table
 
     name = str(path)
-    if Path(path).suffix == ".xml" or is_motion_file(path):
+    data = read_json(path) if Path(path).suffix == ".json" else None
+    if is_table(path, data):
         if why:
             raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
         if tolerance != TOLERANCE:
@@ -76,65 +76,23 @@ def check_file(
         return _check_motion(Path(path), robot, course, terrain)
     if terrain is not None:
         raise InvalidInput(f"terrain: expected a motion with it, got {name}")
-    if plan_file.is_plan_file(path):
-        if why:
-            raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
-        return _check_plan(path, tolerance, robot, course)
-    if course is not None:
-        raise InvalidInput(f"course: expected a plan with it, got {name}")
-    from stancekit.planners.formats import (
-        leap_file,
-        proof_file,
-        trajectory_file,
-    )  # splines are slow to import
-    from stancekit.planners.problem.leap import is_leap_file
-
-    if is_leap_file(path):
-        _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a leap, which has its own")
-        return leap_file.check_file(path, why=why)
-    from stancekit.planners.formats import crossing_file
-
-    if crossing_file.is_crossing_file(path):
-        _check_none(robot=robot, tolerance=tolerance, of=f"{name}, a crossing, which has its own")
-        if why:
-            raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
-        return crossing_file.check_file(path)
-    try:
-        data = read_json(path)
-    except InvalidInput:
-        if Path(path).suffix == ".json":
-            raise
-        data = None  # problems come as JSON lines, too
-    if proof_file.is_proof(data):
-        if robot is not None:
-            raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
-        if tolerance != TOLERANCE:
-            raise InvalidInput(
-                "tolerance: expected none with a proof, which has to hold with room for any plan"
-            )
-        return proof_file.check_proof_file(path)
-    if why:
-        raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
-    if not trajectory_file.is_trajectory(data):
-        if robot is not None:
-            raise InvalidInput(f"robot: expected a plan or a gait with it, got {name}")
+    if not motion_file.is_evidence(data):
         wanted = (
-            "expected a data set folder, a plan, a proof or a gait; beside posture problems, the "
-            "file "
-            "of their answers (stancekit solve PROBLEMS --certificate --out ANSWERS)"
+            "expected a data set folder, a motion or a proof; beside posture problems, the file of "
+            "their answers (stancekit solve PROBLEMS --certificate --out ANSWERS)"
         )
         if isinstance(data, dict):
             wanted += f", got format {shown(data.get('format'))}"
         raise InvalidInput(f"{name}: {wanted}")
-    if tolerance != TOLERANCE:
-        raise InvalidInput(
-            "tolerance: expected none with a gait, whose groups have limits of their own"
-        )
-    from stancekit.planners.formats.motion_file import FileCheck
-    from stancekit.planners.robot.walker import named_walker
-
-    report = trajectory_file.check_file(path, robot=None if robot is None else named_walker(robot))
-    return FileCheck(path=name, kind="gait", report=report, message=report.message)
+    who = None if robot is None else str(robot)
+    return motion_file.check_file(
+        path,
+        data=data,
+        tolerance=None if tolerance == TOLERANCE else tolerance,
+        robot=who,
+        course=None if course is None else _course(course, who),
+        why=why,
+    )
 
 
 def _check_motion(
@@ -148,7 +106,9 @@ def _check_motion(
         course: course, as ``plan`` takes it, whose patches are the terrain, and whose robot is
             taken if no other is given.
     """
-    from stancekit.planners.formats.motion_file import FileCheck, read_motion
+    from stancekit.planners.formats import motion_file
+    from stancekit.planners.formats.motion_file import FileCheck
+    from stancekit.planners.formats.table_file import read_table
     from stancekit.planners.physics import GRAVITY_M_S2
     from stancekit.planners.verify.motions import check_motion
     from stancekit.runner.export.formats import read_keys, scene_of
@@ -171,7 +131,9 @@ def _check_motion(
         )
         ground, gravity_m_s2, who = problem.terrain, problem.gravity_m_s2, who or problem.robot
     elif Path(str(terrain)).suffix == ".json":
-        robot_of_scene, _, ground, gravity_m_s2 = scene_of(_subject(str(terrain)))
+        robot_of_scene, _, ground, gravity_m_s2 = scene_of(
+            motion_file.read_motion(str(terrain), Motion)[0]
+        )
         who = who or robot_of_scene
     else:
         from stancekit.planners.terrain.reference import named_terrain
@@ -181,7 +143,7 @@ def _check_motion(
         raise InvalidInput(f"robot: expected who moves in {path}, got none")
     if not isinstance(ground, Ground) and not ground:
         raise InvalidInput(f"course: expected one with a terrain of its own, got {course}")
-    table = read_keys(path) if path.suffix == ".xml" else read_motion(path)
+    table = read_keys(path) if path.suffix == ".xml" else read_table(path)
     try:
         report = check_motion(table, who, ground, gravity_m_s2=gravity_m_s2)
     except InvalidInput as error:
@@ -200,41 +162,6 @@ def _legged(robot: str | Path) -> Robot:
 
     name = str(robot)
     return walking_robot(BUILT_IN[name]()) if name in BUILT_IN else robot_of(named_robot(robot))
-
-
-def _subject(path: str) -> Plan | Trajectory:
-    """The plan or the walk of a file.
-
-    Raises InvalidInput.
-    """
-    from stancekit.planners.formats import plan_file, trajectory_file
-
-    if plan_file.is_plan_file(path):
-        return plan_file.read_plan(path)[0]
-    return trajectory_file.read_trajectory(path).trajectory
-
-
-def _check_plan(
-    path: str | Path, tolerance: float, robot: str | Path | None, course: str | None
-) -> FileCheck:
-    """Check a file of a plan of key frames, see ``check_file``."""
-    from stancekit.planners.formats import plan_file
-    from stancekit.planners.robot.robot_file import named_robot
-
-    who = None if robot is None else str(robot)
-    return plan_file.check_file(
-        path,
-        tolerance=tolerance,
-        robot=None if robot is None else named_robot(robot),
-        course=None if course is None else _course(course, who),
-    )
-
-
-def _check_none(*, robot: str | Path | None, tolerance: float, of: str) -> None:
-    """Raise InvalidInput for a robot or a tolerance with a file that has its own."""
-    for option, value in (("robot", robot is not None), ("tolerance", tolerance != TOLERANCE)):
-        if value:
-            raise InvalidInput(f"{option}: expected none with {of}")
 
 
 def check_rows(
@@ -282,7 +209,10 @@ def check_answers(
         InvalidInput: for another number of answers than of problems; a record that cannot be read
             is "invalid".
     """
-    from stancekit.planners.formats.plan_file import json_records, read_problems  # slow to import
+    from stancekit.planners.formats.question_file import (  # slow to import
+        json_records,
+        read_problems,
+    )
 
     problems_read, claims = list(read_problems(*problems)), list(json_records(*answers))
     if len(problems_read) != len(claims):
@@ -302,7 +232,7 @@ def check_answers(
 
 def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[str, Any]:
     """Verdict on an answer; where the answer lacks its evidence, the verdict says so."""
-    from stancekit.planners.formats.plan_file import answer_from_json  # slow to import
+    from stancekit.planners.formats.question_file import answer_from_json  # slow to import
 
     answer, status = answer_from_json(claim, problem), _status(claim)
     kind, expected = None if answer is None else type(answer), _EVIDENCE[status]

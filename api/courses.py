@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.documents import shown
-from stancekit.planners.formats.plan_file import PartialPlan
+from stancekit.planners.formats.motion_file import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
@@ -234,9 +234,9 @@ def _read_leap(file: str | Path, robot: Robot | str | Path | None) -> Leap:
     """
     if isinstance(robot, Robot):
         raise InvalidInput("robot: expected a name or a file with a leap, got a Robot")
-    from stancekit.planners.formats.leap_file import read_leap  # of leaps alone
+    from stancekit.planners.formats.question_file import read_leap  # of leaps alone
 
-    return read_leap(file, robot).leap
+    return read_leap(file, robot)
 
 
 def _leap(

@@ -13,15 +13,16 @@ from stancekit.envs.data.ledger import folder_of
 from stancekit.learners.data.export import Exported
 from stancekit.learners.data.labelling import rows_of
 from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
-from stancekit.planners.files.documents import parse_json, read_json, read_text, shown
+from stancekit.planners.files.documents import parse_json, read_text, shown
 from stancekit.planners.files.writing import alone_in, check_writable, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
-from stancekit.runner.export.formats import FORMATS, Subject, beside, moved_of
+from stancekit.runner.export.formats import FORMATS, beside, moved_of
 from stancekit.runner.motion.time_parametrization import RATE_HZ
 
 from .walks import walk
@@ -151,57 +152,32 @@ def export(
     return ExportedMotions(paths=(path,), without=moved.without)
 
 
-def read_accepted(path: Path) -> Subject:
-    """The plan, walk or leap of a file, if the verifier accepts it now, whatever the file says.
+def read_accepted(path: Path) -> Motion:
+    """The motion of a file, if the verifier accepts it now, whatever the file says.
 
     Raises InvalidInput.
     """
-    from stancekit.planners.formats import crossing_file, leap_file, plan_file, trajectory_file
-    from stancekit.planners.problem.leap import is_leap_file
+    from stancekit.planners.formats.motion_file import read_motion
 
-    subject: Subject | None
-    if plan_file.is_plan_file(path):
-        subject = plan_file.read_plan(path)[0]
-    elif is_leap_file(path):
-        subject = leap_file.read_leap(path).plan
-        if subject is None:
-            raise InvalidInput(f"{path}: expected a leap that the verifier accepts, found none")
-    elif crossing_file.is_crossing_file(path):
-        subject = crossing_file.read_crossing(path)
-    elif trajectory_file.is_trajectory(read_json(path)):
-        subject = trajectory_file.read_trajectory(path).trajectory
-    else:
-        raise InvalidInput(f"{path}: expected a plan, a walk, a leap, or the folder of a data set")
+    subject, _ = read_motion(path, Motion)
     _check_accepted(subject, str(path))
     return subject
 
 
-def _check_accepted(subject: Subject, source: str) -> None:
-    """Raise InvalidInput for a plan, a walk or a leap that the verifier does not accept.
+def _check_accepted(subject: Motion, source: str) -> None:
+    """Raise InvalidInput for a motion that the verifier does not accept.
 
     Arguments:
-        subject: the plan, walk or leap to judge.
+        subject: the motion to judge.
         source: its origin, for the message.
     """
-    from stancekit.planners.answer.report import Report
-    from stancekit.planners.verify.crossings import check_crossing
-    from stancekit.planners.verify.leaps import check_leap
-    from stancekit.planners.verify.trajectories import check_trajectory
     from stancekit.runner.acceptance import judged
 
-    report: Report[Plan] | Report[LeapPlan] | Report[Crossing] | Report[Trajectory]
-    match subject:
-        case Plan():
-            what, report = "plan", judged(subject)
-        case LeapPlan():
-            what, report = "leap", check_leap(subject, body=True)
-        case Crossing():
-            what, report = "crossing", check_crossing(subject)
-        case Trajectory():
-            what, report = "gait", check_trajectory(subject)
+    report = judged(subject)
     if not report.accepted:
         raise InvalidInput(
-            f"{source}: expected a {what} that the verifier accepts, it says: {report.message}"
+            f"{source}: expected a {subject.WORD} that the verifier accepts, it says: "
+            f"{report.message}"
         )
 
 

@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from stancekit.learners.leaps.kinds import FORMAT, SCORER, Scores
 from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.certificate import Certificate, Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.certificate import Certificate
+from stancekit.planners.answer.motion import Motion
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import came, checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml, shown
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.formats import crossing_file, leap_file, plan_file, proof_file
-from stancekit.planners.formats.plan_file import (
+from stancekit.planners.formats.motion_file import read_evidence, write_certificate, write_motion
+from stancekit.planners.formats.question_file import (
     read_envelopes,
+    read_leap,
     read_modes,
     read_problems,
     write_boxes,
@@ -30,26 +31,13 @@ from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.families import drawn_name
-from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.judge import judge
 
 if TYPE_CHECKING:
     from stancekit.learners.selectors.selector import Learned
 
-    Proof = tuple[Problem | Leap, Certificate]
     Saved = (
-        Problem
-        | Leap
-        | EnvelopeSet
-        | Modes
-        | Answer[Any]
-        | Plan
-        | LeapPlan
-        | Crossing
-        | Certificate
-        | Proof
-        | Trajectory
-        | Learned
-        | Scores
+        Problem | Leap | EnvelopeSet | Modes | Answer[Any] | Motion | Certificate | Learned | Scores
     )
 else:
     Saved = Any  # selectors take a while to load, and ``save`` says itself what has no file
@@ -60,13 +48,11 @@ _READERS: Mapping[str, Callable[[Path], Any]] = {
     "course": read_course,
     "envelope": read_envelopes,
     "modes": read_modes,
-    "plan": lambda path: plan_file.read_plan(path)[0],
-    "proof": proof_file.read_proof,
-    "leap": lambda path: _leap(path),
-    "crossing": crossing_file.read_crossing,
-    "gait": lambda path: _trajectory(path),
+    "leap": read_leap,
+    "motion": lambda path: read_evidence(path)[0],
+    "certificate": lambda path: read_evidence(path)[0],
 }
-"""By what stands between the slashes of a file's format, e.g. ``stancekit/plan/3``."""
+"""By what stands between the slashes of a file's format, e.g. ``stancekit/motion/1``."""
 
 
 @overload
@@ -85,9 +71,9 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
 
     Returns:
         Problem, or a list of them where the file holds JSON lines or an array
-        (``stancekit/posture/1``, ``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the
-        pair (Problem, Certificate) of a proof; Leap, or LeapPlan or such a pair where its file
-        holds an answer (``stancekit/leap/1``, or YAML); Crossing; Trajectory of a gait; Dataset;
+        (``stancekit/posture/1``, ``stancekit/course/1``, or YAML); Leap (``stancekit/leap/1``, or
+        YAML); EnvelopeSet; Modes; the Plan, LeapPlan, Crossing or Trajectory of a motion
+        (``stancekit/motion/1``); the Certificate of a proof, which knows its problem; Dataset;
         LeapTries; Robot that walks (YAML or URDF); what a safetensors file of a neural selector,
         chooser or policy holds, as ``Learned``; LeapScorer; Surrogate. Nothing is unpickled.
 
@@ -114,10 +100,10 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
 
     Arguments:
         thing: a posture problem, several of them (JSON lines), a course, a leap, envelopes, modes,
-            a plan, a walk, the certificate with its problem, also as the pair that ``load`` gives,
-            or what ``fit`` returned. A plan and a walk are verified, and the verdict is written
-            with them. Of an answer its solution is written, with the report that it came with, or
-            else its certificate. A data set is a folder that ``label`` writes.
+            a motion (a plan of a course, a walk, a leap, a crossing), a certificate, or what
+            ``fit`` returned. A motion is verified, and the verdict is written with it. Of an answer
+            its solution is written, with the report that it came with, or else its certificate. A
+            data set is a folder that ``label`` writes.
         path: the file; .json, but .safetensors for what has a network.
 
     Raises:
@@ -147,31 +133,15 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
             lines = Path(path).suffix == ".jsonl"
             write_text(path, json.dumps(thing.to_json(), indent=None if lines else 1) + "\n")
         case Leap():
-            leap_file.write_leap(path, thing)
-        case LeapPlan():
-            leap_file.write_leap(path, thing.problem, thing)
-        case Crossing():
-            crossing_file.write_crossing(path, thing)
+            write_text(path, json.dumps(thing.to_json(), allow_nan=False) + "\n")
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
-        case Plan():
-            if thing.problem.is_posture:
-                raise InvalidInput(
-                    f"{path}: expected the plan of a course, got that of a posture problem"
-                )
-            thing.problem.check_whole()
-            plan_file.write_plan(
-                path, thing, report or check_plan(thing, joints=True, margins=True)
-            )
-        case Trajectory():
-            from stancekit.planners.formats.trajectory_file import write_trajectory
-            from stancekit.planners.verify.trajectories import check_trajectory
-
-            write_trajectory(path, thing, report or check_trajectory(thing))
-        case [Problem() | Leap() as subject, Certificate() as certificate]:
-            _write_proof(path, certificate.of(subject))
+        case Motion():
+            if isinstance(thing, Plan):
+                thing.problem.check_whole()
+            write_motion(path, thing, report or judge(thing))
         case Certificate():
-            _write_proof(path, thing)
+            write_certificate(path, thing)
         case [Problem(), *_] if all(isinstance(one, Problem) and one.is_posture for one in thing):
             problems = [one for one in thing if isinstance(one, Problem)]
             write_text(path, "".join(json.dumps(one.to_json()) + "\n" for one in problems))
@@ -186,25 +156,11 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
 
             if not isinstance(thing, Learned):
                 raise InvalidInput(
-                    "thing: expected a problem, a leap, envelopes, modes, an answer, a plan, a "
-                    "crossing, a certificate, a trajectory, or what fit returned, got "
+                    "thing: expected a problem, a leap, envelopes, modes, an answer, a motion, a "
+                    "certificate, or what fit returned, got "
                     f"{came(thing)}"
                 )
             thing.write(Path(path))
-
-
-def _write_proof(path: str | Path, certificate: Certificate) -> None:
-    """Write a certificate with its problem, a leap's in the leap's file."""
-    if isinstance(certificate.problem, Leap):
-        leap_file.write_leap(path, certificate.problem, None, certificate)
-    else:
-        proof_file.write_proof(path, certificate)
-
-
-def _trajectory(path: Path) -> Trajectory:
-    from stancekit.planners.formats.trajectory_file import read_trajectory
-
-    return read_trajectory(path).trajectory
 
 
 def _read(path: Path) -> Any:
@@ -230,7 +186,7 @@ def _read(path: Path) -> Any:
     if path.suffix in (".yaml", ".yml"):
         data = read_yaml(path)
         if is_leap(data):
-            return _leap(path)
+            return read_leap(path)
         return read_course(path) if "terrain" in data else named_walker(path)
     if path.suffix == ".urdf":
         return named_walker(path)
@@ -245,20 +201,6 @@ def _read(path: Path) -> Any:
         known = ", ".join(f"stancekit/{name}" for name in _READERS)
         raise InvalidInput(f"{path}: expected a format of {known}, got {shown(format_)}")
     return _READERS[rest[0]](path)
-
-
-def _leap(path: Path) -> Any:
-    """The leap of a file, or what answers it there: its plan, or the pair of it and its
-    certificate.
-    """
-    leap_file_read = leap_file.read_leap(path)
-    if leap_file_read.plan is not None:
-        return leap_file_read.plan
-    return (
-        leap_file_read.leap
-        if leap_file_read.certificate is None
-        else (leap_file_read.leap, leap_file_read.certificate)
-    )
 
 
 def _problems(path: Path) -> list[Problem]:

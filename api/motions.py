@@ -13,11 +13,9 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json
-from stancekit.planners.formats.crossing_file import is_crossing_file
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
-from stancekit.planners.problem.leap import is_leap_file
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.verify.geometry import LEAST_PUSH
 from stancekit.runner.acceptance import Accepted
@@ -85,7 +83,7 @@ def simulate(
         called = world if isinstance(world, str) else made.name
         raise InvalidInput(f"world: expected a simulation, got {called}, which is {made.kind}")
     runner = Runner(made, settings=settings, progress=progress or _nothing)
-    return runner.run(accepted, accepted.ground(settings.friction_share))
+    return runner.run(accepted, accepted.plan.ground(settings.friction_share))
 
 
 @checked
@@ -159,7 +157,7 @@ def run(
         )
         if policy is None:
             assert not isinstance(request, Problem)
-            return runner.run(request, request.ground(settings.friction_share))
+            return runner.run(request, request.plan.ground(settings.friction_share))
         walked = request.plan.problem if isinstance(request, Accepted) else request
         planner = policy_of(policy, walked) if isinstance(policy, str | Path) else policy
         first = request if isinstance(request, Accepted) else None
@@ -233,7 +231,7 @@ def accepted_of(motion: _Motion | Problem | str | Path) -> Accepted[Any]:
         raise InvalidInput(
             f"motion: expected a plan or a walk; the course {motion.name} is walked by a policy"
         )
-    if not (is_leap_file(motion) or is_crossing_file(motion)) and _is_course(motion):
+    if _is_course(motion):
         raise InvalidInput(
             f"{motion}: expected a plan file; a course is walked with a policy, got none"
         )

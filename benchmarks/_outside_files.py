@@ -18,23 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.cli.main import main as command
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import plan_digest
-from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import Problem
 
 Array = NDArray[Any]
 SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
-ASKED = (
-    "robot",
-    "terrain",
-    "friction",
-    "adhesive",
-    "start_xy_m",
-    "goal_xy_m",
-    "provenance",
-    "asked",
-)
 
 
 class NoForgery(Exception):
@@ -51,7 +37,7 @@ class Opened:
     @property
     def robot(self) -> dict[str, Any]:
         """The robot's part of the header."""
-        found: dict[str, Any] = self.head.get("course", self.head)["robot"]
+        found: dict[str, Any] = self.head["question"]["robot"]
         return found
 
     def urdf(self, pattern: str, text: str) -> None:
@@ -67,44 +53,24 @@ class Opened:
 
     def sealed(self) -> str:
         """The file's text, every digest of it computed anew."""
-        if "course" in self.head:
-            self._seal_plan()
-        else:
-            self._seal_walk()
-        return json.dumps(self.head, allow_nan=True)
-
-    def _seal_plan(self) -> None:
         verdict = self.head["verdict"]
-        self.head["arrays"]["npz"] = _packed(self.arrays)
-        with contextlib.suppress(
-            InvalidInput
-        ):  # a course that is none is refused without its digest
-            course = Problem.from_json(self.head["course"])
-            plan = Plan(problem=course, provenance=self.head["provenance"], **self.arrays)
-            verdict["digest"] = plan_digest(
-                plan, verdict["tolerance"], verdict["accepted"], verdict["checked"]
-            )
-        self.head["sha256"] = _canonical(
-            {key: value for key, value in self.head.items() if key != "sha256"}
-        )
-
-    def _seal_walk(self) -> None:
-        said = {key: self.head[key] for key in ASKED if key in self.head}
-        content = hashlib.sha256(_text(said))
+        content = hashlib.sha256(_text({k: self.head[k] for k in ("question", "provenance")}))
         for name, array in sorted(self.arrays.items()):
             content.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
             content.update(np.ascontiguousarray(array).tobytes())
-        self.head |= {"trajectory": content.hexdigest(), "samples": _packed(self.arrays)}
-        self.head["digest"] = _canonical(
-            {key: value for key, value in self.head.items() if key != "digest"}
+        told = {name: verdict[name] for name in ("accepted", "tolerance", "checked", "limits")}
+        verdict["digest"] = _canonical({**told, "answer": content.hexdigest()})
+        self.head["columns"]["npz"] = _packed(self.arrays)
+        self.head["sha256"] = _canonical(
+            {key: value for key, value in self.head.items() if key != "sha256"}
         )
+        return json.dumps(self.head, allow_nan=True)
 
 
 def opened(path: Path) -> Opened:
     """A plan or a walk. Every call gives values of its own."""
     head = json.loads(path.read_text())
-    packed = head["arrays"]["npz"] if "course" in head else head["samples"]
-    with np.load(io.BytesIO(base64.b64decode(packed))) as found:
+    with np.load(io.BytesIO(base64.b64decode(head["columns"]["npz"]))) as found:
         return Opened(head=head, arrays={name: found[name] for name in found})
 
 

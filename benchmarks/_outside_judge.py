@@ -24,13 +24,14 @@ def more(what: str, value: float, limit: float, unit: str) -> str:
 
 def rows_of(plan: Opened) -> list[tuple[int, list[int], Array, list[dict[str, Any]]]]:
     """Of every stance: frame, limbs, which footholds they stand on, and the patches these chose."""
-    course: Problem = Problem.from_json(plan.head["course"])
+    course: Problem = Problem.from_json(plan.head["question"])
     found = []
     for stance in course.stances:
         limbs = list(stance.limbs)
         at = course.holds[stance.frame][limbs]
         patches = [
-            plan.head["course"]["placements"][p]["candidates"][plan.arrays["choice"][p]] for p in at
+            plan.head["question"]["placements"][p]["candidates"][plan.arrays["choice"][p]]
+            for p in at
         ]
         found.append((stance.frame, limbs, at, patches))
     return found
@@ -38,7 +39,7 @@ def rows_of(plan: Opened) -> list[tuple[int, list[int], Array, list[dict[str, An
 
 def off_terrain(plan: Opened, metres: float) -> str:
     """A toe is farther than this from every patch of the terrain."""
-    patches = [corners_of(patch) for patch in plan.head["course"]["terrain"]]
+    patches = [corners_of(patch) for patch in plan.head["question"]["terrain"]]
     gaps = [min(_distance(toe, patch) for patch in patches) for toe in plan.arrays["toes_m"]]
     return more("toe off the terrain", max(gaps), metres, "m")
 
@@ -47,7 +48,7 @@ def slips(plan: Opened, share: float = 1e-3) -> str:
     """A foot pushes outside of the cone of the terrain under it, by this share of the robot's
     weight.
     """
-    terrain = plan.head["course"]["terrain"]
+    terrain = plan.head["question"]["terrain"]
     worst = 0.0
     for row, (_, limbs, at, _) in enumerate(rows_of(plan)):
         for limb, hold in zip(limbs, at, strict=True):
@@ -89,7 +90,7 @@ def configuration(plan: Opened, model: Any, standing: Array, rest: Array, frame:
     place[:3] = plan.arrays["com_m"][frame] - turn @ rest
     place[3:7] = pinocchio.Quaternion(turn).coeffs()
     for name, angle in zip(
-        plan.head["arrays"]["joints"], plan.arrays["joints_rad"][frame], strict=True
+        plan.head["columns"]["joints"], plan.arrays["joints_rad"][frame], strict=True
     ):
         place[model.joints[model.getJointId(name)].idx_q] = angle
     return place
@@ -99,7 +100,7 @@ def toes_missed(plan: Opened, metres: float) -> str:
     """A foot of the URDF, at the plan's own angles, is farther than this from its toe."""
     model, data, standing = _model(plan.robot["model"])
     rest = pinocchio.centerOfMass(model, data, standing).copy()
-    course = Problem.from_json(plan.head["course"])
+    course = Problem.from_json(plan.head["question"])
     worst = 0.0
     for frame in range(len(plan.arrays["com_m"])):
         pinocchio.framesForwardKinematics(
@@ -138,7 +139,7 @@ def beyond_joints(plan: Opened, radians: float) -> str:
     model, _, _ = _model(plan.robot["model"])
     worst = 0.0
     for name, angles in zip(
-        plan.head["arrays"]["joints"], plan.arrays["joints_rad"].T, strict=True
+        plan.head["columns"]["joints"], plan.arrays["joints_rad"].T, strict=True
     ):
         at = model.joints[model.getJointId(name)].idx_q
         low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
@@ -148,7 +149,7 @@ def beyond_joints(plan: Opened, radians: float) -> str:
 
 def weight_of(plan: Opened) -> float:
     """m g [N]."""
-    return float(plan.robot["mass_kg"] * plan.head["course"]["gravity_m_s2"])
+    return float(plan.robot["mass_kg"] * plan.head["question"]["gravity_m_s2"])
 
 
 def corners_of(patch: dict[str, Any]) -> Array:

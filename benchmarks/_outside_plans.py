@@ -20,7 +20,7 @@ TOLERANCE = 1e-3
 
 
 def _each(plan: Opened):  # type: ignore[no-untyped-def]
-    for placement in plan.head["course"]["placements"]:
+    for placement in plan.head["question"]["placements"]:
         yield from placement["candidates"]
 
 
@@ -36,7 +36,7 @@ def floats(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 def elsewhere(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """The terrain is not where the footholds are."""
-    for patch in plan.head["course"]["terrain"]:
+    for patch in plan.head["question"]["terrain"]:
         patch["vertices_m"] = (
             judge.corners_of(patch) + np.array([1.0 + 10.0 * size, 0.0, rng.uniform(-1, 1)])
         ).tolist()
@@ -45,15 +45,15 @@ def elsewhere(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 def halved(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """One of the terrain's walls is gone; every foothold on it stays."""
-    gone = plan.head["course"]["terrain"].pop(int(rng.integers(2)))
+    gone = plan.head["question"]["terrain"].pop(int(rng.integers(2)))
     del gone
-    plan.head["course"]["goal_m"][0] += 1e-3 * size  # one file, one parameter
+    plan.head["question"]["goal_m"][0] += 1e-3 * size  # one file, one parameter
     return judge.off_terrain(plan, TOLERANCE)
 
 
 def rougher(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """Footholds are rougher than the terrain they are cut from."""
-    for patch in plan.head["course"]["terrain"]:
+    for patch in plan.head["question"]["terrain"]:
         patch["friction"] = 0.55 * (1.0 - size)
     return judge.slips(plan)
 
@@ -63,9 +63,9 @@ def wedges(plan: Opened, size: float, rng: np.random.Generator) -> str:
     point.
     """
     angle = 0.15 + 0.25 * size
-    for patch in plan.head["course"]["terrain"]:
+    for patch in plan.head["question"]["terrain"]:
         patch["friction"] = 0.45
-    for hold, placement in enumerate(plan.head["course"]["placements"]):
+    for hold, placement in enumerate(plan.head["question"]["placements"]):
         patch = placement["candidates"][plan.arrays["choice"][hold]]
         side = np.sign(patch["normal"][1])
         turn = np.array(
@@ -98,7 +98,7 @@ def corners(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """Two feet on one wall push against each other along the diagonal of a friction pyramid; both
     balances stay.
     """
-    course = Problem.from_json(plan.head["course"])
+    course = Problem.from_json(plan.head["question"])
     row = int(rng.integers(len(course.stances)))
     limbs = list(course.stances[row].limbs)
     at = course.holds[course.stances[row].frame][limbs]
@@ -112,7 +112,7 @@ def corners(plan: Opened, size: float, rng: np.random.Generator) -> str:
     )  # along their line: no moment
     forces[one] += push
     forces[other] -= push
-    for patch in plan.head["course"]["terrain"]:
+    for patch in plan.head["question"]["terrain"]:
         patch["friction"] = 0.8
     for patch in _each(plan):
         patch["friction"] = 0.8
@@ -121,7 +121,7 @@ def corners(plan: Opened, size: float, rng: np.random.Generator) -> str:
 
 def pulls(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """Feet pull at their walls; the course's own bounds of forces let them, and turn with them."""
-    plan.head["course"] |= {"force_min": [-9.0, -9.0, -9.0], "force_max": [9.0, 9.0, 9.0]}
+    plan.head["question"] |= {"force_min": [-9.0, -9.0, -9.0], "force_max": [9.0, 9.0, 9.0]}
     plan.arrays["forces_n"][..., 1] *= -(0.05 + 0.95 * size)
     return judge.slips(plan)
 
@@ -145,7 +145,7 @@ def scaled(plan: Opened, size: float, rng: np.random.Generator) -> str:
     """The course's length scale, over which moments and lengths are judged, is a hundred
     kilometres; the body leans.
     """
-    plan.head["course"]["length_scale_m"] = 10.0 ** (1.0 + 5.0 * size)
+    plan.head["question"]["length_scale_m"] = 10.0 ** (1.0 + 5.0 * size)
     plan.arrays["com_m"][:, 1] += 0.01
     return judge.unbalanced(plan)
 

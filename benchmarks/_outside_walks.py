@@ -60,7 +60,7 @@ def tall(walk: Opened, size: float, rng: np.random.Generator) -> str:
     walk.robot["stand_height_m"] *= 4.0 + 20.0 * size
     shift = 0.02 + 0.02 * size
     for name in ("start_xy_m", "goal_xy_m"):
-        walk.head[name][1] += shift
+        walk.head["question"][name][1] += shift
     walk.arrays["torso_m"][:, 1] += shift
     return more(
         "moment about the trunk over the whole walk, as an arm of the weight", shift, 0.005, "m"
@@ -112,7 +112,7 @@ def short(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """Three samples, and the goal elsewhere."""
     walk.cut(slice(0, 3))
     walk.arrays["torso_m"][2, 0] += 0.01 + size
-    walk.head["goal_xy_m"] = walk.arrays["torso_m"][2, :2].tolist()
+    walk.head["question"]["goal_xy_m"] = walk.arrays["torso_m"][2, :2].tolist()
     return more("speed between two samples", (0.01 + size) / 0.005, 0.9, "m/s")
 
 
@@ -174,13 +174,17 @@ def drags(walk: Opened, size: float, rng: np.random.Generator) -> str:
 
 def slick(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """The ground is slicker than what feet ask of it."""
-    walk.head["friction"] = 0.35 * (1.0 - size)
+    walk.head["question"]["friction"] = 0.35 * (1.0 - size)
     worst = 0.0
     normals = _normals(walk)
     for row, foot in zip(*np.nonzero(walk.arrays["contact"]), strict=True):
         worst = max(
             worst,
-            outside(walk.arrays["forces_n"][row, foot], normals[row, foot], walk.head["friction"]),
+            outside(
+                walk.arrays["forces_n"][row, foot],
+                normals[row, foot],
+                walk.head["question"]["friction"],
+            ),
         )
     return more("tangential force beyond friction", worst, 0.3, "N")
 
@@ -261,7 +265,7 @@ def _slide(walk: Opened, metres: float) -> None:
     walk.arrays["terrain_heights_m"] = np.zeros(
         (walk.arrays["terrain_x_m"].size, walk.arrays["terrain_y_m"].size)
     )
-    walk.head["goal_xy_m"] = walk.arrays["torso_m"][-1, :2].tolist()
+    walk.head["question"]["goal_xy_m"] = walk.arrays["torso_m"][-1, :2].tolist()
 
 
 def _inside(walk: Opened) -> Array:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import check_file, read_plan, write_plan
+from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.course_file import spec_from
@@ -81,8 +81,8 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
         found["joints_s"] = time.process_time() - started
         with TemporaryDirectory() as folder:
             path = Path(folder) / "plan.json"
-            write_plan(path, plan, check_plan(plan, joints=True))
-            checked, (plan, _) = check_file(path), read_plan(path)
+            write_motion(path, plan, check_plan(plan, joints=True))
+            checked, (plan, _) = check_file(path), read_motion(path)
         errors = urdf_errors(model, plan)
         found |= {
             "accepted": checked.accepted,

@@ -12,7 +12,7 @@ import numpy as np
 from _stand_list import Lines
 from referee import BrokenFile, KeyFrames, Push, Settings, Wrong, pushed, read
 
-from stancekit.planners.formats.plan_file import read_plan
+from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.verify.margins import stance_margins, verdict_yields_m
 
 TURNS_DEG = (90.0, 270.0, 45.0, 225.0, 135.0, 315.0, 0.0, 180.0)
@@ -106,7 +106,7 @@ def said_n(file: Path) -> list[float]:
     """The largest push that the verifier says each stance of a plan bears in every direction
     [N].
     """
-    plan, _ = read_plan(file)
+    plan, _ = read_motion(file)
     names = list(plan.problem.robot.limb_names)
     known = {
         (margin.frame, frozenset(names.index(limb) for limb in margin.limbs)): margin.push_n

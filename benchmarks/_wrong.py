@@ -73,7 +73,7 @@ class Wrong:
 
     def ground(self, accepted: Accepted) -> Ground:
         """The terrain of a gait."""
-        ground = accepted.ground(self.friction)
+        ground = accepted.plan.ground(self.friction)
         if self.farther_m == 0.0:
             return ground
         field, gait = ground.heights, accepted.plan

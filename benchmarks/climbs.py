@@ -39,7 +39,7 @@ from joblib import Parallel, delayed
 from walks import ROBOTS, as_file_name, robot_file
 
 from stancekit.learners.evaluation.evaluate import Share
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.reach_sets import standing_toes
@@ -190,7 +190,7 @@ def planned(path: Path, file: str, terrain: str, rng: np.random.Generator) -> st
         return outcome.message or outcome.status.value
     if report.failures:
         return report.failures
-    write_plan(path, outcome.solution, report)
+    write_motion(path, outcome.solution, report)
     return ""
 
 

@@ -40,7 +40,7 @@ from _fault_runs import FAULTS, OF_BRIDGE, behind_rosbridge, edited, first_pose,
 from _stop_runs import STOPS, stopped
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import check_plan
@@ -67,7 +67,7 @@ def main(arguments: Arguments) -> None:
         path = Path(folder) / "plan.json"
         plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
         assert plan is not None
-        write_plan(path, plan, check_plan(plan))
+        write_motion(path, plan, check_plan(plan))
         for kind in arguments.kinds:
             runs = list[dict[str, Any]]()
             for k in range(arguments.count):

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import read_envelopes
+from stancekit.planners.formats.question_file import read_envelopes
 from stancekit.views.sheet import DEFAULT_STYLE, INK, LEG_COLOURS, RULE, save, sheet
 
 

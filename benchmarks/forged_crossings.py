@@ -23,7 +23,7 @@ from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import StancekitError
-from stancekit.planners.formats.crossing_file import read_crossing
+from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import attempt, plan_of
 from stancekit.planners.problem.contact import Foothold
@@ -46,8 +46,8 @@ class Asked(Options):
 
 def main(asked: Asked) -> int:
     """Forge, verify and print."""
-    honest = read_crossing(asked.crossing)
-    other = None if asked.other is None else read_crossing(asked.other)
+    honest = read_motion(asked.crossing, Crossing)[0]
+    other = None if asked.other is None else read_motion(asked.other, Crossing)[0]
     report = check_crossing(honest)
     asked.say({"forgery": "none", "accepted": report.accepted, "refused by": report.message})
     wrong, count = int(not report.accepted), 0

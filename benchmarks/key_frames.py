@@ -36,7 +36,7 @@ from _bench import Options, Row, kept, launch, markdown
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.formats.plan_file import read_envelopes
+from stancekit.planners.formats.question_file import read_envelopes
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.nlp import NlpProgram

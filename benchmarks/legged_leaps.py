@@ -24,10 +24,10 @@ import tyro
 from _bench import Lines, Options, launch, share
 
 from stancekit.motions import run
-from stancekit.planners.answer.certificate import LEAP_BODY
-from stancekit.planners.answer.plan import LeapPlan
+from stancekit.planners.answer.plan import LEAP_BODY, LeapPlan
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
-from stancekit.planners.formats.leap_file import read_leap, write_leap
+from stancekit.planners.formats.motion_file import write_motion
+from stancekit.planners.formats.question_file import read_leap
 from stancekit.planners.leap.bend import judged_answer
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.motion.gait_motion import CrossingMotion
@@ -52,7 +52,7 @@ def plan(asked: Asked, kind: str, robot: str, folder: Path) -> None:
         if sum(row["solved"] for row in lines.rows.values()) >= asked.solved:
             break
         begin = time.process_time()
-        leap = read_leap(f"{kind}:{seed}", robot).leap
+        leap = read_leap(f"{kind}:{seed}", robot)
         answer = find_leap(leap, LeapFinder(solves=asked.solves, proof=0))
         row: dict[str, Any] = {"solved": answer.solution is not None}
         if answer.solution is not None:
@@ -79,7 +79,7 @@ def plan(asked: Asked, kind: str, robot: str, folder: Path) -> None:
                 "message": judged.message,
             }
             if judged.report.accepted:
-                write_leap(folder / f"{kind}-{seed}.json", judged.solution.problem, judged.solution)
+                write_motion(folder / f"{kind}-{seed}.json", judged.solution, judged.report)
         row["cpu_s"] = time.process_time() - begin
         lines.add(seed, row)
 
@@ -109,7 +109,7 @@ def perturbed(asked: Asked, path: Path) -> None:
         friction = round(1.0 - rng.uniform(0.0, 0.1), 3)
         wrong = Imperfections(**drawn, seed=int(rng.integers(2**31)))
         world = make_world("mujoco", accepted.robot, imperfections=wrong)
-        report = Runner(world).run(accepted, accepted.ground(friction))
+        report = Runner(world).run(accepted, accepted.plan.ground(friction))
         lines.add(number, {**drawn, "friction": friction} | outcome(report))
     rows = list(lines.rows.values())
     for row in rows:

@@ -35,7 +35,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.methods import PlannerOptions, make_planner
 from stancekit.planners.verify import check_plan, explain
@@ -128,7 +128,7 @@ def measure(scene: str, method: str, arguments: Arguments) -> dict[str, Any]:
     cpu_s = time.process_time() - begin
     if outcome.solution is not None:
         file = arguments.out / f"{row['scene']}-{method}.plan.json"
-        write_plan(file, outcome.solution, check_plan(outcome.solution))
+        write_motion(file, outcome.solution, check_plan(outcome.solution))
         if arguments.pictures:
             draw(outcome.solution, file.with_suffix("").with_suffix(".png"))
     return {**row, **_answer(course, outcome), "cpu_s": cpu_s}

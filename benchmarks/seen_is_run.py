@@ -20,9 +20,7 @@ import tyro
 from _bench import ROOT, Options, launch
 
 sys.path.insert(0, str(ROOT))
-from stancekit.planners.files.documents import read_json
-from stancekit.planners.formats.plan_file import read_plan
-from stancekit.planners.formats.trajectory_file import is_trajectory, read_trajectory
+from stancekit.planners.formats.motion_file import read_motion
 from tests.same_motion import compared
 
 
@@ -38,9 +36,7 @@ class SeenIsRun(Options):
 def main(options: SeenIsRun) -> None:
     """Print a row per file."""
     for path in options.files:
-        walks = is_trajectory(read_json(path))
-        subject = read_trajectory(path).trajectory if walks else read_plan(path)[0]
-        found = compared(subject, options.rate_hz)
+        found = compared(read_motion(path)[0], options.rate_hz)
         options.say({"file": path.name, "samples": found.looked, **found.differs}, said)
 
 

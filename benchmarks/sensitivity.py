@@ -31,7 +31,7 @@ from walks import ROBOTS, robot_file
 from walks import planned as walk_file
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
@@ -149,7 +149,7 @@ def climb(course: Problem, path: Path) -> Accepted | str:
         report = check_plan(outcome.solution, joints=True)
         if not report.accepted:
             return f"{report.message}; {report.body_message}"
-        write_plan(path, outcome.solution, report)
+        write_motion(path, outcome.solution, report)
     return Accepted.from_file(path)
 
 

@@ -27,7 +27,7 @@ from _bench import Options, kept, launch
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import read_plan, write_plan
+from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.actuators import read_actuators
@@ -96,7 +96,7 @@ def planned(path: Path, torque_nm: float, folder: Path | None = None) -> Plan | 
     """An accepted plan within the torque, or why there is none. folder: where plans are kept."""
     file = folder and folder / f"{path.stem}-{torque_nm:g}-plan.json"
     if file and file.exists():
-        return read_plan(file)[0]
+        return read_motion(file)[0]
     try:
         course = read_course(path)
     except InvalidInput as error:
@@ -110,7 +110,7 @@ def planned(path: Path, torque_nm: float, folder: Path | None = None) -> Plan | 
         return f"{report.message}; {report.body_message}"
     if file:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_plan(file, outcome.solution, report)
+        write_motion(file, outcome.solution, report)
     return outcome.solution
 
 

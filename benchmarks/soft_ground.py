@@ -28,7 +28,7 @@ from _stand_list import Lines
 
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import plan_with_reserve
@@ -114,7 +114,7 @@ def planned(course: Problem, file: Path) -> str:
             Runner(world).prepare(Accepted.verified(outcome.solution, course.name))
     except InvalidInput as error:
         return f"not begun: {error}"
-    write_plan(file, outcome.solution, report)
+    write_motion(file, outcome.solution, report)
     return ""
 
 

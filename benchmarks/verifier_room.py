@@ -16,7 +16,7 @@ from typing import Annotated
 import tyro
 from _bench import Options, launch
 
-from stancekit.planners.formats.trajectory_file import read_trajectory
+from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
 
 
@@ -31,7 +31,7 @@ def main(asked: Asked) -> None:
     """Verify and print."""
     worst = dict.fromkeys(GROUPS, (0.0, ""))
     for path in asked.walks:
-        report = check_trajectory(read_trajectory(path).trajectory)
+        report = check_trajectory(read_motion(path)[0])
         if not report.accepted:
             print(f"{path}: {report.message}", file=sys.stderr)
             continue

@@ -36,7 +36,7 @@ from _wrong import Wrong
 
 import stancekit
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.trajectory_file import write_trajectory
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.walker import walker_of
 from stancekit.runner.acceptance import Accepted
@@ -222,7 +222,7 @@ def planned(
         return str(error)
     if found.solution is None:
         return str(found.message)
-    write_trajectory(path, found.solution, stancekit.verify(found.solution))
+    write_motion(path, found.solution, stancekit.verify(found.solution))
     return path
 
 

@@ -165,7 +165,7 @@ class PlanGait:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any
         work.
         """
-        from stancekit.planners.formats.trajectory_file import check_name
+        from stancekit.planners.formats.motion_file import check_name
         from stancekit.planners.gait.charts import CHARTS
 
         if self.out is not None:
@@ -278,11 +278,11 @@ class PlanGait:
     # output
 
     def _write(self, best: Attempted) -> bool:
-        from stancekit.planners.formats.trajectory_file import write_trajectory
+        from stancekit.planners.formats.motion_file import write_motion
 
         if self.out is None or not (best.verified or self.unverified):
             return False
-        write_trajectory(self.out, best.trajectory, best.report)
+        write_motion(self.out, best.trajectory, best.report)
         return True
 
     def _say(self, plan: Attempts, best: Attempted, written: bool) -> None:

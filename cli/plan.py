@@ -250,7 +250,7 @@ def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:
     """Lines about a leap; of a robot with a body each group with what it was before bending, and
     what was bent.
     """
-    from stancekit.planners.answer.certificate import LEAP_BODY
+    from stancekit.planners.answer.plan import LEAP_BODY
 
     report = answer.report
     assert report is not None
@@ -357,17 +357,13 @@ def _solution_record(solution: Plan | LeapPlan | Crossing) -> dict[str, Any]:
             "proved": solution.certificate is not None,
             "parts": ["leap" if isinstance(part, LeapPlan) else "climb" for part in solution.parts],
         }
+    record = {"plan": {name: array.tolist() for name, array in solution.arrays().items()}}
     if isinstance(solution, LeapPlan):
-        from stancekit.planners.formats.leap_file import plan_to_json
-
-        return {"plan": plan_to_json(solution)}
-    from stancekit.planners.answer.report import plan_arrays
-
-    arrays = plan_arrays(solution).items()
+        return record
     return {
-        "plan": {name: None if array is None else array.tolist() for name, array in arrays},
-        "cannot_run": list(solution.problem.robot.source.unrunnable),
-        "doubts": list(solution.problem.robot.source.doubts),
+        **record,
+        "cannot_run": list(solution.robot.source.unrunnable),
+        "doubts": list(solution.robot.source.doubts),
     }
 
 
@@ -681,7 +677,7 @@ class PlanCourse:
 
         boxes = None
         if self.envelope is not None:
-            from stancekit.planners.formats.plan_file import read_boxes  # slow to import
+            from stancekit.planners.formats.question_file import read_boxes  # slow to import
 
             boxes = read_boxes(self.envelope)
         planner_settings = {

@@ -23,7 +23,7 @@ from stancekit.planners.equilibrium.scaled import ROOM, Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.documents import shown
-from stancekit.planners.formats.plan_file import read_envelopes
+from stancekit.planners.formats.question_file import read_envelopes
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet, expert_envelopes
 from stancekit.planners.relaxation.relaxed import RELAXATIONS, RelaxationAnswer

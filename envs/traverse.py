@@ -57,7 +57,7 @@ _Boxes = EnvelopeSet | Sequence[EnvelopeSet | str | Path] | Modes | LearnedSelec
 file of these."""
 _READERS: Mapping[str, str] = MappingProxyType(
     {
-        ".json": "stancekit.planners.formats.plan_file:read_boxes",
+        ".json": "stancekit.planners.formats.question_file:read_boxes",
         ".safetensors": "stancekit.learners.selectors.selector:load_selector",
         "": "stancekit.learners.selectors.selector:load_selector",  # the name of one that ships
     }

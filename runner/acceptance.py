@@ -13,7 +13,7 @@ import platform
 import sys
 from collections.abc import Callable, Sequence
 from ctypes.util import find_library
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
@@ -21,34 +21,24 @@ from typing import Any, Generic, Self, TypeVar
 import numpy as np
 from packaging.requirements import Requirement
 
-from stancekit.planners.answer.certificate import Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit.planners.answer.motion import Motion
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import to_json
-from stancekit.planners.files.documents import read_json
-from stancekit.planners.formats.crossing_file import is_crossing_file, read_crossing
-from stancekit.planners.formats.leap_file import read_leap
-from stancekit.planners.formats.plan_file import read_plan
-from stancekit.planners.formats.trajectory_file import is_trajectory, read_trajectory
-from stancekit.planners.physics import GRAVITY_M_S2
-from stancekit.planners.problem.leap import is_leap_file
+from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import ActuatorModel
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.terrain import Patch
-from stancekit.planners.verify import Report, check_plan
-from stancekit.planners.verify.crossings import check_crossing
+from stancekit.planners.verify import Report
 from stancekit.planners.verify.geometry import tipping
-from stancekit.planners.verify.leaps import check_leap
+from stancekit.planners.verify.judge import judge
 from stancekit.planners.verify.postures import joint_report
-from stancekit.planners.verify.trajectories import check_trajectory
 
-from .worlds.world import Ground, World
+from .worlds.world import World
 
 TOOLS = ("dev",)
 """Extras for working on the package, which no command needs."""
@@ -258,7 +248,7 @@ def thermal_load(squares: Array, constants_s: Array, period_s: float) -> Array:
     return np.where(np.isnan(constants_s), squares.mean(axis=0), worst)
 
 
-S = TypeVar("S", bound=Plan | Trajectory | LeapPlan | Crossing)
+S = TypeVar("S", bound=Motion)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -283,33 +273,12 @@ class Accepted(Generic[S]):
         rejects now (a digest shows that a file is whole, not that it is right), for one without a
         motion, and for a robot whose joints are not known.
         """
-        source = str(path)
-        if is_leap_file(path):
-            leap = read_leap(path).plan
-            if leap is None:
-                raise InvalidInput(f"{path}: expected a leap with a plan, got none")
-            return Accepted.verified(leap, source)
-        if is_crossing_file(path):
-            return Accepted.verified(read_crossing(path), source)
-        if Path(path).suffix == ".json" and is_trajectory(read_json(path)):
-            record = read_trajectory(path)
-            if not record.verified:
-                raise InvalidInput(
-                    f"{path}: expected a gait that the verifier accepted, this one it rejected"
-                )
-            gait = Accepted.verified(record.trajectory, source)
-            if gait.digest != record.verdict.get("digest"):
-                raise InvalidInput(
-                    f"{path}: expected the gait that its verdict is of, got one edited or judged "
-                    "otherwise"
-                )
-            return gait
-        plan, header = read_plan(path)
-        if not (header["verified"] and header["verdict"]["accepted"]):
+        motion, content = read_motion(path, Motion)
+        if not (content["verified"] and content["verdict"].get("accepted")):
             raise InvalidInput(
-                f"{path}: expected a plan that the verifier accepted, this one it rejected"
+                f"{path}: expected a {motion.WORD} that the verifier accepted, this one it rejected"
             )
-        return Accepted.verified(plan, source)
+        return Accepted.verified(motion, str(path))
 
     @classmethod
     def verified(cls, plan: S, source: str) -> Accepted[S]:
@@ -318,53 +287,24 @@ class Accepted(Generic[S]):
         Raises InvalidInput for one that is rejected, that no runner executes, or whose robot's
         joints are not known; a leap has to begin and end at rest, and to be judged with its legs.
         """
-        if isinstance(plan, LeapPlan):
-            digest = _leap(plan, source)
-        elif isinstance(plan, Crossing):
-            digest = _crossing(plan, source)
-        elif isinstance(plan, Plan):
-            digest = _plan(plan, source)
-        else:
-            digest = _gait(plan, source)
+        digest = _check_to_run(plan, source).digest
         return Accepted(plan=plan, digest=digest, source=source)
 
     @cached_property
     def robot(self) -> Robot:
         """The robot that moves."""
-        if isinstance(self.plan, Trajectory):
-            return walking_robot(self.plan.robot)
-        return self.plan.robot if isinstance(self.plan, Crossing) else self.plan.problem.robot
+        robot = self.plan.robot
+        return walking_robot(robot) if isinstance(self.plan, Trajectory) else robot
 
     @property
     def name(self) -> str:
         """Name of the course or the leap; of a gait that of its terrain."""
-        if isinstance(self.plan, Trajectory):
-            return self.plan.terrain.name or "gait"
-        return self.plan.name if isinstance(self.plan, Crossing) else self.plan.problem.name
+        return self.plan.name
 
     @property
     def gravity_m_s2(self) -> float:
         """Gravity that it counts on [m/s²]."""
-        if isinstance(self.plan, Trajectory | LeapPlan):
-            return GRAVITY_M_S2
-        course = self.plan.first if isinstance(self.plan, Crossing) else self.plan.problem
-        return course.gravity_m_s2
-
-    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...] | Ground:
-        """The terrain of a world, with this share of the friction that it counts on; of a leap the
-        surfaces that are taken.
-        """
-        plan: Plan | Trajectory | LeapPlan | Crossing = self.plan
-        if isinstance(plan, Trajectory):
-            return Ground(heights=plan.terrain, friction=friction_share * plan.friction)
-        if isinstance(plan, Plan):
-            return slippery(plan.problem, friction_share).terrain
-        if isinstance(plan, Crossing):
-            patches = plan.terrain
-        else:
-            feet = range(len(plan.problem.footholds))
-            patches = tuple(plan.problem.patch(j, plan.choice) for j in feet)
-        return tuple(replace(patch, friction=friction_share * patch.friction) for patch in patches)
+        return self.plan.gravity_m_s2
 
 
 def check_stands(accepted: Accepted[Plan], least_push: float) -> None:
@@ -389,96 +329,34 @@ def check_fits(accepted: Accepted[Plan], world: World) -> None:
         )
 
 
-def _plan(plan: Plan, source: str) -> str:
-    """Digest of the verdict on a plan.
+def _check_to_run(motion: Motion, source: str) -> Report[Any]:
+    """The verdict on a motion.
 
-    Raises InvalidInput for one that is rejected.
+    Raises InvalidInput for one that is rejected, or that no runner executes.
     """
-    if plan.problem.is_posture:
-        raise InvalidInput(
-            f"{source}: expected the plan of a course, got that of a posture problem"
-        )
-    plan.problem.check_whole()
-    report = judged(plan)
+    if isinstance(motion, Plan):
+        motion.problem.check_whole()
+    report = judged(motion)
     if not report.accepted:
-        raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")
-    _check_hindrance(report, source)
-    return report.digest
+        body = f"; {report.body_message}" if report.body_message else ""
+        raise InvalidInput(
+            f"{source}: expected a {motion.WORD} that the verifier accepts, {report.message}{body}"
+        )
+    if hindrance := motion.hindrance(report.unchecked):
+        raise InvalidInput(
+            f"{source}: expected a {motion.WORD} that can be executed, this one cannot: {hindrance}"
+        )
+    return report
 
 
-def _gait(trajectory: Trajectory, source: str) -> str:
-    """Digest of the verdict on a gait.
-
-    Raises InvalidInput for one that is rejected, or whose robot's joints are not known.
+def judged(motion: Motion) -> Report[Any]:
+    """The verifier on a motion without margins; of a plan on joints and bodies, too, where it has
+    angles or the robot has legs of its own.
     """
-    report = check_trajectory(trajectory)
-    if not report.accepted:
-        raise InvalidInput(
-            f"{source}: expected a gait that the verifier accepts, it says: {report.message}"
-        )
-    _check_hindrance(report, source)
-    walking_robot(trajectory.robot)
-    return report.digest
-
-
-def _leap(plan: LeapPlan, source: str) -> str:
-    """Digest of the verdict on a leap.
-
-    Raises InvalidInput for one that is rejected, whose whole body was not judged, or that begins or
-    ends in motion.
-    """
-    if not all(plan.problem.still):
-        raise InvalidInput(
-            f"{source}: expected a leap that begins and ends at rest, got one in motion"
-        )
-    report = check_leap(plan, body=True)
-    if not report.accepted:
-        raise InvalidInput(f"{source}: expected a leap that the verifier accepts, {_said(report)}")
-    if report.unchecked:
-        left = ", ".join(report.unchecked)
-        raise InvalidInput(
-            f"{source}: expected a leap that was judged with legs, {left} not checked: plan it "
-            "with --robot FILE"
-        )
-    return report.digest
-
-
-def _crossing(crossing: Crossing, source: str) -> str:
-    """Digest of the verdict on a crossing.
-
-    Raises InvalidInput for one that is rejected, or of which something was not judged.
-    """
-    if not any(isinstance(part, LeapPlan) for part in crossing.parts):
-        raise InvalidInput(f"{source}: expected a leap among its parts, got climbs alone")
-    report = check_crossing(crossing)
-    if not report.accepted or report.unchecked:
-        raise InvalidInput(
-            f"{source}: expected a crossing that the verifier accepts, {report.message}"
-        )
-    for k, part in enumerate(crossing.parts, 1):
-        if isinstance(part, Plan):
-            _plan(part, f"{source}: part {k}")
-    return report.digest
-
-
-def _check_hindrance(report: Report[Plan | Trajectory], source: str) -> None:
-    """Raise InvalidInput for what is accepted and no runner executes."""
-    if report.hindrance:
-        what = "plan" if isinstance(report.answer, Plan) else "gait"
-        raise InvalidInput(
-            f"{source}: expected a {what} that can be executed, this one cannot: {report.hindrance}"
-        )
-
-
-def judged(plan: Plan) -> Report[Plan]:
-    """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs
-    of its own.
-    """
-    return check_plan(plan, joints=plan.joints_rad is not None or plan.problem.robot.source.own)
-
-
-def _said(report: Report[Plan] | Report[LeapPlan]) -> str:
-    return f"{report.message}; {report.body_message}" if report.body_message else report.message
+    known = not isinstance(motion, Plan) or (
+        motion.joints_rad is not None or motion.robot.source.own
+    )
+    return judge(motion, joints=known, margins=False)
 
 
 def check_joints(source: str, robot: Robot, world: World, gravity_m_s2: float) -> None:

@@ -17,7 +17,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion, plans_of
 from stancekit.planners.motion.leap_motion import LeapRun
-from stancekit.planners.motion.motion import Motion
+from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.path import LIFT_M, touch_downs_m
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.kinematics import Kinematics
@@ -54,7 +54,7 @@ _WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
 _LEAPING: dict[str, Any] = {**_WALKING, "settle_hz": 5.0}
 """So is one that lands, which slides as it does; where it came to rest it stands."""
-M_co = TypeVar("M_co", bound=Motion, covariant=True)
+M_co = TypeVar("M_co", bound=Played, covariant=True)
 P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
 P = TypeVar("P", bound=PlannedMotion)
 
@@ -230,7 +230,7 @@ def _of_plan(
         )
         _check_heat(accepted.source, timed.profile, world.drives)
         _check_bodies(accepted, timed, kinematics)
-    followed: Motion = LoadTransfer(motion) if settings.hung else motion
+    followed: Played = LoadTransfer(motion) if settings.hung else motion
     if resumption is not None and not settings.hung:
         followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
     tracker = Tracker(
@@ -300,7 +300,7 @@ def _of_leaps(
 ) -> Prepared[LeapRun | CrossingMotion]:
     _check_leaps(settings, world)
     kinematics, subject = _kinematics(accepted, world), accepted.plan
-    ground = accepted.ground()
+    ground = accepted.plan.ground()
     if isinstance(subject, LeapPlan):
         assert isinstance(ground, tuple)
         motion: LeapRun | CrossingMotion = LeapRun(subject)
@@ -344,7 +344,7 @@ def _paced(
     settings: RunSettings,
     kinematics: Kinematics,
     motion: P,
-    followed: Motion,
+    followed: Played,
     wished: RedundancyResolution | None,
     terrain: Terrain,
     surfaces: Solids,

@@ -23,7 +23,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion
 from stancekit.planners.motion.leap_motion import LeapRun
-from stancekit.planners.motion.motion import Motion
+from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.robot_file import Servo
@@ -242,7 +242,7 @@ class Runner:
                 self.send(targets, pose, None if stays is None else targets - stays)
 
     def follow(
-        self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False
+        self, tracked: Tracked[Played], record: Record, until: Until = lambda target, state: False
     ) -> bool:
         """The motion to its end, or to where ``until`` says so.
 

@@ -27,7 +27,7 @@ from stancekit.cli.solve import Between
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.formats.proof_file import read_proof
+from stancekit.planners.formats.motion_file import read_evidence
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.posture_batch import PostureBatch
 from stancekit.planners.projection.held import PRESSES
@@ -251,7 +251,7 @@ def by_command(question: Question, folder: Path) -> Reply:
     if record["status"] == "feasible":
         arrays = _arrays(stancekit.load(plan, Plan))
         return Reply(status="feasible", objective=record["objective"], plan=arrays)
-    proved = digest_of(read_proof(proof)[0]) if proof.exists() else ""
+    proved = digest_of(read_evidence(proof)[0].problem) if proof.exists() else ""
     return Reply(status=record["status"], proved=proved)
 
 

@@ -11,7 +11,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
-from stancekit.planners.motion.motion import Motion, Samples, stacked
+from stancekit.planners.motion.motion import Played, Samples, stacked
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.body_feedback import BodyFeedback
 from stancekit.runner.control.tracker import Target
@@ -43,7 +43,7 @@ class Kept(Runner):
     streamed: tuple[Target, ...] = ()
 
     def follow(
-        self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False
+        self, tracked: Tracked[Played], record: Record, until: Until = lambda target, state: False
     ) -> bool:
         """As of ``Runner``."""
         ended = super().follow(tracked, record, until)
@@ -95,7 +95,7 @@ def streamed_targets(
         robot, ground = subject.problem.robot, cast("Terrain", subject.problem.terrain)
     else:
         walk = Accepted.verified(subject, "walk")
-        accepted, robot, ground = walk, walk.robot, walk.ground()
+        accepted, robot, ground = walk, walk.robot, walk.plan.ground()
     with make_world("mujoco", robot, rate_hz=rate_hz) as world:
         runner = Kept(world, settings=settings)
         report = runner.run(accepted, ground)

@@ -30,13 +30,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1498, 16758),
-    "cli": (3570, 39919),
+    "api": (1394, 15723),
+    "cli": (3568, 39900),
     "configs": (3, 30),
     "envs": (3009, 41631),
     "learners": (5450, 79085),
-    "planners": (34774, 558064),
-    "runner": (7248, 96539),
+    "planners": (34778, 558040),
+    "runner": (7163, 95548),
     "views": (4515, 70309),
 }
 CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
@@ -47,7 +47,7 @@ ALLOWANCES: dict[str, int] = {
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 400,
-    "promises": 285,
+    "promises": 199,
     "worlds": 195,
     "formats": 38,
     "stepping over": 100,

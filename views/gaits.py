@@ -21,7 +21,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.motion.joints import walk_joints
-from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.runner.execution import Execution
@@ -129,7 +129,7 @@ class GaitView(View):
     trajectory: Trajectory
     warp: Warp | None = None
     joints_rad: Array | None = None
-    moves_as: Motion | None = None
+    moves_as: Played | None = None
     report: Report[Trajectory] | None = field(default=None, kw_only=True)
     caption: str = field(default="", kw_only=True)
     note: str = field(default="not verified", kw_only=True)
@@ -307,8 +307,8 @@ class GaitView(View):
         return bodies
 
     @cached_property
-    def motion(self) -> Motion:
-        """Motion that ``run`` streams, at rest before and after the walk."""
+    def motion(self) -> Played:
+        """Played that ``run`` streams, at rest before and after the walk."""
         return self.moves_as or streamed(self.trajectory)
 
     def limbs_of(self, sample: int) -> list[Array]:

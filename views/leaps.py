@@ -15,7 +15,7 @@ from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.patch import contact_frames
@@ -93,8 +93,8 @@ class LeapView(View):
         return _JUDGED if self.robot.source.own else UNJUDGED
 
     @cached_property
-    def motion(self) -> Motion:
-        """Motion that ``run`` streams."""
+    def motion(self) -> Played:
+        """Played that ``run`` streams."""
         return streamed(self.subject)
 
     @cached_property

@@ -14,7 +14,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.motion import Motion, Samples
+from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
@@ -75,8 +75,8 @@ class PlanView(View):
         return self.plan.problem.robot
 
     @cached_property
-    def motion(self) -> Motion:
-        """Motion that ``run`` streams."""
+    def motion(self) -> Played:
+        """Played that ``run`` streams."""
         return streamed(self.plan)
 
     @cached_property

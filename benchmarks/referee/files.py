@@ -1,6 +1,4 @@
-"""Plan files (``stancekit/plan/3``), walk files (``stancekit/gait/3``) and leap files
-(``stancekit/leap/1``), read by their keys alone.
-"""
+"""Motion files (``stancekit/motion/1``) of plans, walks and leaps, read by their keys alone."""
 
 from __future__ import annotations
 
@@ -19,9 +17,7 @@ from numpy.typing import NDArray
 from .robots import Robot, robot_of
 
 Array = NDArray[np.float64]
-PLANS = ("stancekit/plan/3",)
-WALKS = ("stancekit/gait/3",)
-LEAPS = ("stancekit/leap/1",)
+MOTION = "stancekit/motion/1"
 GRAVITY_M_S2 = 9.81
 
 
@@ -156,14 +152,14 @@ def read(path: str | Path) -> Played:
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
         kind = data.get("format") if isinstance(data, dict) else type(data).__name__
-        if kind in PLANS:
-            return _plan(data)
-        if kind in WALKS:
-            return _walk(data)
-        if kind in LEAPS:
-            return _leap(data)
-        known = ", ".join((*PLANS, *WALKS, *LEAPS))
-        raise ValueError(f"expected the format {known}, got {str(kind)[:80]!r}")
+        if kind != MOTION:
+            raise ValueError(f"expected the format {MOTION}, got {str(kind)[:80]!r}")
+        question, columns = data["question"], data["columns"]
+        asked = question["format"] if isinstance(question, dict) else type(question).__name__
+        if asked not in READERS:
+            known = ", ".join(READERS)
+            raise ValueError(f"question: expected the format {known}, got {str(asked)[:80]!r}")
+        return READERS[asked](question, _arrays(columns["npz"]), columns)
     except KeyError as error:
         raise BrokenFile(f"{path}: expected the key {error}, found nothing there") from None
     except (
@@ -178,8 +174,7 @@ def read(path: str | Path) -> Played:
         raise BrokenFile(f"{path}: {' '.join(str(error).split())[:300]}") from None
 
 
-def _plan(data: Mapping[str, Any]) -> Played:
-    course, arrays = data["course"], _arrays(data["arrays"]["npz"])
+def _plan(course: Mapping[str, Any], arrays: Mapping[str, Any], columns: Any) -> Played:
     if "points_m" in arrays:
         raise ValueError("arrays: points_m: expected feet that are points or balls, got soles")
     names = [limb["name"] for limb in course["robot"]["limbs"]]
@@ -208,7 +203,7 @@ def _plan(data: Mapping[str, Any]) -> Played:
         _patch(placed["candidates"][int(arrays["choice"][index])])
         for index, placed in enumerate(course["placements"])
     ]
-    joints = data["arrays"].get("joints", ()) if "joints_rad" in arrays else ()
+    joints = columns.get("joints", ()) if "joints_rad" in arrays else ()
     if joints:
         _check(arrays, {"joints_rad": (frames, len(joints))})
     return Played(
@@ -244,8 +239,7 @@ def _stances(
     return tuple(found)
 
 
-def _walk(data: Mapping[str, Any]) -> Played:
-    arrays = _arrays(data["samples"])
+def _walk(data: Mapping[str, Any], arrays: Mapping[str, Any], columns: Any) -> Played:
     if any(data["adhesive"]):
         raise ValueError("adhesive: expected feet that do not stick, got some that do")
     samples, feet = len(arrays["times_s"]), len(data["robot"]["feet"])
@@ -279,8 +273,8 @@ def _walk(data: Mapping[str, Any]) -> Played:
     )
 
 
-def _leap(data: Mapping[str, Any]) -> Played:
-    plan, limbs = data["plan"], data["robot"]["limbs"]
+def _leap(data: Mapping[str, Any], plan: Mapping[str, Any], columns: Any) -> Played:
+    limbs = data["robot"]["limbs"]
     names = [limb["name"] for limb in limbs]
     number = {(each["limb"], each["phase"]): j for j, each in enumerate(data["footholds"])}
     rows, before = list[list[int]](), [-1] * len(names)
@@ -292,7 +286,9 @@ def _leap(data: Mapping[str, Any]) -> Played:
         rows += [before] * phase["intervals"]
     lasts = [
         seconds / phase["intervals"]
-        for seconds, phase in zip(data["timings_s"][plan["timing"]], data["phases"], strict=True)
+        for seconds, phase in zip(
+            data["timings_s"][int(plan["timing"])], data["phases"], strict=True
+        )
         for _ in range(phase["intervals"])
     ]
     count, places = len(rows), len(data["footholds"])
@@ -306,7 +302,7 @@ def _leap(data: Mapping[str, Any]) -> Played:
     arrays = {name: np.array(plan[name], dtype=float) for name in shapes}
     _check(arrays, shapes)
     legs = [limb["leg"] or {"hip_m": limb["shoulder_m"], "fold_m": 0.0} for limb in limbs]
-    edge, fold = plan.get("gather") or GATHER
+    edge, fold = plan.get("gather", GATHER)
     return Played(
         robot=robot_of(data["robot"], ()),
         motion=Leap(
@@ -322,6 +318,14 @@ def _leap(data: Mapping[str, Any]) -> Played:
             folded_m=np.array([leg["fold_m"] for leg in legs], dtype=float),
         ),
     )
+
+
+READERS = {
+    "stancekit/course/1": _plan,
+    "stancekit/walk/1": _walk,
+    "stancekit/leap/1": _leap,
+}
+"""By the format of the question."""
 
 
 def _patch(raw: Mapping[str, Any]) -> Patch:

@@ -141,8 +141,7 @@ SECTIONS = (
 )
 
 INTERNAL = {
-    "planners.formats.trajectory_file:_Wishes": "part of a gait's file, which the program alone writes",
-    "planners.formats.trajectory_file:_Header": "part of a gait's file, which the program alone writes",
+    "planners.formats.motion_file:_WalkKeys": "part of a gait's file, which the program alone writes",
     "learners.evaluation.bench:_Row": "rows that a bench keeps between runs",
     "learners.surrogates.surrogate:_Header": "metadata of weights",
     "learners.selectors.neural:_Calibration": "metadata of weights",

@@ -27,7 +27,7 @@ from stancekit.planners.files.documents import (
     shown,
     validated,
 )
-from stancekit.planners.formats.plan_file import read_envelopes, write_boxes
+from stancekit.planners.formats.question_file import read_envelopes, write_boxes
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet, rule_of_thumb

@@ -1,4 +1,5 @@
-"""Answers of planners: outcomes of posture problems, plans of courses, and their files.
+"""Answers of planners: motions, proofs that there is none, and the verifier's word on them.
 
-Read ``answer`` (a posture), ``plan`` (a course), ``certificate`` (no), ``report`` (the judgement).
+Read ``answer``, ``motion`` (what all evidence has), ``plan`` (key frames, leaps), ``trajectory``
+(walks), ``certificate`` (no), ``report`` (the judgement).
 """

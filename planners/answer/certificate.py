@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, plain_numbers
@@ -16,56 +17,16 @@ from ..problem.leap import Leap
 from ..problem.passage import Passage
 from ..robot.model import Robot
 from ..terrain.patch import Patch
+from .motion import Evidence, Motion, dulled, left_unchecked
 from .plan import LeapPlan, Plan
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
     from .plan import Plan
-    from .trajectory import Trajectory
-
-
-NOBODY_CARRIES = "nobody carries between frames"
-WALK_BODY = ("joints", "joint_speed", "torque", "legs_moment", "bodies")
-"""The groups of a walk that ask for a model of the robot's legs."""
-LEAP_BODY = ("joints", "joint_speed", "torque", "legs_turn", "take_off", "landing", "bodies")
-"""Those of a leap."""
-
-
-def plan_hindrance(plan: Plan) -> str:
-    """The reason why no runner executes a plan, whatever the world; empty where one may."""
-    course = plan.problem
-    if course.uncarried:
-        return NOBODY_CARRIES
-    if course.has_soles and not course.robot.source.own:
-        return "its feet are soles of legs that nobody knows"
-    return course.robot.source.hindrance
-
-
-def walk_hindrance(walk: Trajectory, unchecked: Sequence[str]) -> str:
-    """The reason why no runner executes a walk, whatever the world; empty where one may.
-
-    Arguments:
-        walk: the trajectory.
-        unchecked: names of the groups that could not be checked. Of a robot without a model the
-            groups of ``WALK_BODY`` are no hindrance: the runner asks the servos of the world.
-    """
-    from ..robot.legged import walking_robot  # slow to import
-
-    left = [name for name in unchecked if walk.robot.source.own or name not in WALK_BODY]
-    if left:
-        return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'} not checked"
-    if walk.adhesive.any():
-        names = np.array(walk.robot.limb_names)[walk.adhesive]
-        return f"no world has feet that stick, as {', '.join(names)} do"
-    try:
-        walking_robot(walk.robot)
-    except InvalidInput as error:
-        return str(error)
-    return ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Certificate:
+class Certificate(Evidence):
     """A proof that its problem has no answer: a tree that covers all that there is to choose
     (patches, toes and forces), and multipliers a leaf.
 
@@ -158,6 +119,18 @@ class Certificate:
             )
         return self.problem
 
+    @property
+    def question(self) -> dict[str, Any]:
+        """The problem as JSON-ready values.
+
+        Raises InvalidInput where the certificate does not know it.
+        """
+        return self.refuted.to_json()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Tree and multipliers."""
+        return {"tree": self.tree, "multipliers": self.multipliers}
+
     def to_json(self) -> dict[str, Any]:
         """Return the certificate as JSON-ready lists, without its problem."""
         return {"tree": self.tree.tolist(), "multipliers": self.multipliers.tolist()}
@@ -196,7 +169,7 @@ class Certificate:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Crossing:
+class Crossing(Motion):
     """A way over a course of which key frames alone cross only stretches: climbs, and leaps over
     what is between them.
 
@@ -208,6 +181,7 @@ class Crossing:
         refusal: what key frames alone came to, in words.
         certificate: proof that no balanced motion leads from start to goal, with that passage as its
             problem; None where nothing is proved.
+        provenance: what made it, names to texts or numbers.
     Source:
         None: Lin et al. for the climbs, Newton and Euler for the leaps.
 
@@ -218,10 +192,13 @@ class Crossing:
         ['Plan', 'LeapPlan', 'Plan']
     """
 
+    FORMAT: ClassVar[str] = "stancekit/crossing/1"
+    WORD: ClassVar[str] = "crossing"
     name: str
     parts: tuple[Plan | LeapPlan, ...]
     refusal: str = ""
     certificate: Certificate | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple(self.parts))
@@ -242,6 +219,22 @@ class Crossing:
         return f"Crossing({self.name}: {words})"
 
     @property
+    def question(self) -> dict[str, Any]:
+        """The way as JSON-ready values: its parts, and what key frames alone came to."""
+        proof = None if self.certificate is None else self.certificate.content()
+        return {
+            "format": self.FORMAT,
+            "name": self.name,
+            "refusal": self.refusal,
+            "parts": [part.content() for part in self.parts],
+            "certificate": proof,
+        }
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """None: its parts have theirs."""
+        return {}
+
+    @property
     def first(self) -> Problem:
         """The course of the first climb, which has all of the terrain."""
         problem = self.parts[0].problem
@@ -254,6 +247,22 @@ class Crossing:
         return self.first.robot
 
     @property
+    def gravity_m_s2(self) -> float:
+        """Gravity that it counts on [m/s²]."""
+        return self.first.gravity_m_s2
+
+    @property
     def terrain(self) -> tuple[Patch, ...]:
         """Every surface that there is."""
         return self.first.terrain
+
+    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
+        """Every surface that there is, with this share of its friction."""
+        return dulled(self.terrain, friction_share)
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes it: all of it has to be checked, a leap among it."""
+        if not any(isinstance(part, LeapPlan) for part in self.parts):
+            return "it has no leap among its parts"
+        parts = (part.hindrance(()) for part in self.parts if isinstance(part, Plan))
+        return left_unchecked(unchecked) or next(filter(None, parts), "")

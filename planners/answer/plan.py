@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,13 +17,18 @@ from ..files.documents import shown
 from ..problem import Problem
 from ..problem.leap import Leap
 from ..robot.model import Robot
+from ..robot.robot_file import joint_names
 from ..terrain.frame import Frame
+from ..terrain.patch import Patch
+from .motion import Motion, dulled
 
 FORMAT = "stancekit/motion/1"
 OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
 """Arrays with a column per joint, and what the columns' names begin with."""
 OF_LIMBS = {"contact": "contact", "forces_n": "force", "feet_m": "foot"}
 """The same of those with a column, or three, per limb."""
+_LARGEST = 1e9
+"""No place, speed or force of a motion is larger."""
 _EVEN = 1e-4
 """Times are a uniform grid to this share of a step; files round them."""
 
@@ -77,13 +82,11 @@ class MotionTable:
             array = np.array(value, dtype=np.bool_ if name == "contact" else np.float64)
             if array.shape != shape:
                 raise InvalidInput(f"{name}: expected shape {shape}, got {array.shape}")
-            if not np.isfinite(array).all():
-                row = int(np.argwhere(~np.isfinite(array))[0, 0])
+            off = ~(np.abs(array) <= _LARGEST)  # NaN, too
+            if off.any():
+                at = tuple(np.argwhere(off)[0])
                 raise InvalidInput(
-                    f"{name}: row {row}: expected finite numbers, got "
-                    f"{array[row][~np.isfinite(array[row])][0]}"
-                    if array.ndim > 1
-                    else f"{name}: row {row}: expected a finite number, got {array[row]}"
+                    f"{name}: row {at[0]}: expected numbers up to {_LARGEST:g}, got {array[at]:g}"
                 )
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -177,15 +180,22 @@ def _rotations_from(quaternions: Array) -> Array:
     return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).as_matrix())
 
 
-NUMBERS = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")
+NOBODY_CARRIES = "nobody carries between frames"
+WHOLE_BODY = ("joints", "torque", "bodies", "motion")
+"""Groups of a plan that are of more of the robot than its contacts; motion is bodies between key
+frames."""
+MARGIN = "margin"
+"""The group of a plan that measures what its stances bear beyond the weight."""
+LEAP_BODY = ("joints", "joint_speed", "torque", "legs_turn", "take_off", "landing", "bodies")
+"""Groups of a leap that ask for a model of the robot's legs."""
 LATER = ("legs_turn_rad", "gather")
-"""The numbers that a plan may be without."""
+"""The arrays that a leap may be without."""
 LEAST_GATHER, MOST_GATHER = np.array([0.05, 0.1]), np.array([0.49, 1.0])
 """Least and largest share of a flight after which legs are drawn up, and of a fold."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LeapPlan:
+class LeapPlan(Motion):
     """One answer to a leap, in the world frame and SI units.
 
     Nothing is checked here: ``check_leap`` does it.
@@ -218,6 +228,8 @@ class LeapPlan:
         (2, 3)
     """
 
+    WORD: ClassVar[str] = "leap"
+    BODY: ClassVar[tuple[str, ...]] = LEAP_BODY
     problem: Leap
     timing: int
     choice: NDArray[np.int_]
@@ -232,8 +244,8 @@ class LeapPlan:
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in (*NUMBERS, "choice", *LATER):
-            if name in LATER and getattr(self, name) is None:
+        for name in leap_shapes(self.problem):
+            if name == "timing" or (name in LATER and getattr(self, name) is None):
                 continue
             try:
                 kind = np.int_ if name == "choice" else np.float64
@@ -249,10 +261,37 @@ class LeapPlan:
         return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
 
     @property
-    def later(self) -> dict[str, Array]:
-        """The numbers of ``LATER`` that there are, by name."""
-        known = {name: getattr(self, name) for name in LATER}
-        return {name: value for name, value in known.items() if value is not None}
+    def question(self) -> dict[str, Any]:
+        """The leap as JSON-ready values."""
+        return self.problem.to_json()
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that leaps."""
+        return self.problem.robot
+
+    @property
+    def name(self) -> str:
+        """Name of the leap."""
+        return self.problem.name
+
+    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
+        """The surfaces that are taken, with this share of their friction."""
+        feet = range(len(self.problem.footholds))
+        return dulled([self.problem.patch(j, self.choice) for j in feet], friction_share)
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes it: it has to begin and end at rest, and to be judged
+        with its legs.
+        """
+        if not all(self.problem.still):
+            return "it begins or ends in motion"
+        return "its legs are not known: plan it with --robot FILE" if unchecked else ""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are known, by name, the timing as one number."""
+        known = {name: getattr(self, name) for name in leap_shapes(self.problem)}
+        return {name: np.asarray(value) for name, value in known.items() if value is not None}
 
     @property
     def turned_rad(self) -> Array:
@@ -267,12 +306,58 @@ class LeapPlan:
         return self.problem.times_s(self.timing)
 
 
+def leap_shapes(leap: Leap) -> dict[str, tuple[int, ...]]:
+    """The shape that each array of a plan of a leap has, by name."""
+    count, limbs, nodes = leap.intervals, len(leap.robot.limbs), (leap.intervals + 1, 3)
+    placed = len(leap.footholds)
+    return {
+        "timing": (),
+        "choice": (placed,),
+        "com_m": nodes,
+        "velocity_m_s": nodes,
+        "momentum_m2_s": nodes,
+        "rotation_rad": nodes,
+        "toes_m": (placed, 3),
+        "forces_n": (count, limbs, 3),
+        "legs_turn_rad": (count, 3),
+        "gather": (2,),
+    }
+
+
+OPTIONAL = ("modes", "joints_rad")
+"""Arrays that a plan may be without."""
 PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 """Arrays with a row a frame, or a stance; of a posture there is one."""
 
 
+def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
+    """The shape that each array of a plan over a problem has, by name; nobody works out joints of a
+    posture.
+    """
+    frames, limbs = course.frames, len(course.robot.limbs)
+    placed, stances = len(course.footholds), len(course.stances)
+    soles, joints = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
+    if course.has_soles:
+        points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
+        soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
+    if course.is_posture:
+        joints = {} if course.has_soles else {"joints_rad": (frames, 0)}
+    elif course.robot.source.own or not course.has_soles:
+        joints = {"joints_rad": (frames, len(joint_names(course.robot)))}
+    return {
+        "com_m": (frames, 3),
+        "rotation_rad": (frames, 3),
+        "toes_m": (placed, 3),
+        "choice": (placed,),
+        "forces_n": (stances, limbs, 3),
+        **soles,
+        **joints,
+        "modes": (frames,),
+    }
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+class Plan(Motion):
     """M key frames over a problem of P footholds and S stances, for a robot with N limbs.
 
     Nothing is checked here: ``verify`` does it.
@@ -312,6 +397,8 @@ class Plan:
         False
     """
 
+    WORD: ClassVar[str] = "plan"
+    BODY: ClassVar[tuple[str, ...]] = (*WHOLE_BODY, MARGIN)
     problem: Problem
     com_m: Array
     rotation_rad: Array
@@ -348,6 +435,63 @@ class Plan:
             ", ".join(self.problem.robot.limb_names),
         )
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
+
+    @property
+    def question(self) -> dict[str, Any]:
+        """The problem as JSON-ready values."""
+        return self.problem.to_json()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are known, by name."""
+        known = {name: getattr(self, name) for name in plan_shapes(self.problem)}
+        return {name: array for name, array in known.items() if array is not None}
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that climbs."""
+        return self.problem.robot
+
+    @property
+    def name(self) -> str:
+        """Name of the problem."""
+        return self.problem.name
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """Gravity that it counts on [m/s²]."""
+        return self.problem.gravity_m_s2
+
+    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
+        """The terrain, or the patches that are taken where the problem has none, with this share of
+        their friction.
+        """
+        feet = range(len(self.problem.footholds))
+        taken = self.problem.terrain or [self.problem.patch(p, self.choice) for p in feet]
+        return dulled(taken, friction_share)
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes it, whatever the world; empty where one may."""
+        course = self.problem
+        if course.is_posture:
+            return "it is a posture, and no way"
+        if course.uncarried:
+            return NOBODY_CARRIES
+        if course.has_soles and not course.robot.source.own:
+            return "its feet are soles of legs that nobody knows"
+        return course.robot.source.hindrance
+
+    def labels(self) -> dict[str, list[Any]]:
+        """Names of rows and columns: limbs are columns of forces; toes have limb and key frame of
+        every foothold, stances key frame and limbs of every row of forces.
+        """
+        course, names = self.problem, self.problem.robot.limb_names
+        toes = [{"limb": each.limb, "frame": each.frame} for each in course.footholds]
+        stances = [
+            {"frame": each.frame, "limbs": [names[i] for i in each.limbs]}
+            for each in course.stances
+        ]
+        known = {} if self.joints_rad is None else {"joints": list(joint_names(course.robot))}
+        return {"limbs": list(names), "toes": toes, "stances": stances, **known}
 
     def moved(self, frame: Frame, robot: Robot) -> Plan:
         """The plan of a robot with point feet in a world that is moved with it, see

@@ -8,20 +8,15 @@ proofs that there is no answer. Judging and explaining are functions of the laye
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Literal, TypeVar, cast
 
-from numpy.typing import NDArray
-
 from ..arguments import cached_property
-from ..problem import Problem
-from ..robot.robot_file import joint_names
-from .certificate import LEAP_BODY, Certificate, Crossing, plan_hindrance, walk_hindrance
-from .plan import NUMBERS, LeapPlan, MotionTable, Plan
+from .certificate import Certificate, Crossing
+from .motion import Evidence, Motion, seal
+from .plan import MARGIN, LeapPlan, MotionTable, Plan
 from .trajectory import OFF_M, Trajectory
 
 GROUPS = {
@@ -49,25 +44,14 @@ PLAN_GROUPS = {
     "progress": "m",
 }
 """Those of a plan: those of its stances, and what couples its key frames."""
-WHOLE_BODY = ("joints", "torque", "bodies", "motion")
-"""Groups of a plan that are of more of the robot than its contacts; motion is bodies between key
-frames."""
-MARGIN = "margin"
-"""The group of a plan that measures what its stances bear beyond the weight."""
 LATE = "the time limit ended"
 """The beginning of a group's message where the time ended before the group was checked."""
-OPTIONAL = ("modes", "joints_rad")
-"""Arrays that a plan may be without."""
 _ROUNDING = 1e-12
 """Non-dimensional violations of a plan below this are nobody's fault."""
-S = TypeVar(
-    "S",
-    bound=Plan | LeapPlan | Crossing | Trajectory | Certificate | MotionTable,
-    covariant=True,
-)
+S = TypeVar("S", bound="Evidence | MotionTable", covariant=True)
 _Verdict = Literal["holds", "violated", "not checked", "not asked for"]
 _BODY_VERDICTS = {"holds": "checked", "violated": "failed"}
-"""The words of files and ``--json`` for the verdicts on joints, torque, bodies and motion."""
+"""The words of a line for the verdicts on joints, torque, bodies and motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +121,22 @@ class Group:
     def share(self) -> float:
         """Share of the way from its key frame to the next at which the moment is."""
         return 0.0 if self.when is None else self.when - math.floor(self.when)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values; what is not finite becomes null."""
+        return {
+            "group": self.name,
+            "verdict": self.verdict,
+            "value": or_null(self.value),
+            "limit": or_null(self.limit),
+            "worst": or_null(self.worst),
+            "unit": self.unit,
+            "where": self.where,
+            "limb": self.limb,
+            "when": self.when,
+            "message": self.message,
+            "figures": dict(self.figures),
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -219,10 +219,8 @@ class Report(Generic[S]):
         plan.
         """
         judged = [group.name for group in self.groups if group.verdict in _BODY_VERDICTS]
-        if isinstance(self.answer, Plan | LeapPlan):
-            names = WHOLE_BODY if isinstance(self.answer, Plan) else LEAP_BODY
-            return ("contacts", *(name for name in judged if name in names))
-        return tuple(judged)
+        body = [name for name in self._body if name != MARGIN]
+        return ("contacts", *(name for name in judged if name in body)) if body else tuple(judged)
 
     @property
     def unchecked(self) -> tuple[str, ...]:
@@ -239,13 +237,11 @@ class Report(Generic[S]):
 
     @cached_property
     def hindrance(self) -> str:
-        """Why no runner executes the plan or the walk, whatever the world; empty where one may."""
-        if isinstance(self.answer, Plan):
-            return plan_hindrance(self.answer) if self._of_course else ""
+        """Why no runner executes the motion, whatever the world; empty where one may."""
+        motion = self.answer
+        posture = isinstance(motion, Plan) and not self._of_course
         return (
-            walk_hindrance(self.answer, self.unchecked)
-            if isinstance(self.answer, Trajectory)
-            else ""
+            motion.hindrance(self.unchecked) if isinstance(motion, Motion) and not posture else ""
         )
 
     @property
@@ -306,43 +302,15 @@ class Report(Generic[S]):
         """SHA-256 of question, answer, verdict and what was checked, as canonical JSON: what a
         runner asks for.
         """
-        if isinstance(self.answer, Plan) and self._of_course:
-            return plan_digest(self.answer, self.tolerance, self.accepted, self.checked)
-        if isinstance(self.answer, Trajectory):
-            content = {
-                "limits": dict(self.limits),
+        return verdict_digest(
+            {
                 "accepted": self.accepted,
-                "defect": self.defect,
-            }
-            content["checked"] = list(self.checked)
-            return _sha256(
-                content if self.defect else {**content, "trajectory": self.answer.digest}
-            )
-        if isinstance(self.answer, MotionTable):
-            content = {
-                "limits": dict(self.limits),
-                "accepted": self.accepted,
+                "tolerance": or_null(self.tolerance),
                 "checked": list(self.checked),
-            }
-            return _sha256({**content, "motion": self.answer.digest})
-        if isinstance(self.answer, LeapPlan):
-            from ..problem.leap_classes import leap_to_json  # of leaps alone
-
-            plan = {name: getattr(self.answer, name).tolist() for name in (*NUMBERS, "choice")}
-            plan |= {name: value.tolist() for name, value in self.answer.later.items()}
-            content = {
-                "leap": leap_to_json(self.answer.problem),
-                "plan": {**plan, "timing": self.answer.timing},
-            }
-            return _digest(content, self.tolerance, self.accepted)
-        if isinstance(self.answer, Crossing):
-            return _digest({"parts": _part_digests(self.answer)}, self.tolerance, self.accepted)
-        of, kind = (
-            self.answer.problem,
-            "posture" if isinstance(self.answer, Plan) else "certificate",
+                "limits": dict(self.limits),
+            },
+            self.answer.digest,
         )
-        extra = {"problem": of.to_json()} if isinstance(of, Problem) and of.is_posture else {}
-        return _digest({**extra, kind: self.answer.to_json()}, self.tolerance, self.accepted)
 
     @property
     def message(self) -> str:
@@ -449,102 +417,42 @@ class Report(Generic[S]):
         return isinstance(self.answer, Plan) and not self.answer.problem.is_posture
 
     @property
-    def _of_body(self) -> list[Group]:
-        """The groups of a plan's whole body and of its margins, or of a leap's whole body."""
-        return [group for group in self.groups if group.name in self._body_names]
+    def _body(self) -> tuple[str, ...]:
+        """Names of the groups of the whole body."""
+        return self.answer.BODY if isinstance(self.answer, Motion) else ()
 
     @property
-    def _body_names(self) -> tuple[str, ...]:
-        if isinstance(self.answer, LeapPlan):
-            return LEAP_BODY
-        return (*WHOLE_BODY, MARGIN) if self._of_course else (MARGIN,)
+    def _of_body(self) -> list[Group]:
+        """The groups of a plan's whole body and of its margins, or of a leap's whole body."""
+        return [group for group in self.groups if group.name in self._body]
 
     @property
     def _of_contacts(self) -> list[Group]:
         """All groups but those of the whole body and of margins."""
-        return [group for group in self.groups if group.name not in self._body_names]
+        return [group for group in self.groups if group.name not in self._body]
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""
-        if isinstance(self.answer, Certificate):
-            return {"accepted": self.accepted, **_finite(self.figures), "message": self.message}
-        head = {"accepted": self.accepted, "message": self.message, "digest": self.digest}
-        if isinstance(self.answer, Trajectory | MotionTable):
-            return {
-                **head,
-                "checked": list(self.checked),
-                "not_checked": list(self.unchecked),
-                "groups": [_walk_group(group) for group in self.groups],
-                "figures": _finite(self.figures),
-                "limits": dict(self.limits),
-            }
-        if isinstance(self.answer, Crossing):
-            return {**head, "groups": [_crossing_group(group) for group in self.groups]}
-        body = {group.name: _body_json(group) for group in self._of_body}
-        proved = (
-            {"proved": int(self.figures["proved"]), "checked": list(self.checked)}
-            if body and "proved" in self.figures
-            else {}
-        )
         return {
-            **head,
-            "worst": or_null(self.worst),
+            "accepted": self.accepted,
+            "message": self.message,
+            "digest": self.digest,
             "tolerance": or_null(self.tolerance),
-            **_finite({name: value for name, value in self.figures.items() if name != "proved"}),
-            **proved,
-            **body,
-            "groups": [_contact_group(group) for group in self._of_contacts],
+            "checked": list(self.checked),
+            "not_checked": list(self.unchecked),
+            "limits": dict(self.limits),
+            "figures": _finite(self.figures),
+            "groups": [group.to_json() for group in self.groups],
         }
 
 
-def _body_json(group: Group) -> dict[str, Any]:
-    """A group of a plan's whole body as files and ``--json`` have it."""
-    verdict = _BODY_VERDICTS.get(group.verdict, group.verdict)
-    extra = {"message": group.message} if group.message or group.verdict in _BODY_VERDICTS else {}
-    return {"verdict": verdict, **extra, **group.figures}
+def verdict_digest(verdict: Mapping[str, Any], answer: str) -> str:
+    """SHA-256 of a verdict, as a report's JSON has it, and of the digest of what it speaks of.
 
-
-def _contact_group(group: Group) -> dict[str, Any]:
-    """A group of a posture's or a plan's contacts."""
-    numbers = {"worst": or_null(group.worst), "value": or_null(group.value)}
-    place = {"where": group.where, "frame": group.frame, "limb": group.limb, "share": group.share}
-    return {"group": group.name, **numbers, "unit": group.unit, **place}
-
-
-def _walk_group(group: Group) -> dict[str, Any]:
-    """A group of a walk."""
-    return {
-        "group": group.name,
-        "value": or_null(group.value),
-        "limit": group.limit,
-        "unit": group.unit,
-        "where": group.where,
-        "time_s": group.when,
-        "not_checked": group.message if group.verdict == "not checked" else "",
-    }
-
-
-def _crossing_group(group: Group) -> dict[str, Any]:
-    """A group of a crossing."""
-    return {
-        "group": group.name,
-        "verdict": group.verdict,
-        "value": or_null(group.value),
-        "limit": or_null(group.limit),
-        "unit": group.unit,
-        "where": group.where,
-        "message": group.message,
-    }
-
-
-def _part_digests(crossing: Crossing) -> list[str]:
-    """Digests of the parts of a crossing, whatever was said of them."""
-    return [
-        Report(groups=(), answer=part, tolerance=0.0).digest
-        if isinstance(part, LeapPlan)
-        else plan_digest(part, 0.0, True)
-        for part in crossing.parts
-    ]
+    Raises KeyError for a verdict that is none.
+    """
+    told = {name: verdict[name] for name in ("accepted", "tolerance", "checked", "limits")}
+    return seal({**told, "answer": answer})
 
 
 def acceptance_word(unchecked: Sequence[str]) -> str:
@@ -554,73 +462,6 @@ def acceptance_word(unchecked: Sequence[str]) -> str:
     *most, last = unchecked
     names = f"{', '.join(most)} and {last} are" if most else f"{last} is"
     return f"accepted as far as checked: {names} not"
-
-
-def plan_digest(
-    plan: Plan, tolerance: float, accepted: bool, checked: Sequence[str] = ("contacts",)
-) -> str:
-    """SHA-256 of a verdict on a plan and of all that it speaks of, in hexadecimal.
-
-    Arguments:
-        plan: what was judged; course and arrays go in as sorted JSON, so that a change of any gives
-            another digest.
-        tolerance: of the verdict, without unit.
-        accepted: the verdict.
-        checked: what was judged, contacts alone or joints and bodies, too.
-    """
-    numbers = {
-        name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()
-    }
-    more = {} if tuple(checked) == ("contacts",) else {"checked": list(checked)}
-    return _digest({"course": plan.problem.to_json(), "plan": numbers, **more}, tolerance, accepted)
-
-
-def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:
-    """The digest of a question, its answer and the verdict."""
-    return _sha256({**content, "tolerance": tolerance, "accepted": accepted})
-
-
-def _sha256(content: Mapping[str, Any]) -> str:
-    """SHA-256 of canonical JSON, in hexadecimal."""
-    return hashlib.sha256(
-        json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
-    ).hexdigest()
-
-
-def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan over a problem has, by name; nobody works out joints of a
-    posture.
-    """
-    frames, limbs = course.frames, len(course.robot.limbs)
-    placed, stances = len(course.footholds), len(course.stances)
-    soles, joints = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
-    if course.has_soles:
-        points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
-        soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
-    if course.is_posture:
-        joints = {} if course.has_soles else {"joints_rad": (frames, 0)}
-    elif course.robot.source.own or not course.has_soles:
-        joints = {"joints_rad": (frames, len(joint_names(course.robot)))}
-    return {
-        "com_m": (frames, 3),
-        "rotation_rad": (frames, 3),
-        "toes_m": (placed, 3),
-        "choice": (placed,),
-        "forces_n": (stances, limbs, 3),
-        **soles,
-        **joints,
-        "modes": (frames,),
-    }
-
-
-def plan_arrays(plan: Plan) -> dict[str, NDArray[Any] | None]:
-    """The numbers of a plan by name; modes may be None, and joints are there only where they were
-    worked out.
-    """
-    arrays = {name: getattr(plan, name) for name in plan_shapes(plan.problem)}
-    return {
-        name: array for name, array in arrays.items() if array is not None or name != "joints_rad"
-    }
 
 
 def or_null(number: float) -> float | None:

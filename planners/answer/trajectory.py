@@ -7,35 +7,36 @@ knowing an optimiser.
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
 from ..files.writing import first_difference
+from .motion import Motion, left_unchecked
 
 if TYPE_CHECKING:
     from ..robot.model import Robot
     from ..terrain.heightfield import HeightField
+    from ..terrain.obstacles import Ground
 
 OFF_M = 0.015
 """Distance from its place at which a foot may come down, and should hold all the same [m]."""
 STEP_S = 0.005
 """Spacing of the samples that charts give: ten times finer than the optimiser's default grid."""
+WALK_BODY = ("joints", "joint_speed", "torque", "legs_moment", "bodies")
+"""The groups of a walk that ask for a model of the robot's legs."""
 SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
 """The arrays that have a row a sample."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory:
+class Trajectory(Motion):
     """Torso, feet and contact forces over time: K samples on a uniform grid, E feet; arrays are
     read-only copies.
 
@@ -74,6 +75,8 @@ class Trajectory:
         (401, True)
     """
 
+    FORMAT: ClassVar[str] = "stancekit/walk/1"
+    WORD: ClassVar[str] = "gait"
     times_s: Array
     torso_m: Array
     rotation: Array
@@ -140,37 +143,53 @@ class Trajectory:
         """Time from the first sample to the last [s]."""
         return float(self.times_s[-1] - self.times_s[0]) if self.samples else 0.0
 
-    def header(self) -> dict[str, Any]:
-        """Header of the file: all but the arrays of samples and of the terrain, as JSON-ready
-        values.
-        """
+    @property
+    def question(self) -> dict[str, Any]:
+        """The walk as JSON-ready values; the heights of its terrain are among the arrays."""
         return {
+            "format": self.FORMAT,
             "robot": self.robot.to_json(),
             "terrain": self.terrain.name,
             "friction": self.friction,
             "adhesive": self.adhesive.tolist(),
             "start_xy_m": self.start_xy_m.tolist(),
             "goal_xy_m": self.goal_xy_m.tolist(),
-            "provenance": dict(self.provenance),
-            **({"asked": self.asked} if self._asks else {}),
-        }
-
-    @property
-    def asked(self) -> dict[str, Any]:
-        """Requests of the walk besides its two places, as JSON-ready values."""
-        turned = {} if self.heading_end_rad is None else {"heading_end_rad": self.heading_end_rad}
-        return {
             "heading_rad": self.heading_rad,
-            **turned,
+            "heading_end_rad": self.heading_end_rad,
             "still": list(self.still),
             "suction_n": self.suction_n,
         }
 
     @property
-    def _asks(self) -> bool:
-        """Tell whether the walk has such requests."""
-        numbers = (self.heading_rad, self.heading_end_rad, self.suction_n)
-        return any(self.still) or any(number is not None for number in numbers)
+    def name(self) -> str:
+        """Name of the terrain."""
+        return self.terrain.name or "gait"
+
+    def ground(self, friction_share: float = 1.0) -> Ground:
+        """The terrain as what is solid below its heights, with this share of the friction."""
+        from ..terrain.obstacles import Ground
+
+        return Ground(heights=self.terrain, friction=friction_share * self.friction)
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes it, whatever the world; empty where one may.
+
+        Of a robot without a model the groups of ``WALK_BODY`` are no hindrance: the runner asks the
+        servos of the world.
+        """
+        from ..robot.legged import walking_robot  # slow to import
+
+        left = [name for name in unchecked if self.robot.source.own or name not in WALK_BODY]
+        if left:
+            return left_unchecked(left)
+        if self.adhesive.any():
+            names = np.array(self.robot.limb_names)[self.adhesive]
+            return f"no world has feet that stick, as {', '.join(names)} do"
+        try:
+            walking_robot(self.robot)
+        except InvalidInput as error:
+            return str(error)
+        return ""
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The samples by name, and the terrain's arrays under ``terrain_…``."""
@@ -178,19 +197,6 @@ class Trajectory:
             f"terrain_{name}": np.asarray(array) for name, array in self.terrain.to_arrays().items()
         }
         return {name: getattr(self, name) for name in SAMPLES} | terrain
-
-    @cached_property
-    def digest(self) -> str:
-        """SHA-256 of everything the trajectory holds, to the last bit: header as canonical JSON,
-        then every array.
-        """
-        content = hashlib.sha256(
-            json.dumps(self.header(), sort_keys=True, separators=(",", ":")).encode()
-        )
-        for name, array in sorted(self.arrays().items()):
-            content.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
-            content.update(np.ascontiguousarray(array).tobytes())
-        return content.hexdigest()
 
 
 def robot_from_json(data: Any) -> Robot:

@@ -1,4 +1,4 @@
-"""Files of answers: problems and answers, plans, proofs and walks, read, judged and written.
+"""Files of questions, of motions and proofs, and of motions as tables, read, judged and written.
 
-Read ``plan_file``; the others are its like for walks, crossings, leaps, motions and proofs.
+Read ``motion_file``, then ``question_file`` and ``table_file``.
 """

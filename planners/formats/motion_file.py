@@ -1,34 +1,400 @@
-"""Files of motions as tables: CSV, NPZ and ROS's JointTrajectory as JSON or YAML, written and read
-back.
+"""Motion files ``stancekit/motion/1``, and proofs ``stancekit/certificate/1`` as their second kind:
+one JSON file with the question, the arrays as an archive in it, and the verifier's word.
 
-A CSV has one row per moment and a header of names: ``t``, ``q.JOINT``, ``qd.JOINT``, ``tau.JOINT``,
-``contact.LIMB``, ``force.LIMB.x``, ``foot.LIMB.x``, ``body.x``, ``body.qw``, ``com.x``,
-``com_v.x``, ``body_w.x``; SI units, world frame.
+It carries a SHA-256 of what was written, so that a file that was edited by hand is refused and not
+obeyed; whoever reads one judges it anew.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
-from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
+from ..answer.certificate import Certificate, Crossing
+from ..answer.motion import Evidence, Motion, seal
+from ..answer.plan import LATER, OPTIONAL, WHOLE_BODY, LeapPlan, Plan, leap_shapes, plan_shapes
+from ..answer.report import Report, verdict_digest
+from ..answer.trajectory import Trajectory, robot_from_json
 from ..errors import InvalidInput
-from ..files.arrays import Array, read_archive
-from ..files.documents import neighbour, read_json, read_text, read_yaml, shown
-from ..verify import Report
+from ..files.arrays import unpacked
+from ..files.codec import extracted
+from ..files.documents import read_json, shown, validated
+from ..files.writing import check_writable, first_difference, remove_leftovers, write_text
+from ..problem import Problem
+from ..problem.course_file import course_difference
+from ..problem.leap import FORMAT as LEAP
+from ..problem.leap import Leap
+from ..problem.passage import Passage
+from ..problem.posture import FORMAT as POSTURE
+from ..robot.model_json import robot_numbers
+from ..robot.robot_file import named_robot
+from ..search.pieces import beginning, course_window
+from ..verify import check_plan, explain
+from ..verify.judge import judge
+
+FORMAT = "stancekit/motion/1"
+PROOF = "stancekit/certificate/1"
+_CONTENT = {"question": dict, "columns": dict, "provenance": dict}
+_KEYS = {"format": str, "verified": bool, "verdict": dict, **_CONTENT, "sha256": str}
+"""Keys of a motion's file, and what each of them is."""
+_OF_PROOF = {"format": str, "question": dict, "columns": dict, "sha256": str}
+_MOST_PARTS = 64
+_KIND_OF = {"choice": "i", "modes": "i", "timing": "i", "contact": "b"}
+"""Kinds of the arrays that are no real numbers."""
+_CALLED = {"i": "whole numbers", "b": "truth values", "f": "numbers"}
+_OF_JOINTS = ("joints", "torque")
+"""Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
+Shapes = Mapping[str, tuple[int | None, ...]]
+M = TypeVar("M", bound=Motion)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Kind:
+    """The motions that answer one kind of question.
+
+    Arguments:
+        asked: the question of its JSON-ready values.
+        shapes: of the arrays, of a question and the arrays that there are; None for any length.
+        made: the motion of question, arrays and provenance.
+        optional: arrays that may lack.
+    """
+
+    asked: Callable[[Any, str], Any]
+    shapes: Callable[[Any, Mapping[str, NDArray[Any]]], Shapes]
+    made: Callable[..., Motion]
+    optional: tuple[str, ...] = ()
+
+
+class _WalkKeys(BaseModel):
+    """The question of a walk, but for the heights of its terrain."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
+    format: Literal["stancekit/walk/1"]
+    robot: dict[str, Any]
+    terrain: str
+    friction: float
+    adhesive: list[bool]
+    start_xy_m: list[float] = Field(min_length=2, max_length=2)
+    goal_xy_m: list[float] = Field(min_length=2, max_length=2)
+    heading_rad: float | None
+    heading_end_rad: float | None
+    still: list[bool] = Field(min_length=2, max_length=2)
+    suction_n: float | None
+
+
+def _walk(data: Any, where: str) -> dict[str, Any]:
+    keys = dict(validated(_WalkKeys, data, where))
+    del keys["format"]
+    return {**keys, "robot": robot_from_json(keys["robot"]), "still": tuple(keys["still"])}
+
+
+def _walk_shapes(asked: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Shapes:
+    count, feet = arrays["times_s"].size if "times_s" in arrays else None, len(asked["robot"].feet)
+    return {
+        "times_s": (count,),
+        "torso_m": (count, 3),
+        "rotation": (count, 3, 3),
+        "feet_m": (count, feet, 3),
+        "forces_n": (count, feet, 3),
+        "contact": (count, feet),
+        "terrain_x_m": (None,),
+        "terrain_y_m": (None,),
+        "terrain_heights_m": (None, None),
+    }
+
+
+def _walked(
+    asked: Mapping[str, Any], arrays: Mapping[str, Any], provenance: Mapping[str, Any]
+) -> Trajectory:
+    from ..terrain.heightfield import HeightField  # loads splines
+
+    ground = {name: array for name, array in arrays.items() if name.startswith("terrain_")}
+    surface = {name.removeprefix("terrain_"): array for name, array in ground.items()}
+    samples = {name: array for name, array in arrays.items() if name not in ground}
+    terrain = HeightField.from_arrays(surface, asked["terrain"])
+    for name, value in provenance.items():
+        if not isinstance(value, str | float):
+            raise InvalidInput(f"provenance.{name}: expected text or a number, got {shown(value)}")
+    return Trajectory(**{**asked, "terrain": terrain}, **samples, provenance=provenance)
+
+
+def _leap(data: Any, where: str) -> Leap:
+    from ..problem.leap_classes import leap_from_keys  # of leaps alone
+
+    return leap_from_keys(data, where)
+
+
+def _leapt(leap: Leap, arrays: Mapping[str, NDArray[Any]], provenance: Any) -> LeapPlan:
+    numbers: dict[str, Any] = {**arrays, "timing": int(arrays["timing"])}
+    return LeapPlan(problem=leap, **numbers, provenance=provenance)
+
+
+def _crossing(data: Mapping[str, Any], where: str) -> dict[str, Any]:
+    keys = {"format": str, "name": str, "refusal": str, "parts": list}
+    _check_keys(data, {**keys, "certificate": object}, where)
+    if not 0 < len(data["parts"]) <= _MOST_PARTS:
+        raise InvalidInput(f"{where}: parts: expected 1 to {_MOST_PARTS}, got {len(data['parts'])}")
+    parts = [_part(part, f"{where}: parts[{k}]") for k, part in enumerate(data["parts"])]
+    proof = data["certificate"]
+    proved = None if proof is None else certificate_from(proof, f"{where}: certificate")
+    told = {name: data[name] for name in ("name", "refusal")}
+    return {**told, "parts": tuple(parts), "certificate": proved}
+
+
+def _part(data: Any, where: str) -> Motion:
+    _check_keys(data, _CONTENT, where)
+    return motion_from(data, where)
+
+
+_PLAN = _Kind(
+    asked=lambda data, where: Problem.from_json(data),
+    shapes=lambda problem, arrays: plan_shapes(problem),
+    made=lambda problem, arrays, told: Plan(problem=problem, **arrays, provenance=told),
+    optional=OPTIONAL,
+)
+_KINDS: Mapping[str, _Kind] = {
+    Problem.FORMAT: _PLAN,
+    POSTURE: _PLAN,
+    Trajectory.FORMAT: _Kind(asked=_walk, shapes=_walk_shapes, made=_walked),
+    LEAP: _Kind(
+        asked=_leap,
+        shapes=lambda leap, arrays: leap_shapes(leap),
+        made=_leapt,
+        optional=LATER,
+    ),
+    Crossing.FORMAT: _Kind(
+        asked=_crossing,
+        shapes=lambda asked, arrays: {},
+        made=lambda asked, arrays, told: Crossing(**asked, provenance=told),
+    ),
+}
+"""By the format of the question."""
+
+
+def write_motion(path: str | Path, motion: Motion, report: Report[Any]) -> None:
+    """Write NAME.json, whole or not at all.
+
+    Arguments:
+        report: what the verifier said of this very motion; one that it rejected is written with
+            ``verified: false``.
+
+    Raises:
+        InvalidInput: for another motion's report, for another name, for a provenance that is no
+            JSON, and where nothing can be written.
+    """
+    check_name(path)
+    if report.answer.digest != motion.digest:
+        raise InvalidInput(
+            f"{path}: expected the verifier's report on this {motion.WORD}, got the one on another"
+        )
+    verdict = {"verified": report.accepted, "verdict": report.to_json()}
+    _write(path, {"format": FORMAT, **verdict, **motion.content()})
+
+
+def write_certificate(path: str | Path, certificate: Certificate) -> None:
+    """Write a certificate and what it refutes, whole or not at all.
+
+    Raises InvalidInput where nothing can be written, and for one that does not know its problem.
+    """
+    _write(path, {"format": PROOF, **certificate.content()})
+
+
+def _write(path: str | Path, content: Mapping[str, Any]) -> None:
+    try:
+        text = json.dumps({**content, "sha256": seal(content)}, indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"{path}: expected finite numbers and text: {error}") from None
+    write_text(path, text + "\n")
+
+
+def check_name(path: str | Path) -> Path:
+    """The name of a motion that is to be written, asked for before the work whose result goes there.
+
+    Raises InvalidInput for one that cannot be.
+    """
+    path = Path(path)
+    if path.suffix != ".json" or not path.stem:
+        raise InvalidInput(
+            f"{path}: expected a name that ends in .json, got {path.suffix or 'no suffix'}"
+        )
+    check_writable(path)
+    return path
+
+
+def read_evidence(path: str | Path) -> tuple[Evidence, dict[str, Any]]:
+    """The motion or the certificate of a file, and the file's content.
+
+    Raises InvalidInput in one line for another format, for a file that was changed since it was
+    written, for arrays that are missing, of a wrong shape or not finite, and for a question that is
+    none.
+    """
+    return evidence_from(read_json(path), str(path))
+
+
+def read_motion(path: str | Path, kind: type[M] = Motion) -> tuple[M, dict[str, Any]]:  # type: ignore[assignment]
+    """The motion of a file, and the file's content, with the verdict that it claims.
+
+    Arguments:
+        kind: what is expected.
+
+    Raises:
+        InvalidInput: as ``read_evidence``, and for another kind.
+    """
+    motion, content = read_evidence(path)
+    if not isinstance(motion, kind):
+        wanted = getattr(kind, "WORD", "motion")
+        got = getattr(motion, "WORD", "proof")
+        raise InvalidInput(f"{path}: expected a {wanted}, got a {got}")
+    return motion, content
+
+
+def is_evidence(data: Any) -> bool:
+    """Tell whether parsed contents say that they are a motion or a certificate."""
+    return isinstance(data, Mapping) and data.get("format") in (FORMAT, PROOF)
+
+
+def evidence_from(data: Any, where: str) -> tuple[Evidence, dict[str, Any]]:
+    """The motion or the certificate of a file's content, see ``read_evidence``."""
+    if not is_evidence(data):
+        came = data.get("format") if isinstance(data, dict) else type(data).__name__
+        raise InvalidInput(f"{where}: expected format {FORMAT!r} or {PROOF!r}, got {shown(came)}")
+    of_proof = data["format"] == PROOF
+    _check_keys(data, _OF_PROOF if of_proof else _KEYS, where)
+    if seal({name: data[name] for name in data if name != "sha256"}) != data["sha256"]:
+        raise InvalidInput(f"{where}: digest mismatch: the file was changed after it was written")
+    if of_proof:
+        return certificate_from(data, where), data
+    motion = motion_from(data, where)
+    _check_verdict(data["verdict"], motion, where)
+    return motion, data
+
+
+def motion_from(data: Mapping[str, Any], where: str) -> Motion:
+    """The motion of a file's content, whose keys are there."""
+    kind = _KINDS.get(str(data["question"].get("format")))
+    if kind is None:
+        came, known = shown(data["question"].get("format")), ", ".join(_KINDS)
+        raise InvalidInput(f"{where}: question: expected a format of {known}, got {came}")
+    try:
+        asked = kind.asked(data["question"], f"{where}: question")
+    except InvalidInput as error:
+        raise _located(error, f"{where}: question") from None
+    place = f"{where}: columns"
+    arrays = _arrays(data["columns"], place)
+    _check_arrays(place, arrays, kind.shapes(asked, arrays), kind.optional)
+    try:
+        motion = kind.made(asked, arrays, data["provenance"])
+    except InvalidInput as error:
+        raise _located(error, place) from None
+    labels = motion.labels()
+    for name in dict.fromkeys((*labels, *data["columns"])):
+        if name != "npz" and data["columns"].get(name) != labels.get(name):
+            raise InvalidInput(f"{place}.{name}: expected the question's, got others")
+    return motion
+
+
+def _check_verdict(verdict: Mapping[str, Any], motion: Motion, where: str) -> None:
+    """Raise InvalidInput for a verdict that is none, or one on something else."""
+    checked, known = verdict.get("checked"), {"contacts", *motion.BODY}
+    if not isinstance(checked, list) or (motion.BODY and not set(map(str, checked)) <= known):
+        wanted = f"{', '.join(sorted(known))} or fewer" if motion.BODY else "names of groups"
+        raise InvalidInput(f"{where}: verdict.checked: expected {wanted}, got {shown(checked)}")
+    with suppress(KeyError, TypeError, ValueError):
+        if verdict_digest(verdict, motion.digest) == verdict["digest"]:
+            return
+    raise InvalidInput(
+        f"{where}: verdict: digest mismatch: question, arrays or verdict are not what the verifier "
+        "saw"
+    )
+
+
+def certificate_from(data: Any, where: str) -> Certificate:
+    """The certificate of a file's content, or of a crossing."""
+    for name in ("question", "columns"):
+        if not isinstance(data, Mapping) or not isinstance(data.get(name), Mapping):
+            raise InvalidInput(f"{where}: expected a proof with question and columns")
+    question = data["question"]
+    try:
+        match question.get("format"):
+            case Passage.FORMAT:
+                problem: Problem | Passage | Leap = Passage.from_json(question)
+            case str(name) if name == LEAP:
+                problem = _leap(question, where)
+            case _:
+                problem = Problem.from_json(question)
+    except InvalidInput as error:
+        raise _located(error, f"{where}: question") from None
+    place = f"{where}: columns"
+    arrays = _arrays(data["columns"], place)
+    _check_arrays(place, arrays, {"tree": (None, 5), "multipliers": (None, None)}, ())
+    return Certificate.from_arrays(arrays["tree"], arrays["multipliers"]).of(problem)
+
+
+def _arrays(columns: Mapping[str, Any], where: str) -> dict[str, NDArray[Any]]:
+    if not isinstance(columns.get("npz"), str):
+        raise InvalidInput(f"{where}.npz: expected an archive as text, got {shown(columns)}")
+    return unpacked(extracted(columns["npz"], where), where)
+
+
+def _located(error: InvalidInput, where: str) -> InvalidInput:
+    """The error, with its place where it does not say it."""
+    told = str(error)
+    return error if told.startswith(where) else InvalidInput(f"{where}: {told}")
+
+
+def _check_keys(data: Any, keys: Mapping[str, type], where: str) -> None:
+    """Raise InvalidInput unless these keys are there, each of its kind, and no others."""
+    came = set(data) if isinstance(data, Mapping) else set[str]()
+    if came != set(keys):
+        names = ", ".join(sorted(map(str, came ^ set(keys))))
+        raise InvalidInput(
+            f"{where}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}"
+        )
+    for name, kind in keys.items():
+        if not isinstance(data[name], kind):
+            words = {dict: "an object", list: "a list", str: "text", bool: "true or false"}
+            raise InvalidInput(f"{where}: {name}: expected {words[kind]}, got {shown(data[name])}")
+
+
+def _check_arrays(
+    where: str, arrays: Mapping[str, NDArray[Any]], shapes: Shapes, optional: tuple[str, ...]
+) -> None:
+    """Raise InvalidInput unless every array is there, of its shape and kind and finite; heights of
+    a terrain are the terrain's to judge.
+    """
+    needed = {name for name in shapes if name not in optional}
+    if not needed <= set(arrays) <= set(shapes):
+        may = f" ({' and '.join(optional)} may lack)" if optional else ""
+        raise InvalidInput(
+            f"{where}: expected the arrays {', '.join(shapes)}{may}, got {sorted(arrays)}"
+        )
+    for name, array in arrays.items():
+        kind, shape = _KIND_OF.get(name, "f"), shapes[name]
+        fits = len(shape) == array.ndim and all(
+            length in (None, got) for length, got in zip(shape, array.shape, strict=True)
+        )
+        if not fits or array.dtype.kind != kind:
+            wanted = str(shape).replace("None", "any")
+            raise InvalidInput(
+                f"{where}: {name}: expected {_CALLED[kind]} of shape {wanted}, got {array.dtype} of "
+                f"shape {array.shape}"
+            )
+        if kind == "f" and not name.startswith("terrain_") and not np.isfinite(array).all():
+            raise InvalidInput(f"{where}: {name}: expected finite numbers, got others")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileCheck:
-    """Result of a second look at a file of a plan, a proof, a leap or a walk.
+    """Result of a second look at a file of a motion or a proof.
 
     Arguments:
         path: of the file.
@@ -49,7 +415,7 @@ class FileCheck:
     """
 
     path: str
-    kind: Literal["plan", "no-plan", "no-posture", "leap", "no-leap", "crossing", "gait", "motion"]
+    kind: str
     report: Report[Any]
     message: str
     same: bool = True
@@ -63,335 +429,172 @@ class FileCheck:
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values."""
         verdict = "accepted" if self.accepted else "refused"
-        record = {"where": self.path, "kind": self.kind, "verdict": verdict}
-        if self.kind in ("gait", "motion"):
-            return {**record, **self.report.to_json()}
-        if self.kind in ("plan", "leap", "crossing"):
-            return {**record, "message": self.message, "report": self.report.to_json()}
-        return {**record, "message": self.message, "leaves": self.report.figures["leaves"]}
+        told = {"message": self.message, "report": self.report.to_json()}
+        return {"where": self.path, "kind": self.kind, "verdict": verdict, **told}
 
 
-_AXES = "xyz"
-_OF_BODY = {
-    **{f"body.{axis}": ("origin_m", k) for k, axis in enumerate(_AXES)},
-    **{f"body.q{axis}": ("quaternion", k) for k, axis in enumerate("wxyz")},
-    **{f"com.{axis}": ("com_m", k) for k, axis in enumerate(_AXES)},
-    **{f"com_v.{axis}": ("velocity_m_s", k) for k, axis in enumerate(_AXES)},
-    **{f"body_w.{axis}": ("turning_rad_s", k) for k, axis in enumerate(_AXES)},
-}
-"""Columns of the body: the array, and which number of a row."""
-_OF_POINTS = {"positions": "angles_rad", "velocities": "rates_rad_s", "effort": "torques_nm"}
-"""Keys of a JointTrajectory's points, and the arrays that they hold."""
-_TIME, _NANO = "t", 1_000_000_000
+def check_file(
+    path: str | Path,
+    *,
+    data: Any = None,
+    tolerance: float | None = None,
+    joints: bool = True,
+    robot: str | None = None,
+    course: Callable[[int], Problem] | None = None,
+    why: bool = False,
+) -> FileCheck:
+    """Verify a motion or a proof in a file anew, whatever it says of itself.
 
+    Arguments:
+        data: what the file holds, where it was read before.
+        tolerance: largest violation that a plan may have; the rest have limits of their own.
+        joints: of a plan, judge the whole body, too.
+        robot: name or file of the one that a plan or a walk has to be of; without it the file is
+            believed what its robot is.
+        course: of so many key frames, the one that a plan has to be of.
+        why: ask for a reason, which only proofs have.
 
-def _columns_of(table: MotionTable) -> dict[str, Array]:
-    """The numbers of a table by the names of their columns, in order, each of shape (T,)."""
-    known = table.known()
-    places = _places(table.joints, table.limbs, known)
-
-    def column(key: str, place: tuple[int, ...]) -> Array:
-        at: Any = (slice(None), *place)
-        return np.asarray(known[key][at])
-
-    return {name: column(*where) for name, where in places.items()}
-
-
-def csv_of(table: MotionTable) -> bytes:
-    """A table as CSV.
-
-    Numbers are written so that the same ones are read back, to the last bit.
+    Raises:
+        InvalidInput: for a file that cannot be read, one of another robot or course, and options
+            that have no use for what it holds.
     """
-    columns, text = _columns_of(table), io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    whole = {name for name in columns if name.startswith("contact.")}
-    kinds: list[Callable[[Any], Any]] = [int if name in whole else float for name in columns]
-    for row in np.column_stack([column.astype(np.float64) for column in columns.values()]).tolist():
-        writer.writerow([kind(number) for kind, number in zip(kinds, row, strict=True)])
-    return text.getvalue().encode()
-
-
-def npz_of(table: MotionTable) -> bytes:
-    """A table as an NPZ archive: an array per name, and the names of joints and limbs."""
-    held = io.BytesIO()
-    words = {
-        name: np.array(getattr(table, name)) for name in ("joints", "limbs", "robot", "source")
-    }
-    content: dict[str, Any] = {**table.known(), **words, "format": np.array(FORMAT)}
-    np.savez_compressed(held, **content)
-    return held.getvalue()
-
-
-def joint_trajectory(table: MotionTable) -> dict[str, Any]:
-    """A table as ROS 2's trajectory_msgs/JointTrajectory, JSON-ready: joints alone.
-
-    Raises InvalidInput without any.
-    """
-    known = table.known()
-    if "angles_rad" not in known:
-        raise InvalidInput("jointtrajectory: expected a motion with joints, got one without")
-    rows = {key: known[name].tolist() for key, name in _OF_POINTS.items() if name in known}
-    points = []
-    for k, time_s in enumerate(table.time_s.tolist()):
-        sec, nanosec = divmod(round(time_s * _NANO), _NANO)
-        points.append(
-            {key: row[k] for key, row in rows.items()}
-            | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
-        )
-    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
-    return {"header": header, "joint_names": list(table.joints), "points": points}
-
-
-def joint_trajectory_bytes(table: MotionTable, suffix: str) -> bytes:
-    """Content of a file with the joint trajectory of a table: YAML for ".yaml" and ".yml", else
-    JSON.
-    """
-    message = joint_trajectory(table)
-    if suffix not in (".yaml", ".yml"):
-        return (json.dumps(message) + "\n").encode()
-    import yaml
-
-    return yaml.safe_dump(
-        message, default_flow_style=None, sort_keys=False, width=1_000_000
-    ).encode()
-
-
-def is_motion_file(path: str | Path) -> bool:
-    """Tell whether a file holds a motion as a table, by its name, and by its beginning where other
-    files have such names.
-    """
-    suffix = Path(path).suffix
-    if suffix == ".csv":
-        return True
-    if suffix == ".npz":
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                return "format" in archive.files and str(archive["format"]) == FORMAT
-        except (OSError, ValueError, KeyError):
-            return False
-    if suffix in (".json", ".yaml", ".yml"):
-        try:
-            return _is_joint_trajectory(read_json(path) if suffix == ".json" else read_yaml(path))
-        except InvalidInput:
-            return False
-    return False
-
-
-def _is_joint_trajectory(data: object) -> bool:
-    """Tell whether the data is a JointTrajectory, by its keys."""
-    return isinstance(data, Mapping) and {"joint_names", "points"} <= set(data)
-
-
-def read_motion(path: str | Path) -> MotionTable:
-    """Read a table from .csv, .npz, or a JointTrajectory in .json or .yaml.
-
-    Raises InvalidInput, with what is wrong.
-    """
-    path = Path(path)
-    try:
-        match path.suffix:
-            case ".csv":
-                return _from_csv(read_text(path), str(path))
-            case ".npz":
-                return _from_npz(path)
-            case ".json":
-                return _from_joint_trajectory(read_json(path), str(path))
-            case ".yaml" | ".yml":
-                return _from_joint_trajectory(read_yaml(path), str(path))
-    except InvalidInput as error:
-        raise InvalidInput(
-            str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
-        ) from None
-    raise InvalidInput(f"{path}: expected a motion as .csv, .npz, .json or .yaml")
-
-
-def _places(
-    joints: Sequence[str], limbs: Sequence[str], keys: Collection[str]
-) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """Places of the columns' numbers in the arrays of these keys, in the order of a file."""
-    places: dict[str, tuple[str, tuple[int, ...]]] = {_TIME: ("time_s", ())}
-    places |= {name: (key, (k,)) for name, (key, k) in _OF_BODY.items() if key in keys}
-    for key, word in OF_JOINTS.items():
-        if key in keys:
-            places |= {f"{word}.{joint}": (key, (k,)) for k, joint in enumerate(joints)}
-    for key, word in OF_LIMBS.items():
-        if key not in keys:
-            continue
-        for k, limb in enumerate(limbs):
-            if key == "contact":
-                places[f"{word}.{limb}"] = (key, (k,))
-            else:
-                places |= {f"{word}.{limb}.{axis}": (key, (k, n)) for n, axis in enumerate(_AXES)}
-    return places
-
-
-def _from_csv(text: str, where: str) -> MotionTable:
-    lines = csv.reader(io.StringIO(text))
-    names = [name.strip() for name in next(lines, [])]
-    joints, limbs = _named(names, where)
-    rows = list(_rows(lines, len(names), where))
-    if not rows:
-        raise InvalidInput(f"{where}: expected rows below the header, got none")
-    numbers = np.array(rows)
-    if not np.isfinite(numbers).all():
-        row, column = np.argwhere(~np.isfinite(numbers))[0].tolist()
-        got = numbers[row, column]
-        raise InvalidInput(
-            f"{where}: row {row + 1}, column {names[column]}: expected a finite number, got {got}"
-        )
-    columns = dict(zip(names, numbers.T, strict=True))
-    arrays = dict[str, Any]()
-    for key, shape in shapes(len(rows), len(joints), len(limbs)).items():
-        wanted = [name for name, (of, _) in _places(joints, limbs, (key,)).items() if of == key]
-        there = [name for name in wanted if name in columns]
-        if not there or not wanted:
-            continue
-        if len(there) < len(wanted):
-            lacks = next(name for name in wanted if name not in columns)
-            raise InvalidInput(f"{where}: expected the column {lacks} beside {there[0]}, got none")
-        arrays[key] = np.stack([columns[name] for name in wanted], axis=-1).reshape(shape)
-    if "contact" in arrays:
-        arrays["contact"] = _truths(arrays["contact"], where)
-    return MotionTable(joints=joints, limbs=limbs, source=where, **arrays)
-
-
-def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Joints and limbs in the order in which columns name them first.
-
-    Raises InvalidInput for a column nobody knows.
-    """
-    joints, limbs = dict[str, None](), dict[str, None]()
-    if len(set(names)) != len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InvalidInput(f"{where}: expected each column once, got {twice} again")
-    if _TIME not in names:
-        raise InvalidInput(f"{where}: expected the column t, got {', '.join(names)!r:.80}")
-    for name in names:
-        word, dot, rest = name.partition(".")
-        if name == _TIME or name in _OF_BODY:
-            continue
-        if dot and rest and word in OF_JOINTS.values():
-            joints[rest] = None
-        elif dot and rest and word in OF_LIMBS.values():
-            limbs[rest if word == "contact" else rest.rpartition(".")[0]] = None
-        else:
-            known = (
-                _TIME,
-                *_OF_BODY,
-                *(f"{one}.NAME" for one in (*OF_JOINTS.values(), "contact")),
-                "force.NAME.x",
-            )
-            raise InvalidInput(
-                f"{where}: expected columns as t, q.JOINT, force.LIMB.x, got "
-                f"{name!r:.60}{neighbour(name, known)}"
-            )
-    return tuple(joints), tuple(limbs)
-
-
-def _rows(lines: Iterator[list[str]], count: int, where: str) -> Iterator[list[float]]:
-    for number, line in enumerate(lines, 1):
-        if not line:
-            continue
-        if len(line) != count:
-            raise InvalidInput(f"{where}: row {number}: expected {count} numbers, got {len(line)}")
-        try:
-            yield [float(part) for part in line]
-        except ValueError:
-            bad = next(part for part in line if not _is_number(part))
-            raise InvalidInput(
-                f"{where}: row {number}: expected numbers, got {bad!r:.40}"
-            ) from None
-
-
-def _is_number(part: str) -> bool:
-    try:
-        float(part)
-    except ValueError:
-        return False
-    return True
-
-
-def _truths(numbers: NDArray[Any], where: str) -> NDArray[np.bool_]:
-    if not np.isin(numbers, (0, 1)).all():
-        raise InvalidInput(
-            f"{where}: contact: expected 0 or 1, got {numbers[~np.isin(numbers, (0, 1))][0]:g}"
-        )
-    return np.asarray(numbers == 1)
-
-
-def _from_npz(path: Path) -> MotionTable:
-    archive = read_archive(path)
-    if str(archive.get("format")) != FORMAT:
-        raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(archive.get('format'))}")
-    joints, limbs = (
-        tuple(map(str, np.atleast_1d(archive[name]))) if name in archive else ()
-        for name in ("joints", "limbs")
-    )
-    arrays: dict[str, Any] = {name: archive[name] for name in shapes(0, 0, 0) if name in archive}
-    if "time_s" not in arrays or arrays["time_s"].ndim != 1:
-        raise InvalidInput(f"{path}: expected time_s of shape (T,), got none")
-    if "contact" in arrays:
-        arrays["contact"] = _truths(arrays["contact"], str(path))
-    return MotionTable(
-        joints=joints, limbs=limbs, **arrays, robot=str(archive.get("robot", "")), source=str(path)
-    )
-
-
-def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
-    if not _is_joint_trajectory(data):
-        raise InvalidInput(
-            f"{where}: expected a JointTrajectory with joint_names and points, got {shown(data)}"
-        )
-    names, points = data["joint_names"], data["points"]
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or not names:
-        raise InvalidInput(f"{where}: joint_names: expected a list of names, got {shown(names)}")
-    if (
-        not isinstance(points, list)
-        or not all(isinstance(point, Mapping) for point in points)
-        or not points
+    evidence, content = evidence_from(read_json(path) if data is None else data, str(path))
+    of_plan, word = isinstance(evidence, Plan), getattr(evidence, "WORD", "proof")
+    takes_robot = isinstance(evidence, Plan | Trajectory)
+    for name, given, used in (
+        ("robot", robot is not None, takes_robot),
+        ("course", course is not None, of_plan),
+        ("tolerance", tolerance is not None, of_plan),
+        ("explain", why, isinstance(evidence, Certificate)),
     ):
-        raise InvalidInput(f"{where}: points: expected a list of points, got {shown(points)}")
-    times = np.array([_seconds(point, k, where) for k, point in enumerate(points)])
-    arrays = dict[str, Any]()
-    for key, name in _OF_POINTS.items():
-        if not points[0].get(key):
-            if any(point.get(key) for point in points):
-                raise InvalidInput(
-                    f"{where}: points: expected {key} in all of them or in none, got something else"
-                )
-            continue
-        arrays[name] = np.array(
-            [
-                _numbers(point.get(key), len(names), f"{where}: points[{k}].{key}")
-                for k, point in enumerate(points)
-            ]
-        )
-    if "angles_rad" not in arrays:
-        raise InvalidInput(f"{where}: points: expected positions, got none")
-    return MotionTable(joints=tuple(names), limbs=(), time_s=times, source=where, **arrays)
-
-
-def _seconds(point: Mapping[str, Any], k: int, where: str) -> float:
-    """When a point is reached; ROS 1 calls the parts secs and nsecs, ROS 2 sec and nanosec."""
-    time = point.get("time_from_start")
-    pairs = (("sec", "nanosec"), ("secs", "nsecs"))
-    if isinstance(time, Mapping):
-        for whole, part in pairs:
-            if isinstance(time.get(whole), int) and isinstance(time.get(part, 0), int):
-                return float(time[whole]) + float(time.get(part, 0)) / _NANO
-    raise InvalidInput(
-        f"{where}: points[{k}].time_from_start: expected sec and nanosec, got {shown(time)}"
+        if given and not used:
+            raise InvalidInput(f"{name}: expected none with {path}, a {word}, which has its own")
+    if isinstance(evidence, Certificate):
+        return _check_proof(str(path), evidence, why)
+    _check_asked(str(path), evidence, robot, course)
+    report = judge(evidence, tolerance=tolerance, joints=joints)
+    claimed = content["verdict"].get("checked", ())
+    listed = {
+        name: report.group(name).verdict for name in WHOLE_BODY if of_plan and name in claimed
+    }
+    accepted = report.accepted
+    if of_plan:
+        accepted = report.contacts and "violated" not in listed.values()
+    same = accepted == content["verified"] == content["verdict"].get("accepted")
+    unfounded = [name for name in _OF_JOINTS if listed.get(name) == "not checked"]
+    unfounded = unfounded if find_spec("pinocchio") else []
+    remarks = [
+        report.message,
+        report.body_message if of_plan else "",
+        "" if same else "the file claims another verdict",
+        f"the file lists as checked what nobody can check: {', '.join(unfounded)}"
+        if unfounded
+        else "",
+    ]
+    return FileCheck(
+        path=str(path),
+        kind=word,
+        report=report,
+        message="; ".join(filter(None, remarks)),
+        same=same,
+        founded=not unfounded,
     )
 
 
-def _numbers(value: Any, count: int, where: str) -> list[float]:
-    if not isinstance(value, list) or len(value) != count:
-        raise InvalidInput(f"{where}: expected {count} numbers, got {shown(value, 40)}")
-    try:
-        numbers = [float(each) for each in value]
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{where}: expected numbers, got {shown(value, 40)}") from None
-    if not np.isfinite(numbers).all():
-        raise InvalidInput(f"{where}: expected finite numbers, got {shown(value, 40)}")
-    return numbers
+def _check_proof(path: str, certificate: Certificate, why: bool) -> FileCheck:
+    """The verdict on a proof in a file, and its reason."""
+    report, problem = judge(certificate), certificate.refuted
+    if isinstance(problem, Leap):
+        reason = f"; {explain(certificate).message}" if why and report.accepted else ""
+        return FileCheck(path=path, kind="no-leap", report=report, message=report.message + reason)
+    of_posture = isinstance(problem, Problem) and problem.is_posture
+    name = problem.name
+    if isinstance(problem, Problem) and of_posture:
+        name = f"posture on {', '.join(problem.legs)}"
+    reason = explain(certificate).message if report.accepted else report.message
+    kind = "no-posture" if of_posture else "no-plan"
+    return FileCheck(path=path, kind=kind, report=report, message=f"{name}: {reason}")
+
+
+def _check_asked(
+    path: str,
+    motion: Evidence,
+    robot: str | None,
+    course: Callable[[int], Problem] | None,
+) -> None:
+    """Raise InvalidInput for a plan or a walk of another robot or course."""
+    if isinstance(motion, Trajectory) and robot is not None:
+        from ..robot.walker import named_walker  # loads splines
+
+        walker = named_walker(robot)
+        ours, theirs = (robot_numbers(each.to_json()) for each in (motion.robot, walker))
+        if other := first_difference(ours, theirs):
+            raise InvalidInput(
+                f"{path}: expected a walk of the robot {walker.name} as its file is, got one of "
+                f"{motion.robot.name} with numbers of its own: {other}"
+            )
+    if not isinstance(motion, Plan):
+        return
+    problem, legs = motion.problem, motion.problem.robot.source
+    model = None if robot is None else named_robot(robot)
+    if model is not None and (
+        legs.digest != model.digest or legs.own_model().disabled_pairs != model.disabled_pairs
+    ):
+        got = "legs or numbers of its own" if legs.own else "no legs in its file"
+        raise InvalidInput(
+            f"{path}: expected a plan for the robot {model.name} as its file is, got one for "
+            f"{problem.robot.name} with {got}"
+        )
+    if course is not None and (other := course_difference(problem, course(problem.frames))):
+        raise InvalidInput(f"{path}: expected a plan of that course, got one of another: {other}")
+
+
+class PartialPlan:
+    """The beginning of a course's plan, in a file that is written as its pieces are planned.
+
+    Arguments:
+        path: of the file, None keeps nothing. A run goes on from what stands there already as far
+            as it begins the same course, and if the verifier accepts all of it anew, joints and
+            bodies too; else it counts for nothing, and is written over.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = None if path is None else check_name(path)
+
+    def begun(self, course: Problem) -> Plan | None:
+        """The plan of the course's beginning that an earlier run left; None where there is none."""
+        if self._path is None or not self._path.exists():
+            return None
+        with suppress(InvalidInput):
+            plan, _ = read_motion(self._path, Plan)
+            last = 0 if plan.joints_rad is None else _shared(course, plan.problem)
+            if last > 0:
+                plan = plan if last == plan.problem.frames - 1 else beginning(plan, last)
+                return plan if check_plan(plan, joints=True).accepted else None
+        return None
+
+    def keep(self, plan: Plan) -> None:
+        """Write the beginning that there is."""
+        if self._path is not None:
+            write_motion(self._path, plan, check_plan(plan))
+
+    def remove(self) -> None:
+        """The course is planned: nothing is left."""
+        if self._path is not None:
+            with suppress(OSError):
+                self._path.unlink(missing_ok=True)
+            remove_leftovers(self._path.parent, self._path.name.__eq__)
+
+
+def _shared(course: Problem, other: Problem) -> int:
+    """The last key frame up to which two courses are one; 0 where they begin otherwise."""
+
+    def same(last: int) -> bool:
+        one, two = (json.dumps(course_window(each, 0, last).to_json()) for each in (course, other))
+        return one == two
+
+    first, last = 0, min(course.frames, other.frames) - 1
+    while first < last:
+        middle = (first + last + 1) // 2
+        first, last = (middle, last) if same(middle) else (first, middle - 1)
+    return first

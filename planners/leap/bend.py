@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..answer.answer import Answer, Status
-from ..answer.certificate import LEAP_BODY
-from ..answer.plan import LEAST_GATHER, MOST_GATHER, LeapPlan
+from ..answer.plan import LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan
 from ..answer.report import Group, Report
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.certificate import Crossing
+from ..answer.motion import Motion
 from ..answer.plan import LeapPlan, Plan
 from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
@@ -298,7 +299,7 @@ def footholds(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def feet_motion(
-    subject: Plan | Trajectory | LeapPlan | Crossing,
+    subject: Motion,
 ) -> PlanMotion | GaitMotion | LeapMotion | CrossingMotion:
     """The motion of a plan, a walk, a leap or a crossing, timed as ``run`` times it where no joint asks for
     more time.
@@ -314,3 +315,4 @@ def feet_motion(
             return LeapMotion(subject)
         case Crossing():
             return CrossingMotion(subject)
+    raise TypeError(f"expected a motion, got a {type(subject).__name__}")

@@ -147,8 +147,8 @@ class Samples:
         return samples
 
 
-class Motion(Protocol):
-    """Motion that a film shows, a tracker follows and an export writes."""
+class Played(Protocol):
+    """Played that a film shows, a tracker follows and an export writes."""
 
     @property
     def solids(self) -> tuple[Solid, ...]:
@@ -247,7 +247,7 @@ LARGEST_RATE_HZ = 10_000.0
 
 
 def table_of(
-    motion: Motion,
+    motion: Played,
     limbs: tuple[str, ...],
     joints: tuple[str, ...] = (),
     rate_hz: float = 100.0,

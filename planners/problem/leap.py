@@ -229,6 +229,12 @@ class Leap:
         """m g, the unit of forces [N]."""
         return self.robot.mass_kg * GRAVITY_M_S2
 
+    def to_json(self) -> dict[str, Any]:
+        """The leap as JSON-ready values."""
+        from .leap_classes import leap_to_json  # draws robots and terrain, which is slow to import
+
+        return leap_to_json(self)
+
     @property
     def intervals(self) -> int:
         """M, how many intervals all phases have."""

@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.answer import Answer, Status
-from ..answer.plan import Plan
-from ..answer.report import LATE, MARGIN
+from ..answer.plan import MARGIN, Plan
+from ..answer.report import LATE
 from ..arguments import cached_property
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..equilibrium.layout import Index

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.certificate import LEAP_BODY
-from ..answer.plan import LEAST_GATHER, MOST_GATHER, NUMBERS, LeapPlan
+from ..answer.plan import LATER, LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan, leap_shapes
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
@@ -311,18 +310,13 @@ def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
 def _defect(plan: LeapPlan) -> str:
     """Why a plan is none; empty where it is one."""
     leap = plan.problem
-    m, n, p = leap.intervals, len(leap.robot.limbs), len(leap.footholds)
-    nodes = (m + 1, 3)
-    shapes = dict(zip(NUMBERS, (nodes, nodes, nodes, nodes, (p, 3), (m, n, 3)), strict=True)) | {
-        "choice": (p,)
-    }
-    later = {"legs_turn_rad": (m, 3), "gather": (2,)}
-    shapes |= {name: later[name] for name in plan.later}
     if not 0 <= plan.timing < len(leap.timings_s):
         return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
-    for name, shape in shapes.items():
+    for name, shape in leap_shapes(leap).items():
         array = getattr(plan, name)
-        if array.shape != shape:
+        if array is None and name in LATER:
+            continue
+        if np.shape(array) != shape:
             return f"{name}: expected shape {shape}, got {array.shape}"
         if not np.all(np.isfinite(array)) or np.abs(array).max(initial=0.0) > 1e9:
             return f"{name}: expected finite numbers, got others"

@@ -25,8 +25,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..answer.plan import Plan
-from ..answer.report import PLAN_GROUPS, WHOLE_BODY, Group, Report
+from ..answer.plan import WHOLE_BODY, Plan
+from ..answer.report import PLAN_GROUPS, Group, Report
 from ..files.arrays import Array
 from ..motion.path import touch_downs_m
 from ..problem.contact import LINEAR

@@ -15,17 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answer.certificate import NOBODY_CARRIES
-from ..answer.plan import PER_FRAME, Plan
+from ..answer.plan import NOBODY_CARRIES, OPTIONAL, PER_FRAME, WHOLE_BODY, Plan, plan_shapes
 from ..answer.report import (
     GROUPS,
     LATE,
-    OPTIONAL,
     PLAN_GROUPS,
-    WHOLE_BODY,
     Group,
     Report,
-    plan_shapes,
 )
 from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import LARGEST, Array

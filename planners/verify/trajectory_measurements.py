@@ -14,8 +14,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.certificate import WALK_BODY as WHOLE_BODY
 from ..answer.trajectory import OFF_M, STEP_S, Trajectory
+from ..answer.trajectory import WALK_BODY as WHOLE_BODY
 from ..arguments import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2

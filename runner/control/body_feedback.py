@@ -72,15 +72,9 @@ class BodyFeedback:
         return any((self.position_s2, self.velocity_s, self.rotation_s2, self.turn_s))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BodyPose:
-    """Pose of the base: origin, shape (3,) [m], R_WB, shape (3, 3), velocity, linear and angular in
-    the world, (6,).
-    """
-
-    origin_m: Array
-    rotation: Array
-    velocity: Array
+BodyPose = tuple[Array, Array, Array]
+"""Pose of the base: origin, shape (3,) [m], R_WB, shape (3, 3), velocity, linear and angular in the
+world, shape (6,)."""
 
 
 class BodyController:
@@ -106,10 +100,10 @@ class BodyController:
 
     def wrench(self, wanted: BodyPose, found: BodyPose) -> Array:
         """Force [N] and moment [Nm] on the body in the world, shape (6,)."""
-        gains, turn = self._feedback, found.rotation
-        late = wanted.velocity - found.velocity
-        force = gains.position_s2 * (wanted.origin_m - found.origin_m) + gains.velocity_s * late[:3]
-        away = self._log(wanted.rotation @ turn.T)
+        (origin, rotation, velocity), (at, turn, goes), gains = wanted, found, self._feedback
+        late = velocity - goes
+        force = gains.position_s2 * (origin - at) + gains.velocity_s * late[:3]
+        away = self._log(rotation @ turn.T)
         moment = (
             turn @ self._inertia @ turn.T @ (gains.rotation_s2 * away + gains.turn_s * late[3:])
         )
@@ -155,17 +149,15 @@ class BodyController:
         frames = sample.frames[rows]
         maps = np.concatenate([frames, _TURNING * skew(arms_m[rows]) @ frames], axis=1)
         planned = np.einsum("nik,ni->nk", frames, planned_n[rows])
-        question = _Asked(
-            arms=maps.transpose(1, 0, 2).reshape(6, -1),
-            wanted=WEIGHTS * (wrench + sample.wrench) / self._weight,
-            planned=planned / self._weight,
-            friction=self._friction(sample)[rows],
-        )
-        force = self._of_no_cone(question)
+        arms, planned = maps.transpose(1, 0, 2).reshape(6, -1), planned / self._weight
+        wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
+        friction = self._friction(sample)[rows]
+        force = self._of_no_cone(arms, wanted, planned, friction)
         if force is None:
+            question = _Asked(arms=arms, wanted=wanted, planned=planned, friction=friction)
             solution = self._program(len(frames)).solve(question)
-            force = solution.value("forces") if solution.solved else question.planned
-            force = self._inside(force, question.friction)
+            force = solution.value("forces") if solution.solved else planned
+            force = self._inside(force, friction)
         force_n = np.einsum("nik,nk->ni", frames, self._weight * force)
         if whole:
             return np.asarray(force_n)
@@ -211,24 +203,25 @@ class BodyController:
         force[:, 1:] *= np.minimum(1.0, friction * force[:, 0] / across)[:, None]
         return np.asarray(np.einsum("nik,nk->ni", frames, self._weight * force))
 
-    def _of_no_cone(self, question: _Asked) -> Array | None:
+    def _of_no_cone(
+        self, arms: Array, wanted: Array, planned: Array, friction: Array
+    ) -> Array | None:
         """The program's forces where no cone holds them, p + Aᵀ y, and where they would be less, the
         least ones; in the feet's frames and units of the weight, shape (n, 3). None where a cone
         does.
 
-        Arguments:
-            question: y solves (B Bᵀ + ε) y = w − A p, with B = A but zero, and p the least force, in
-                the columns that are held there. Those are found anew until they stay.
+        y solves (B Bᵀ + ε) y = w − A p, with B = A but zero, and p the least force, in the columns
+        that are held there. Those are found anew until they stay. Arguments as of ``_Asked``.
         """
-        arms, planned, least = question.arms, question.planned, self._feedback.least_share
+        least = self._feedback.least_share
         free, start, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
         for _ in range(_ROUNDS):
-            lacks = np.linalg.solve(free @ free.T + _EVEN, question.wanted - arms @ start.ravel())
+            lacks = np.linalg.solve(free @ free.T + _EVEN, wanted - arms @ start.ravel())
             force = planned + (lacks @ arms).reshape(planned.shape)
             light = force[:, 0] < least
             if (light == held).all():
                 force[held, 0] = least
-                inside = lengths(force[:, 1:]) <= question.friction * force[:, 0]
+                inside = lengths(force[:, 1:]) <= friction * force[:, 0]
                 return force if inside.all() else None  # nor where one is not finite
             free, start, held = arms.copy(), planned.copy(), light
             free[:, ::3][:, held], start[held, 0] = 0.0, least

@@ -216,10 +216,9 @@ class FootPlacement:
                 step = self._step(state, body, then)
                 self._stepped = np.where((stands | held)[:, None], self._stepped, step)
             placed = np.where(held[:, None], self._landed, then.feet_m + self._stepped)
-            origin = body.origin_m + self.shift_m
-            carried = (
-                origin + (placed - state.position_m) @ state.rotation @ body.rotation.T - placed
-            )
+            origin, turned, _ = body
+            origin = origin + self.shift_m
+            carried = origin + (placed - state.position_m) @ state.rotation @ turned.T - placed
             goes = self._step_s == 0.0 or held.all()
             shift = self.shift_m if goes else np.where(held[:, None], self.shift_m, 0.0)
             goal = placed + self._free(carried, felt_n, then, held) - then.feet_m - shift
@@ -310,7 +309,8 @@ class FootPlacement:
         """Distance that feet which go with the body step aside, along their surfaces, (N, 3) [m]:
         to where it comes to rest over them, x + v √(h/g) of what it is off, and a little farther.
         """
-        late, away = found.velocity[:3] - body.velocity[:3], found.position_m - body.origin_m
+        origin, _, velocity = body
+        late, away = found.velocity[:3] - velocity[:3], found.position_m - origin
         aside = _BEYOND * self._step_s * late + (_BEYOND - 1.0) * away
         aside = aside * min(1.0, self._most_step / max(float(np.linalg.norm(aside)), 1e-9))
         return np.asarray(aside - (sample.normals @ aside)[:, None] * sample.normals)

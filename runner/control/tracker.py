@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from stancekit.planners.files.arrays import Array, lengths
 from stancekit.planners.motion.joints import STRAY_M
-from stancekit.planners.motion.motion import Motion, Samples, smooth
+from stancekit.planners.motion.motion import Played, Samples, smooth
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio
 
 from ..motion.redundancy import RedundancyResolution, resolved
 from ..worlds.drives import Drives
 from ..worlds.world import State
-from .body_feedback import BodyController, BodyFeedback, BodyPose, skew
+from .body_feedback import BodyController, BodyFeedback, skew
 from .foot_placement import FADES, ContactFeedback, FootPlacement
 
 SPEED_SHARE = 0.9
@@ -203,7 +203,7 @@ class _Coming:
     begins with a single one again.
     """
 
-    def __init__(self, motion: Motion, wished: RedundancyResolution, period_s: float) -> None:
+    def __init__(self, motion: Played, wished: RedundancyResolution, period_s: float) -> None:
         self._motion, self._wished, self._period_s = motion, wished, period_s
         self._known, self._count = dict[float, _Expected](), 1
         self._asked = self._last = -1.0
@@ -292,7 +292,7 @@ class Tracker:
 
     def __init__(
         self,
-        motion: Motion,
+        motion: Played,
         kinematics: Kinematics,
         rate_hz: float,
         feedback: ContactFeedback = ContactFeedback(),
@@ -316,7 +316,7 @@ class Tracker:
         )
         self._feels_body = body.acts
         self._loops = LoopStiffness(self._drives, self._period_s, feedback.memory_s)
-        self._found: _Found | None = None
+        self._found: tuple[State, tuple[Array, Array]] | None = None  # measured, with its loads
         self._placed: tuple[Array, Array] | None = None
         self._rates = np.zeros(len(kinematics.joints))
         limbs = len(kinematics.robot.limbs)
@@ -390,8 +390,9 @@ class Tracker:
         """
         self._found = None
         if state is not None and self._feels_body:
-            self._found = _Found(state, self._kinematics.loads(state.angles_rad, state.rotation))
-            torques = self._kinematics.torques_of(self._found.loads, forces_n)
+            loads = self._kinematics.loads(state.angles_rad, state.rotation)
+            self._found = state, loads
+            torques = self._kinematics.torques_of(loads, forces_n)
             self._loops.see(state, torques, self._of(self._feet.touched))
         if self._time_s >= self._motion.duration_s:
             return None
@@ -400,11 +401,7 @@ class Tracker:
         lands = self._feet.seek(now, then, felt, self._swing.late) & self._feedback.waits
         seen = None
         if self._found is not None and self._placed is not None:
-            origin, rotation = self._placed
-            seen = (
-                self._found.state,
-                BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity),
-            )
+            seen = self._found[0], (*self._placed, self._velocity)
         self._feet.follow(now, then, felt, self._rolled, seen)
         self._press(then, forces_n, then.stands)
         if lands.any():
@@ -497,18 +494,15 @@ class Tracker:
             turn = self._log(rotation @ placed[1].T)
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
         pressed = np.where(self._feet.touched[:, None], pressed, 0.0)
-        wanted = BodyPose(
-            origin_m=origin + self._feet.shift_m, rotation=rotation, velocity=self._velocity
-        )
-        state = self._found.state
-        seen = BodyPose(origin_m=state.position_m, rotation=state.rotation, velocity=state.velocity)
+        wanted = origin + self._feet.shift_m, rotation, self._velocity
+        state, there = self._found
+        seen = state.position_m, state.rotation, state.velocity
         arms = state.feet_m - state.position_m - state.rotation @ self._shift
         wrench, touched = self._body.wrench(wanted, seen), self._feet.touched
         if self._kinematics.soles:
-            turn, loads = state.rotation, self._found.loads
-            return self._on_soles(sample, wrench, arms, pressed, touched, turn, loads)
+            return self._on_soles(sample, wrench, arms, pressed, touched, state.rotation, there)
         forces = self._body.forces(wrench, sample, arms, pressed, touched)
-        return self._kinematics.torques_of(self._found.loads, forces)
+        return self._kinematics.torques_of(there, forces)
 
     def _on_soles(
         self,
@@ -530,7 +524,7 @@ class Tracker:
             loads: of the joints where they are.
         """
         assert self._found is not None
-        kinematics, angles = self._kinematics, self._found.state.angles_rad
+        kinematics, angles = self._kinematics, self._found[0].angles_rad
         offsets = kinematics.sole_offsets(angles)
         counts = [len(its) for its in offsets]
         owner = np.repeat(np.arange(len(counts)), counts)
@@ -594,11 +588,3 @@ class Tracker:
             stuck &= straight | (missed < error)
             angles, error = np.where(self._of(stuck), other, angles), np.where(stuck, missed, error)
         return angles, error, origin
-
-
-@dataclass(frozen=True)
-class _Found:
-    """State that a world measured, and the loads of its joints there."""
-
-    state: State
-    loads: tuple[Array, Array]

@@ -10,17 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.certificate import Crossing
-from stancekit.planners.answer.plan import LeapPlan, MotionTable, Plan
+from stancekit.planners.answer.motion import Motion
+from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked
 from stancekit.planners.files.writing import check_writable, replaced, write_bytes
-from stancekit.planners.formats.motion_file import csv_of, joint_trajectory_bytes, npz_of
+from stancekit.planners.formats.table_file import csv_of, joint_trajectory_bytes, npz_of
 from stancekit.planners.motion.gait_motion import feet_motion
-from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Motion, table_of
+from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Played, table_of
 from stancekit.planners.motion.plan_motion import PlanMotion
-from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
@@ -29,9 +28,7 @@ from ..control.tracker import command
 from ..motion.time_parametrization import RATE_HZ, joint_motion
 from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulation import SimulatedBody
-from ..worlds.world import Ground, Terrain
-
-Subject = Plan | Trajectory | LeapPlan | Crossing
+from ..worlds.world import Terrain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,36 +48,17 @@ class Moved:
     without: str = ""
 
 
-def scene_of(subject: Subject) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
-    """Robot that moves, the names of its limbs, the terrain, and the mass of all."""
-    match subject:
-        case Plan():
-            course = subject.problem
-            chosen = tuple(course.patch(p, subject.choice) for p in range(len(course.footholds)))
-            return (
-                course.robot,
-                course.robot.limb_names,
-                course.terrain or chosen,
-                course.gravity_m_s2,
-            )
-        case Trajectory():
-            ground = Ground(heights=subject.terrain, friction=subject.friction)
-            try:
-                robot: Robot | None = walking_robot(subject.robot)
-            except InvalidInput:
-                robot = None
-            return robot, subject.robot.limb_names, ground, GRAVITY_M_S2
-        case LeapPlan():
-            leap = subject.problem
-            patches = tuple(leap.patch(j, subject.choice) for j in range(len(leap.footholds)))
-            return leap.robot, leap.robot.limb_names, patches, GRAVITY_M_S2
-        case Crossing():
-            return (
-                subject.robot,
-                subject.robot.limb_names,
-                subject.terrain,
-                subject.first.gravity_m_s2,
-            )
+def scene_of(subject: Motion) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
+    """Robot that moves, None where its legs are not known, the names of its limbs, the terrain, and
+    gravity.
+    """
+    robot: Robot | None = subject.robot
+    if isinstance(subject, Trajectory):
+        try:
+            robot = walking_robot(subject.robot)
+        except InvalidInput:
+            robot = None
+    return robot, subject.robot.limb_names, subject.ground(), subject.gravity_m_s2
 
 
 def _mjcf_of(moved: Moved) -> str:
@@ -316,7 +294,7 @@ FORMATS: Mapping[str, _Format] = {
 """By the name that ``export --to`` takes."""
 
 
-def moved_of(subject: Subject, to: str, rate_hz: float = RATE_HZ, source: str = "") -> Moved:
+def moved_of(subject: Motion, to: str, rate_hz: float = RATE_HZ, source: str = "") -> Moved:
     """Sample the motion of a plan, a walk or a leap for a format.
 
     Arguments:
@@ -339,7 +317,7 @@ def moved_of(subject: Subject, to: str, rate_hz: float = RATE_HZ, source: str = 
             raise InvalidInput(
                 f"{to}: expected a motion with joints, got one without: {without}"
             ) from None
-    sampled: Motion = feet_motion(subject) if motion is None else motion
+    sampled: Played = feet_motion(subject) if motion is None else motion
     robot, limbs, terrain, gravity_m_s2 = scene_of(subject)
     joints = () if motion is None or robot is None else joint_names(robot)
     name = "" if robot is None else robot.name

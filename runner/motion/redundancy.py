@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
-from stancekit.planners.motion.motion import Motion, Samples, smooth
+from stancekit.planners.motion.motion import Played, Samples, smooth
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import JOINTS
 from stancekit.planners.robot.chain import rotation_of
@@ -49,7 +49,7 @@ class LoadTransfer:
     """
 
     def __init__(
-        self, motion: Motion, forces_n: Array | float = 0.0, within_s: float = math.inf
+        self, motion: Played, forces_n: Array | float = 0.0, within_s: float = math.inf
     ) -> None:
         self._motion, self.solids = motion, motion.solids
         self._forces, self._within_s = np.asarray(forces_n), within_s
@@ -61,7 +61,7 @@ class LoadTransfer:
 
     @property
     def knots_s(self) -> Array:
-        """Times of the knots, as in ``Motion`` [s]."""
+        """Times of the knots, as in ``Played`` [s]."""
         return self._motion.knots_s
 
     def at(self, times_s: float | Array) -> Samples:
@@ -81,7 +81,7 @@ class MeanForces:
         period_s: of control [s].
     """
 
-    def __init__(self, motion: Motion, period_s: float) -> None:
+    def __init__(self, motion: Played, period_s: float) -> None:
         self._motion, self._period_s, self.solids = motion, period_s, motion.solids
 
     @property
@@ -91,7 +91,7 @@ class MeanForces:
 
     @property
     def knots_s(self) -> Array:
-        """Times of the knots, as in ``Motion`` [s]."""
+        """Times of the knots, as in ``Played`` [s]."""
         return self._motion.knots_s
 
     def at(self, times_s: float | Array) -> Samples:
@@ -132,7 +132,7 @@ class RedundancyResolution:
     """
 
     def __init__(
-        self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None
+        self, motion: Played, kinematics: Kinematics, near_rad: Array | None = None
     ) -> None:
         times = motion.knots_s
         if isinstance(motion, PlanMotion) and motion.plan.joints_rad is not None:
@@ -184,7 +184,7 @@ class RedundancyResolution:
         return np.asarray(self._angles(np.minimum(np.maximum(times_s, 0.0), self._end)))
 
 
-def resolved(motion: Motion, kinematics: Kinematics) -> RedundancyResolution:
+def resolved(motion: Played, kinematics: Kinematics) -> RedundancyResolution:
     """Resolve the postures that inverse kinematics is drawn to along a motion; half of the work
     before a run, which trackers share.
     """
@@ -201,7 +201,7 @@ def _planned(
     return _from(near_rad, path, motion, times)
 
 
-def _from(near_rad: Array | None, path: Array, motion: Motion, times: Array) -> Array:
+def _from(near_rad: Array | None, path: Array, motion: Played, times: Array) -> Array:
     """The path from where the robot is, if it is somewhere: what it is off by there fades while the
     motion is at rest. A robot that stands has no other way to the beginning that moves no foot.
     """

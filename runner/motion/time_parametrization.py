@@ -19,6 +19,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import cached_property
@@ -27,7 +28,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion, feet_motion, plans_of
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.motion.leap_motion import LeapRun
-from stancekit.planners.motion.motion import Motion, Samples, between, stacked
+from stancekit.planners.motion.motion import Played, Samples, between, stacked
 from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
@@ -53,7 +54,7 @@ refused by them."""
 
 def check_at_rest(
     source: str,
-    motion: Motion,
+    motion: Played,
     kinematics: Kinematics,
     wished: RedundancyResolution,
     drives: Drives,
@@ -265,7 +266,7 @@ class JointProfile:
     wished: RedundancyResolution
 
 
-M_co = TypeVar("M_co", bound=Motion, covariant=True)
+M_co = TypeVar("M_co", bound=Played, covariant=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -289,7 +290,7 @@ class TimedMotion(Generic[M_co]):
 
     @property
     def solids(self) -> tuple[Solid, ...]:
-        """Solids, as in ``Motion``."""
+        """Solids, as in ``Played``."""
         return self.motion.solids
 
     @property
@@ -408,7 +409,7 @@ def parametrize(
 
 
 def joint_profile(
-    motion: Motion,
+    motion: Played,
     kinematics: Kinematics,
     rate_hz: float = RATE_HZ,
     *,
@@ -467,7 +468,7 @@ STEADY = replace(BLIND, waits=False)
 
 
 def undisturbed(
-    motion: Motion,
+    motion: Played,
     kinematics: Kinematics,
     rate_hz: float = RATE_HZ,
     wished: RedundancyResolution | None = None,
@@ -597,7 +598,7 @@ _JointMotion = (
 )
 
 
-def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Motion:
+def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Played:
     """The motion of a plan, a walk, a leap or a crossing as ``run`` streams it where nothing disturbs it, ``RATE_HZ``
     rows per second.
 
@@ -611,9 +612,7 @@ def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Motion:
     return feet_motion(subject)
 
 
-def joint_motion(
-    subject: Plan | Trajectory | LeapPlan | Crossing, rate_hz: float = RATE_HZ
-) -> _JointMotion:
+def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> _JointMotion:
     """The motion of a plan, a walk, a leap or a crossing with its joints, as ``run`` streams it, so
     many rows per second.
 
@@ -649,6 +648,7 @@ def joint_motion(
             kinematics = Kinematics(subject.problem.robot, gravity_m_s2=GRAVITY_M_S2)
             drives, can = _of_file(kinematics)
             return _timed(LeapRun(subject), kinematics, drives, can, rate_hz)
+    raise TypeError(f"expected a motion, got a {type(subject).__name__}")
 
 
 L = TypeVar("L", LeapRun, CrossingMotion)

@@ -331,6 +331,7 @@ class SimulatedWorld(LatchedWorld):
         self.joints = self.drives.joints
         self.capabilities = WorldCapabilities.of_drives(self.drives, rate_hz, senses=True)
         self._substeps = max(1, round(1.0 / (rate_hz * PHYSICS_S)))
+        self._perfect = imperfections == Imperfections()
         self._draw = np.random.default_rng(imperfections.seed)
         self._offset = imperfections.offset_rad * self._draw.uniform(-1.0, 1.0, len(self.joints))
         self._late = round(imperfections.delay_s * rate_hz)
@@ -412,6 +413,8 @@ class SimulatedWorld(LatchedWorld):
 
     def _measured(self, state: State) -> State:
         """State as the sensors of joints and feet read it."""
+        if self._perfect:
+            return state
         noise = self.imperfections.noise_rad
         read = state.angles_rad + self._offset
         read = read + noise * self._draw.standard_normal(len(read)) if noise else read

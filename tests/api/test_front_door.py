@@ -498,7 +498,7 @@ def test_files_and_data_sets_are_verified_by_their_names(
     certificate = stancekit.solve(problem).certificate
     assert certificate is not None
     proof = tmp_path / "proof.json"
-    stancekit.save((problem, certificate), proof)
+    stancekit.save(certificate, proof)
     check = stancekit.verify(proof)
     assert isinstance(check, stancekit.FileCheck)
     assert (check.kind, check.accepted, check.to_json()["verdict"]) == (

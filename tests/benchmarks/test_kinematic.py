@@ -18,7 +18,7 @@ from benchmarks.published.kinematic import KinematicPlanner, Placed
 from benchmarks.published.scene import FOLDER, SCENES, read_scene
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import read_plan
+from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import course_difference, read_course
 from stancekit.planners.search.answer import Clock
@@ -363,7 +363,7 @@ def test_a_scene_with_a_plan_has_its_files_and_a_line_on_the_page(scenes, tmp_pa
     assert [row["verified"] for row in rows] == [True, True]
     assert rows[0]["steps"] == 6
     assert rows[1]["as_planned"] is False
-    plan, _ = read_plan(tmp_path / "pace-two-stage.plan.json")
+    plan, _ = read_motion(tmp_path / "pace-two-stage.plan.json")
     assert check_plan(plan).accepted
     assert course_difference(read_course(tmp_path / "pace.course.json"), plan.problem) == ""
     page = scenes.page(rows, asked)

@@ -74,6 +74,7 @@ def plan(
     }
     frames, at = len(com), toes() @ turn.T
     course = {
+        "format": "stancekit/course/1",
         "robot": robot(),
         "terrain": [patch],
         "placements": [
@@ -91,7 +92,11 @@ def plan(
         "choice": np.zeros(4, dtype=int),
         "forces_n": forces,
     }
-    content = {"format": "stancekit/plan/3", "course": course, "arrays": {"npz": packed(arrays)}}
+    content = {
+        "format": "stancekit/motion/1",
+        "question": course,
+        "columns": {"npz": packed(arrays)},
+    }
     path.write_text(json.dumps(content | changes))
     return path
 
@@ -130,14 +135,11 @@ def walk(path: Path, **changes: Any) -> Path:
     its = robot()
     its["feet"] = [{"name": name} for name in LEGS]
     del its["limbs"]
-    content = {
-        "format": "stancekit/gait/3",
-        "robot": its,
-        "friction": 0.7,
-        "adhesive": [False] * 4,
-        "samples": packed(arrays),
-    }
-    path.write_text(json.dumps(content | changes))
+    asked = {"robot": its, "friction": 0.7, "adhesive": [False] * 4, **changes}
+    question = {"format": "stancekit/walk/1", **asked}
+    columns = {"npz": packed(arrays)}
+    content = {"format": "stancekit/motion/1", "question": question, "columns": columns}
+    path.write_text(json.dumps(content))
     return path
 
 
@@ -246,13 +248,13 @@ def test_a_leap_whose_toes_are_unloaded_before_they_lift_goes_where_it_is_planne
 ) -> None:
     """A push that ends at full force loses some: no control lets go of it within an instant."""
     from stancekit.planners.equilibrium.programs import Programs
-    from stancekit.planners.formats.leap_file import read_leap, write_leap
+    from stancekit.planners.formats.motion_file import read_motion, write_motion
     from stancekit.planners.leap.bend import LeapBender
+    from stancekit.planners.verify.leaps import check_leap
 
-    plan = read_leap(LEAP).plan
-    assert plan is not None
+    plan, _ = read_motion(LEAP)
     _, eased = LeapBender(Programs()).bent(plan)
-    write_leap(tmp_path / "leap.json", eased.plan.problem, eased.plan)
+    write_motion(tmp_path / "leap.json", eased.plan, check_leap(eased.plan))
     before, after = (play(path, SETTINGS) for path in (LEAP, tmp_path / "leap.json"))
     assert before.most_mm > 15.0
     assert after.stood
@@ -265,11 +267,10 @@ def test_a_leap_on_ice_does_not_stand() -> None:
 
 def test_the_referee_has_a_leap_as_the_package_has_it() -> None:
     """Body, feet, contacts and forces, each by its own code from one file."""
-    from stancekit.planners.formats.leap_file import read_leap
+    from stancekit.planners.formats.motion_file import read_motion
     from stancekit.planners.motion.leap_motion import LeapRun
 
-    plan = read_leap(LEAP).plan
-    assert plan is not None
+    plan, _ = read_motion(LEAP)
     ours, reference = (
         LeapRun(plan, settle_s=SETTINGS.timing.rest_s),
         prepared(read(LEAP), SETTINGS, Wrong())[1],
@@ -287,7 +288,8 @@ def test_the_referee_has_a_leap_as_the_package_has_it() -> None:
 def test_a_leap_without_footholds_gives_one_line(tmp_path: Path) -> None:
     data = json.loads(LEAP.read_text())
     path = tmp_path / "leap.json"
-    path.write_text(json.dumps(data | {"footholds": data["footholds"][:-1]}))
+    data["question"]["footholds"].pop()
+    path.write_text(json.dumps(data))
     with refuses("footholds", kind=BrokenFile):
         read(path)
 
@@ -324,13 +326,16 @@ def test_feet_share_a_wrench_that_their_cones_can_carry() -> None:
     ("changes", "said"),
     [
         ({"format": "stancekit/plan/1"}, "expected the format"),
-        ({"course": {}}, "expected the key 'robot', found nothing there"),
-        ({"arrays": {"npz": "no"}}, "expected an archive of arrays in base64, got none"),
         (
-            {"arrays": {"npz": packed({name: np.zeros(2) for name in ("com_m", "rotation_rad")})}},
+            {"question": {"format": "stancekit/course/1"}},
+            "expected the key 'robot', found nothing there",
+        ),
+        ({"columns": {"npz": "no"}}, "expected an archive of arrays in base64, got none"),
+        (
+            {"columns": {"npz": packed({name: np.zeros(2) for name in ("com_m", "rotation_rad")})}},
             "com_m: expected finite numbers of shape (1, 3), got float64 of shape (2,)",
         ),
-        ({"arrays": {"npz": packed({"points_m": np.zeros(1)})}}, "got soles"),
+        ({"columns": {"npz": packed({"points_m": np.zeros(1)})}}, "got soles"),
     ],
 )
 def test_a_broken_plan_gives_one_line(changes: Changes, said: str, tmp_path: Path) -> None:
@@ -344,7 +349,7 @@ def test_a_broken_plan_gives_one_line(changes: Changes, said: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", "1", '{"format": 3}', '{"format": "stancekit/gait/3"}']
+    "text", ["", "{", "[]", "1", '{"format": 3}', '{"format": "stancekit/motion/1"}']
 )
 def test_what_is_no_file_gives_one_line(text: str, tmp_path: Path) -> None:
     file = tmp_path / "file.json"
@@ -358,7 +363,7 @@ def test_what_is_no_file_gives_one_line(text: str, tmp_path: Path) -> None:
 
 def test_a_joint_with_two_axes_has_the_first(standing: Path, tmp_path: Path) -> None:
     data = json.loads(standing.read_text())
-    model = data["course"]["robot"]["model"]
+    model = data["question"]["robot"]["model"]
     model["urdf"] = model["urdf"].replace(
         '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>'
     )

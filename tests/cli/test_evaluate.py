@@ -18,7 +18,7 @@ from stancekit.learners.selectors.network import Architecture, BoxNetwork, Choic
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.motions import policy_of
-from stancekit.planners.formats.plan_file import write_boxes
+from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.runner.control.closed_loop import LoopReport

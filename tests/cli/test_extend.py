@@ -13,7 +13,7 @@ import stancekit as library
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.formats.plan_file import answer_from_json, read_envelopes
+from stancekit.planners.formats.question_file import answer_from_json, read_envelopes
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.terrain_spec import family_keys

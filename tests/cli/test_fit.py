@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from stancekit.learners.training.train_config import TrainConfig
-from stancekit.planners.formats.plan_file import read_envelopes
+from stancekit.planners.formats.question_file import read_envelopes
 from tests.refusals import assert_names
 
 QUICK = {

@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from stancekit.cli import gait as gait_command
-from stancekit.planners.formats.trajectory_file import check_file, read_trajectory
+from stancekit.planners.formats.motion_file import check_file, read_motion
 from stancekit.views.gaits import GaitView
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names
@@ -63,10 +63,10 @@ def test_an_accepted_walk_is_written_with_its_verdict(gait, short):
     assert record["verified"]
     assert record["attempt"] == "decoupled"
     assert record["message"] == ACCEPTED
-    written = read_trajectory("walk.json")
-    assert written.verified
-    assert check_file("walk.json").digest == record["digest"]
-    assert np.allclose(written.trajectory.goal_xy_m, [0.2, 0.1])
+    walk, content = read_motion("walk.json")
+    assert content["verified"]
+    assert check_file("walk.json").report.digest == record["digest"]
+    assert np.allclose(walk.goal_xy_m, [0.2, 0.1])
     (attempt,) = record["attempts"]
     assert attempt["violations"][-1] < 1e-4 <= min(attempt["violations"][:-1])
     assert attempt["iterations"] == len(attempt["violations"]) - 1
@@ -93,7 +93,7 @@ def test_a_urdf_walks_and_its_own_legs_reach_every_foot(gait, stancekit, refusal
         "numbers of its own: model.digest: expected "
     )
     os.remove("dog.urdf")
-    walk = read_trajectory("walk.json").trajectory
+    walk = read_motion("walk.json")[0]
     whole = pin.buildModelFromXML(walk.robot.model.urdf, pin.JointModelFreeFlyer())
     assert pin.computeTotalMass(whole) == pytest.approx(walk.robot.mass_kg)
     assert walk.robot.limb_names == ("LF", "RF", "LH", "RH")
@@ -110,8 +110,7 @@ def test_verify_takes_the_file_and_refuses_one_changed_by_hand(
     assert ACCEPTED in ran.out
     header = tmp_path / "walk.json"
     header.write_text(header.read_text().replace('"friction": 0.75', '"friction": 0.95'))
-    said = "walk.json: its digest does not fit its contents: changed since it was written"
-    assert refusal("verify", "walk.json") == said
+    assert_names(refusal("verify", "walk.json"), "walk.json", "digest")
 
 
 def test_words_say_the_same_as_json(gait):
@@ -131,9 +130,9 @@ def test_what_the_verifier_refuses_is_not_written_unless_asked_for_and_then_mark
     code, out, _ = gait(*hard, "--out", "walk.json", "--unverified")
     assert code == 1
     assert "walk.json: 401 samples, NOT VERIFIED" in out
-    written = read_trajectory("walk.json")
-    assert not written.verified
-    assert not written.verdict["accepted"]
+    _, content = read_motion("walk.json")
+    assert not content["verified"]
+    assert not content["verdict"]["accepted"]
     assert not check_file("walk.json").accepted
 
 
@@ -144,7 +143,7 @@ def test_seeds_are_tried_from_their_own_guesses_and_the_smoothest_walk_is_kept(g
     assert [one["attempt"] for one in record["attempts"]] == ["decoupled", "decoupled, seed 8"]
     assert record["attempts"][0]["violations"][0] != record["attempts"][1]["violations"][0]
     peaks = [
-        check_file("walk.json").figures["peak_acceleration_g"],
+        check_file("walk.json").report.figures["peak_acceleration_g"],
         record["figures"]["peak_acceleration_g"],
     ]
     assert peaks[0] == peaks[1]
@@ -170,7 +169,7 @@ def test_the_second_phase_lowers_the_peak_and_raw_leaves_it_out(gait):
 
 def test_the_robot_faces_where_it_is_told(gait):
     gait(*SHORT, "--raw", "--heading", "goal", "--out", "walk.json")
-    turned = read_trajectory("walk.json").trajectory.rotation[0]
+    turned = read_motion("walk.json")[0].rotation[0]
     assert np.arctan2(turned[1, 0], turned[0, 0]) == pytest.approx(np.arctan2(0.1, 0.2), abs=1e-3)
 
 
@@ -178,7 +177,7 @@ def test_a_picture_of_heights_is_a_terrain(gait):
     Image.fromarray(np.full((81, 81), 128, dtype=np.uint8)).save("flat.png")
     read = ("flat.png", *SHORT[1:], "--raw", "--heights-m", "0,1", "--spacing-m", "0.05")
     assert gait(*read, "--out", "walk.json")[0] == 0
-    assert read_trajectory("walk.json").trajectory.terrain.heights_m == pytest.approx(128 / 255)
+    assert read_motion("walk.json")[0].terrain.heights_m == pytest.approx(128 / 255)
 
 
 def test_the_portfolio_stops_at_the_first_chart_that_is_accepted(gait):

@@ -12,7 +12,7 @@ import pytest
 from stancekit.cli.main import run
 from stancekit.cli.options import TerrainFile
 from stancekit.cli.warp import Warp
-from stancekit.planners.formats.trajectory_file import check_file
+from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES, terrain_family
 from stancekit.planners.terrain.reference import named_terrain
@@ -36,12 +36,12 @@ def test_help_and_documentation_list_the_one_table(stancekit, monkeypatch):
 
 def test_a_walk_goes_over_the_ground_that_a_plan_stands_on(stancekit):
     assert stancekit("gait", "stairs:0.1:7", *SHORT, "--out", "walk.json").code == 0
-    walked = check_file("walk.json").answer.terrain
+    walked = check_file("walk.json").report.answer.terrain
     assert walked.name == "stairs:0.1:7"
     stancekit(
         "plan", "stairs:0.1:7", "--out", "plan.json"
     )  # which the verifier refuses: bodies collide
-    course = json.loads(Path("plan.json").read_text(encoding="utf-8"))["course"]
+    course = json.loads(Path("plan.json").read_text(encoding="utf-8"))["question"]
     corners = [np.array(patch["vertices_m"]) for patch in course["terrain"]]
     treads = [each for each in corners if np.ptp(each[:, 2]) == 0.0]
     assert len(treads) > 5

@@ -73,7 +73,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "export": {TOOL: ("learners.data.export",)},
     "gait": {
         CHOICES: ("planners.gait.charts",),
-        LATER: ("planners.formats.trajectory_file",),
+        LATER: ("planners.formats.motion_file",),
         DRAWS: ("views.sheet",),
     },
     "gait_answer": {
@@ -119,8 +119,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         LATER: (
             "learners.leaps.policy",
-            "planners.formats.leap_file",
-            "planners.formats.plan_file",
+            "planners.formats.question_file",
             "planners.projection.whole_body",
             "planners.search.answer",
             "planners.verify",

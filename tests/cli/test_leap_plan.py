@@ -1,11 +1,16 @@
 """`stancekit plan` and `stancekit verify` over files of leaps."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem.leap_classes import leap_from_keys, leap_to_json
+from stancekit.planners.verify.leaps import check_leap
+from tests.refusals import assert_names
 
 ORDERS = "random, rule, noise, farkas, finder"
 
@@ -31,21 +36,11 @@ def test_a_leap_is_planned_written_and_verified(stancekit, drawn):
     )
     again = stancekit("verify", "leap.json")
     assert (again.code, "accepted" in again.out) == (0, True)
-    with open("leap.json") as file:
-        forged = json.load(file)
-    forged["plan"]["toes_m"][0][2] += 0.01
-    with open("forged.json", "w") as file:
-        json.dump(forged, file)
+    leap, _ = read_motion("leap.json")
+    forged = replace(leap, toes_m=leap.toes_m + np.array([0.0, 0.0, 0.01]))
+    write_motion("forged.json", forged, check_leap(forged))
     refused = stancekit("verify", "forged.json", "--json")
     assert (refused.code, refused.records[0]["verdict"]) == (1, "refused")
-    forged["plan"]["choice"][0] = 0.5
-    with open("forged.json", "w") as file:
-        json.dump(forged, file)
-    refused = stancekit("verify", "forged.json")
-    assert (refused.code, "plan.choice: expected whole numbers, got [0.5," in refused.err) == (
-        2,
-        True,
-    )
 
 
 def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
@@ -124,10 +119,8 @@ def test_a_bad_leap_is_one_line_and_exit_code_2(stancekit, tmp_path, change, mes
 
 def test_a_question_alone_is_nothing_to_verify(stancekit, drawn):
     ran = stancekit("verify", drawn("leap-hard", 0))
-    assert (
-        ran.code,
-        "expected a leap with a plan or a certificate, got the question alone" in ran.err,
-    ) == (2, True)
+    assert (ran.code, ran.err.count("\n")) == (2, 1)
+    assert_names(ran.err, "motion", "proof")
 
 
 def test_a_leap_is_drawn_by_its_name(stancekit):

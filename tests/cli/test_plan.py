@@ -16,7 +16,7 @@ import yaml
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import check_file
+from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.problem.course_file import builtin_courses
 from stancekit.views.page import check_page
 from stancekit.views.plans import PlanView

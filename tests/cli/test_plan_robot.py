@@ -18,6 +18,7 @@ import pytest
 from stancekit import courses
 from stancekit.cli.main import parse, run
 from tests.planners.robot.small_urdfs import quadruped
+from tests.refusals import assert_names
 
 COURSE = """
 name: flat
@@ -40,6 +41,11 @@ goal_m: [0.1, 0.0, {0}]
 body: {{com_radius_m: 0.005, first_radius_m: 0.005, tilt_limit_rad: 0.01}}
 terrain: {{kind: flat, friction: 0.7}}
 """
+
+
+def group(verdict, name):
+    """A group of a report's JSON."""
+    return next(each for each in verdict["groups"] if each["group"] == name)
 
 
 @pytest.fixture
@@ -79,7 +85,7 @@ def test_a_plan_has_joints_and_verify_says_the_same_of_its_file(call):
     code, out, err = call("verify", "plan.json", "--json")
     record = json.loads(out)
     assert record["report"]["checked"] == ["contacts", "joints", "torque"]
-    assert record["report"]["torque"]["share"] < 1.0
+    assert group(record["report"], "torque")["figures"]["share"] < 1.0
 
 
 @pytest.mark.parametrize(
@@ -102,12 +108,9 @@ def test_numbers_for_programs_have_the_joints(call):
     record = json.loads(out)
     assert code == 0
     assert np.array(record["plan"]["joints_rad"]).shape == (3, 12)
-    assert (
-        record["verdict"]["joints"]["verdict"]
-        == record["verdict"]["torque"]["verdict"]
-        == "checked"
-    )
-    assert record["verdict"]["joints"]["error_m"] < 1e-6
+    joints, torque = (group(record["verdict"], name) for name in ("joints", "torque"))
+    assert (joints["verdict"], torque["verdict"]) == ("holds", "holds")
+    assert joints["figures"]["error_m"] < 1e-6
 
 
 def test_a_robot_that_is_too_weak_has_a_plan_that_nobody_calls_accepted(call):
@@ -151,8 +154,7 @@ def test_verify_refuses_a_plan_for_another_robot_than_the_one_that_is_named(call
         "plan.json: expected a plan for the robot cat as its file is, got one for quadruped with "
         "legs or numbers of its own"
     )
-    said = refusal("verify", "flat.yaml", "--robot", "cat.urdf")
-    assert said == "--robot: expected a plan or a gait with it, got flat.yaml"
+    assert_names(refusal("verify", "flat.yaml", "--robot", "cat.urdf"), "flat.yaml", "motion")
 
 
 @pytest.mark.parametrize(
@@ -187,9 +189,9 @@ def test_legs_that_are_drawn_up_are_checked_by_plan_as_by_verify(call):
     assert (code, err) == (0, "")
     assert whole in out
     header = json.loads(Path("plan.json").read_text())
-    assert len(header["arrays"]["joints"]) == 24
+    assert len(header["columns"]["joints"]) == 24
     assert header["verdict"]["checked"] == ["contacts", "joints", "torque", "bodies", "motion"]
-    assert header["verdict"]["motion"]["postures"] > 10
+    assert group(header["verdict"], "motion")["figures"]["postures"] > 10
     assert whole in call("verify", "plan.json")[1]
 
 
@@ -197,7 +199,7 @@ def test_without_pinocchio_the_extra_is_named(refusal, plan, monkeypatch):
     Path("plan.json").write_text(plan)
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     said = refusal("verify", "plan.json")
-    assert said.startswith("plan.json: course: robot quadruped: ")
+    assert said.startswith("plan.json: question: robot quadruped: ")
     assert said.endswith('[robots]"')
 
 

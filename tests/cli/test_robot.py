@@ -11,7 +11,7 @@ import pytest
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import recheck
-from stancekit.planners.formats.plan_file import read_envelopes
+from stancekit.planners.formats.question_file import read_envelopes
 from stancekit.planners.robot.robot_file import named_robot
 from tests.planners.robot.small_urdfs import MASS, fixed, link, quadruped, robot
 from tests.refusals import assert_names

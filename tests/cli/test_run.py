@@ -22,7 +22,8 @@ from stancekit.cli.replay import Replay
 from stancekit.cli.run import RunMotion
 from stancekit.cli.simulate import _message
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.formats.plan_file import write_boxes, write_plan
+from stancekit.planners.formats.motion_file import write_motion
+from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
@@ -40,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert plan is not None
-    write_plan(folder / "plan.json", plan, check_plan(plan))
+    write_motion(folder / "plan.json", plan, check_plan(plan))
     return folder
 
 
@@ -452,7 +453,7 @@ def step() -> Plan:
 
 @pytest.fixture
 def file(tmp_path: Path) -> str:
-    write_plan(tmp_path / "plan.json", step(), check_plan(step()))
+    write_motion(tmp_path / "plan.json", step(), check_plan(step()))
     return "plan.json"
 
 
@@ -476,7 +477,7 @@ def test_people_get_a_table_and_a_picture(file, stancekit, tmp_path):
 
 def test_a_plan_that_the_verifier_rejected_is_not_executed(stancekit, tmp_path):
     bad = replace(step(), com_m=step().com_m + np.array([0.0, 0.05, 0.0]))
-    write_plan(tmp_path / "bad.json", bad, check_plan(bad))
+    write_motion(tmp_path / "bad.json", bad, check_plan(bad))
     ran = stancekit("simulate", "bad.json", "--json")
     assert (ran.code, ran.out) == (2, "")
     assert (
@@ -487,7 +488,7 @@ def test_a_plan_that_the_verifier_rejected_is_not_executed(stancekit, tmp_path):
 
 def test_a_plan_file_that_was_edited_is_refused(file, refusal, tmp_path):
     header = json.loads((tmp_path / file).read_text())
-    header["course"]["gravity_m_s2"] = 1.0
+    header["question"]["gravity_m_s2"] = 1.0
     (tmp_path / file).write_text(json.dumps(header))
     assert refusal("simulate", file).startswith("plan.json: ")
 
@@ -581,7 +582,7 @@ def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert plan is not None
-    write_plan("plan.json", plan, check_plan(plan))
+    write_motion("plan.json", plan, check_plan(plan))
     return tmp_path
 
 

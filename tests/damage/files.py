@@ -21,9 +21,8 @@ from stancekit.learners.selectors.network import Architecture, BoxNetwork, Choic
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.formats.plan_file import write_boxes, write_plan
-from stancekit.planners.formats.proof_file import write_proof
-from stancekit.planners.formats.trajectory_file import write_trajectory
+from stancekit.planners.formats.motion_file import write_certificate, write_motion
+from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
@@ -93,10 +92,10 @@ def _plans(folder: Path) -> None:
     (folder / "course.json").write_text(json.dumps(course.to_json()))
     plan = TwoStagePlanner().solve(read_course(folder / "course.yaml", 2)).solution
     assert plan is not None
-    write_plan(folder / "plan.json", plan, check_plan(plan))
+    write_motion(folder / "plan.json", plan, check_plan(plan))
     icy = build_course(spec_from({**spec, "terrain": {**spec["terrain"], "friction": 0.0}}), folder)
     refuted = TwoStagePlanner().solve(icy).certificate
-    write_proof(folder / "proof.json", refuted.of(icy))
+    write_certificate(folder / "proof.json", refuted.of(icy))
     command(
         (
             "run",
@@ -146,7 +145,7 @@ def _gaits(folder: Path) -> None:
         goal_xy_m=at[:2],
         provenance={},
     )
-    write_trajectory(folder / "gait.json", still, check_trajectory(still))
+    write_motion(folder / "gait.json", still, check_trajectory(still))
 
 
 def _robots(folder: Path) -> None:

@@ -95,11 +95,11 @@ def bridge_process(plan: Path) -> DeviceProcess:
 
 def start_of(path: Path) -> tuple[tuple[str, ...], Array]:
     """Joint names, and angles [rad] of shape (J,) at the first key frame of a plan file."""
-    from stancekit.planners.formats.plan_file import read_plan
+    from stancekit.planners.formats.motion_file import read_motion
     from stancekit.planners.motion.joints import plan_angles
     from stancekit.planners.robot.robot_file import joint_names
 
-    plan, _ = read_plan(path)
+    plan, _ = read_motion(path)
     return joint_names(plan.problem.robot), plan_angles(plan)[0].angles
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.formats.plan_file import read_plan, write_plan
+from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.search.two_stage import TwoStagePlanner
@@ -35,7 +35,7 @@ def folder_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan, and a calibration file of servos that are mounted otherwise."""
     path = tmp_path_factory.mktemp("bus")
     plan = TwoStagePlanner().solve(read_course("walls")).solution
-    write_plan(path / "plan.json", plan, check_plan(plan))
+    write_motion(path / "plan.json", plan, check_plan(plan))
     usual = nominal(joint_names(plan.problem.robot), port="bus", latency_ms=40.0)
     turned = {
         name: replace(
@@ -56,7 +56,7 @@ def test_the_servos_stand_as_the_plan_begins_by_the_calibration_file_and_are_gon
     folder: Path,
 ) -> None:
     names, angles = start_of(Path("plan.json"))
-    robot = read_plan("plan.json")[0].problem.robot
+    robot = read_motion("plan.json")[0].problem.robot
     words = ("plan.json", "--setup", "servos.yaml", "--firmware", 44)
     with DeviceProcess("bus", *words) as bus:
         assert bus.where["port"] == "bus"

@@ -324,7 +324,7 @@ def test_the_better_of_two_boxes_is_chosen():
 
 
 def test_a_library_is_chosen_from_by_number(selection, tmp_path):
-    from stancekit.planners.formats.plan_file import write_boxes
+    from stancekit.planners.formats.question_file import write_boxes
 
     write_boxes(tmp_path / "e.json", library())
     chosen = EnvelopeSelectionEnv(

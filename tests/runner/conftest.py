@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.course_file import read_course
@@ -42,7 +42,7 @@ def step() -> Callable[[str], Plan]:
 def plan_path(tmp_path: Path, step: Callable[[str], Plan]) -> Path:
     """Its file, for walls."""
     path = tmp_path / "plan.json"
-    write_plan(path, step("walls"), check_plan(step("walls")))
+    write_motion(path, step("walls"), check_plan(step("walls")))
     return path
 
 
@@ -62,7 +62,7 @@ def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "desk.yaml").write_text(text)
     plan = TwoStagePlanner().solve(read_course(folder / "desk.yaml")).solution
     assert plan is not None
-    write_plan(folder / "desk.json", plan, check_plan(plan))
+    write_motion(folder / "desk.json", plan, check_plan(plan))
     return folder / "desk.json"
 
 

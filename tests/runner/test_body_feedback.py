@@ -18,7 +18,7 @@ from stancekit.pictures import view_of
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.formats.trajectory_file import write_trajectory
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.motion.motion import Samples
@@ -94,11 +94,11 @@ def total(forces: Array) -> Array:
 def pose(
     turn: Rotation = Rotation.identity(), origin: Array | None = None, speed: Array | None = None
 ) -> BodyPose:
-    return BodyPose(
-        origin_m=np.zeros(3) if origin is None else origin,
-        rotation=turn.as_matrix(),
-        velocity=np.zeros(6) if speed is None else speed,
+    there, still = (
+        np.zeros(3) if origin is None else origin,
+        np.zeros(6) if speed is None else speed,
     )
+    return there, turn.as_matrix(), still
 
 
 def test_the_wrench_pulls_back_and_damps_and_is_nothing_where_nothing_is_off() -> None:
@@ -238,13 +238,13 @@ def walked() -> Attempted:
 @pytest.fixture(scope="module")
 def accepted(walked: Attempted, tmp_path_factory: pytest.TempPathFactory) -> Accepted:
     path = tmp_path_factory.mktemp("walked") / "walk.json"
-    write_trajectory(path, walked.trajectory, walked.report)
+    write_motion(path, walked.trajectory, walked.report)
     return Accepted.from_file(path)
 
 
 def run_with(accepted: Accepted, body: BodyFeedback) -> RunReport:
     with make_world("mujoco", accepted.robot) as made:
-        return Runner(made, settings=RunSettings(body=body)).run(accepted, accepted.ground())
+        return Runner(made, settings=RunSettings(body=body)).run(accepted, accepted.plan.ground())
 
 
 @pytest.fixture(scope="module")
@@ -386,7 +386,7 @@ def of(kinematics: Kinematics, first: Samples, step_s: float = 0.0) -> FootPlace
     )
 
 
-PLACE = BodyPose(origin_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6))
+PLACE: BodyPose = np.zeros(3), np.eye(3), np.zeros(6)
 
 
 def test_a_foot_that_does_not_bear_pulls_no_body_and_one_that_bears_does(

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.formats.leap_file import read_leap
-from stancekit.planners.formats.trajectory_file import write_trajectory
+from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.leap.finder import find_leap
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion, footholds
@@ -35,13 +34,13 @@ from tests.refusals import refuses
 
 @pytest.fixture
 def accepted(gait: Attempted, tmp_path: Path) -> Accepted:
-    write_trajectory(tmp_path / "walk.json", gait.trajectory, gait.report)
+    write_motion(tmp_path / "walk.json", gait.trajectory, gait.report)
     return Accepted.from_file(tmp_path / "walk.json")
 
 
 def walked(accepted: Accepted, world: str, friction_share: float = 1.0) -> RunReport:
     with make_world(world, accepted.robot) as made:
-        return Runner(made).run(accepted, accepted.ground(friction_share))
+        return Runner(made).run(accepted, accepted.plan.ground(friction_share))
 
 
 @pytest.mark.parametrize("world", ["bullet", "mujoco"])
@@ -88,10 +87,10 @@ def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(
 ) -> None:
     path = tmp_path / "walk.json"
     pushed = replace(gait.trajectory, forces_n=1.3 * gait.trajectory.forces_n)
-    write_trajectory(path, pushed, check_trajectory(pushed))
+    write_motion(path, pushed, check_trajectory(pushed))
     with refuses("walk.json"):
         Accepted.from_file(path)
-    write_trajectory(path, gait.trajectory, gait.report)
+    write_motion(path, gait.trajectory, gait.report)
     path.write_text(path.read_text().replace('"friction": 0.75', '"friction": 0.85'))
     with refuses("digest"):
         Accepted.from_file(path)
@@ -219,7 +218,7 @@ def test_a_fault_in_the_air_leaves_no_leap_that_a_stop_waits_for(leap: Accepted)
 
 def test_a_leap_that_nobody_judged_with_legs_is_not_run():
     plan = find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution
-    with refuses("leap", "joints", "torque"):
+    with refuses("leap", "legs", "--robot"):
         stancekit.run(plan, "mujoco")
 
 
@@ -244,7 +243,7 @@ def test_no_push_is_asked_of_a_leap(leap: Accepted):
 
 @pytest.fixture(scope="module")
 def motion() -> LeapRun:
-    plan = read_leap(FILE).plan
+    plan = read_motion(FILE)[0]
     assert plan is not None
     return LeapRun(plan)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from stancekit.cli.main import main
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.actuators import ActuatorModel, read_actuators
 from stancekit.planners.search.two_stage import TwoStagePlanner
@@ -36,7 +36,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
     Path("desk.yaml").write_text(course)
     plan = TwoStagePlanner().solve(read_course("desk.yaml")).solution
     assert plan is not None
-    write_plan("desk.json", plan, check_plan(plan))
+    write_motion("desk.json", plan, check_plan(plan))
     accepted = Accepted.from_file("desk.json")
     snippets = [text for language, text in BLOCKS if language == "python"]
     assert len(snippets) == 2

@@ -16,11 +16,10 @@ import pytest
 from stancekit.cli.main import run
 from stancekit.cli.run import RunMotion
 from stancekit.cli.simulate import Simulate
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import MARGIN
+from stancekit.planners.answer.plan import MARGIN, Plan
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
@@ -245,8 +244,10 @@ def test_a_plan_that_was_edited_is_refused(plan_path: Path) -> None:
 
 def test_numbers_of_another_plan_are_refused(plan_path: Path) -> None:
     content = json.loads(plan_path.read_text())
-    numbers = content["arrays"]["npz"]
-    content["arrays"]["npz"] = numbers[:200] + ("A" if numbers[200] != "A" else "B") + numbers[201:]
+    numbers = content["columns"]["npz"]
+    content["columns"]["npz"] = (
+        numbers[:200] + ("A" if numbers[200] != "A" else "B") + numbers[201:]
+    )
     plan_path.write_text(json.dumps(content))
     with refuses("digest"):
         Accepted.from_file(plan_path)
@@ -258,13 +259,13 @@ def test_a_plan_that_the_verifier_rejected_is_refused_and_so_is_one_whose_digest
     good = step("walls")
     bad = replace(good, forces_n=1.1 * good.forces_n)
     path = tmp_path / "bad.json"
-    write_plan(path, bad, check_plan(bad))
+    write_motion(path, bad, check_plan(bad))
     with refuses("bad.json"):
         Accepted.from_file(path)
     says_accepted = replace(
         check_plan(bad), groups=check_plan(good).groups
     )  # with a digest that fits
-    write_plan(path, bad, says_accepted)
+    write_motion(path, bad, says_accepted)
     with refuses("bad.json"):
         Accepted.from_file(path)
 
@@ -525,7 +526,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert outcome.solution is not None
     assert outcome.report.accepted
-    write_plan(folder / "dog.json", outcome.solution, outcome.report)
+    write_motion(folder / "dog.json", outcome.solution, outcome.report)
     return folder / "dog.json"
 
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import WHOLE_BODY, acceptance_word
+from stancekit.planners.answer.plan import WHOLE_BODY, Plan
+from stancekit.planners.answer.report import acceptance_word
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, PlanningFailed, StancekitError
 from stancekit.planners.files.arrays import Array

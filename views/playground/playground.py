@@ -17,7 +17,7 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.formats.plan_file import write_plan
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.kinematics import Kinematics
 
@@ -162,7 +162,7 @@ class Files:
         if not answer.accepted:
             raise InvalidInput(f"plan: expected one that is accepted, got {answer.message}")
         path = named_in(self._folder, str(self._name.value), "-plan.json")
-        write_plan(path, answer.plan, answer.report)
+        write_motion(path, answer.plan, answer.report)
         return path
 
     def save_course(self) -> Path:

@@ -20,7 +20,7 @@ import numpy as np
 from stancekit.planners.answer.report import Report, acceptance_word
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, StancekitError
-from stancekit.planners.formats.trajectory_file import write_trajectory
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps
 from stancekit.planners.gait.method.way import plan_walk
@@ -416,7 +416,7 @@ class WalkPage:
         ):
             raise InvalidInput("walk: expected one that is accepted, got none to save")
         path = named_in(self._folder, str(self._name.value), "-walk.json")
-        write_trajectory(path, answer.trajectory, answer.report)
+        write_motion(path, answer.trajectory, answer.report)
         return path
 
     def _save(self, _event: Any) -> None:

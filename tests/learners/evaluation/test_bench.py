@@ -20,7 +20,7 @@ from stancekit.learners.selectors.selector import load_selector
 from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import validated
-from stancekit.planners.formats.plan_file import read_envelopes
+from stancekit.planners.formats.question_file import read_envelopes
 from tests.refusals import refuses
 
 PLAN: dict[str, Any] = {

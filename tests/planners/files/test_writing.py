@@ -27,7 +27,7 @@ from stancekit.planners.files.writing import (
     write_bytes,
     write_text,
 )
-from stancekit.planners.formats.plan_file import check_file, write_plan
+from stancekit.planners.formats.motion_file import check_file, write_motion
 from stancekit.planners.verify import check_plan
 from tests.emulators.faulty_disk import Ended, ended
 from tests.refusals import refuses
@@ -96,7 +96,7 @@ def planned(walk, tmp_path):
 
     def write(frames):
         plan = walk(frames)
-        write_plan(file, plan, check_plan(plan))
+        write_motion(file, plan, check_plan(plan))
 
     write(3)
     return file, lambda: on_progress(lambda: write(4))

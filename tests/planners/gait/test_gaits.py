@@ -14,7 +14,7 @@ from stancekit.envs.warped_gait import WarpedGaitEnv
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.trajectory_file import check_file
+from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.forbidden import GradientBoxes, forbidden
 from stancekit.planners.gait.gait_program import formulate
@@ -132,7 +132,7 @@ def test_the_command_line_takes_both_by_file_and_name(
     assert ended.value.code == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["attempts"][0]["chart"] == "mine.py:Lifted"
-    report = check_file("walk.json")
+    report = check_file("walk.json").report
     assert report.accepted
     assert report.answer.terrain.name == "ground.py:bump"
     assert float(report.answer.terrain.height(np.zeros(2))) == pytest.approx(0.08, abs=1e-6)

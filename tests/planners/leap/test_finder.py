@@ -10,8 +10,8 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.certificate import LEAP_BODY, Certificate, Crossing
-from stancekit.planners.answer.plan import LeapPlan
+from stancekit.planners.answer.certificate import Certificate, Crossing
+from stancekit.planners.answer.plan import LEAP_BODY, LeapPlan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.crossing import stretches, surface_of
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, Picker, find_leap

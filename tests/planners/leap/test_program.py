@@ -13,7 +13,7 @@ from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.equilibrium.layout import LIFTED, Layout
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.formats.leap_file import read_leap
+from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.leap.bend import (
     LeapBender,
     joint_rows,
@@ -209,7 +209,7 @@ FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
 
 @pytest.fixture(scope="module")
 def plan() -> LeapPlan:
-    found = read_leap(FILE).plan
+    found = read_motion(FILE)[0]
     assert found is not None
     return found
 

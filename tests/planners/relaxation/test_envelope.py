@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import read_envelopes, write_boxes
+from stancekit.planners.formats.question_file import read_envelopes, write_boxes
 from stancekit.planners.relaxation.envelope import TILT_ROOM_RAD, Envelope, EnvelopeSet
 from tests.refusals import assert_names, refuses
 

@@ -11,9 +11,8 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.certificate import walk_hindrance
 from stancekit.planners.answer.trajectory import Trajectory, robot_from_json
-from stancekit.planners.formats.trajectory_file import check_file, read_trajectory, write_trajectory
+from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
 from stancekit.planners.robot import single_body
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.model import Robot
@@ -107,14 +106,14 @@ def walked(robot: Robot) -> Answer[Trajectory]:
 def test_a_walk_of_the_boxes_is_written_and_judged_by_them(tmp_path: Path) -> None:
     found = walked(anymal())
     assert found.solution is not None
-    write_trajectory(tmp_path / "walk.json", found.solution, check_trajectory(found.solution))
+    write_motion(tmp_path / "walk.json", found.solution, check_trajectory(found.solution))
     assert "urdf" not in (tmp_path / "walk.json").read_text()
-    trajectory = read_trajectory(tmp_path / "walk.json").trajectory
+    trajectory = read_motion(tmp_path / "walk.json")[0]
     assert trajectory.robot.model is None
-    report = check_file(tmp_path / "walk.json")
+    report = check_file(tmp_path / "walk.json").report
     assert report.accepted
     assert report.unchecked == WHOLE_BODY
-    assert walk_hindrance(trajectory, ()).startswith("robot anymal: no legs are known")
+    assert trajectory.hindrance(()).startswith("robot anymal: no legs are known")
 
 
 def test_a_walk_with_legs_is_the_same_walk_and_runs_in_mujoco(walker: Robot) -> None:
@@ -133,5 +132,5 @@ def test_a_walk_with_legs_is_the_same_walk_and_runs_in_mujoco(walker: Robot) -> 
     assert set(report.unchecked).isdisjoint(WHOLE_BODY)
     accepted = Accepted.verified(found, "walk")
     with make_world("mujoco", accepted.robot) as world:
-        run = Runner(world).run(accepted, accepted.ground())
+        run = Runner(world).run(accepted, accepted.plan.ground())
     assert run.succeeded, run.message

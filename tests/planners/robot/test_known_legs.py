@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.certificate import plan_hindrance
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import WHOLE_BODY
+from stancekit.planners.answer.plan import WHOLE_BODY, Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import read_plan, write_plan
+from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
@@ -89,7 +87,7 @@ def test_a_plan_of_limbs_alone_is_accepted_as_far_as_checked(plan: Plan) -> None
     assert report.accepted
     assert {report.group(name).message for name in WHOLE_BODY} == {UNKNOWN}
     assert list(report.unchecked) == list(WHOLE_BODY)
-    assert plan_hindrance(plan) == UNKNOWN
+    assert plan.hindrance(()) == UNKNOWN
 
 
 def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
@@ -106,8 +104,8 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
     assert found is not None
     report = check_plan(found, joints=True)
     assert set(report.unchecked).isdisjoint(WHOLE_BODY)
-    write_plan(tmp_path / "plan.json", found, report)
-    assert read_plan(tmp_path / "plan.json")[0].problem.robot.drawn == servo
+    write_motion(tmp_path / "plan.json", found, report)
+    assert read_motion(tmp_path / "plan.json")[0].problem.robot.drawn == servo
 
 
 @pytest.mark.parametrize(

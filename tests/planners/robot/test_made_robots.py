@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from stancekit.planners.formats.plan_file import check_file, write_plan
+from stancekit.planners.formats.motion_file import check_file, write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.hulls import hull_corners
@@ -139,11 +139,11 @@ def test_a_plan_of_another_robots_meshes_is_refused_and_no_folder_is_in_it(tmp_p
     plan, report = planned(plain, named_robot(plain))
     assert report.accepted, report.message
     file = tmp_path / "plan.json"
-    write_plan(file, plan, report)
+    write_motion(file, plan, report)
     assert str(tmp_path) not in file.read_text()
-    assert check_file(file, robot=named_robot(plain)).accepted
+    assert check_file(file, robot=str(plain)).accepted
     with refuses("made"):
-        check_file(file, robot=named_robot(fin))
+        check_file(file, robot=str(fin))
     for each in plain.parent.glob("*.obj"):
         each.unlink()  # what is judged travels with the plan
     assert check_file(file).accepted

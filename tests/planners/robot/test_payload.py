@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.formats.plan_file import check_file, write_plan
+from stancekit.planners.formats.motion_file import check_file, write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.model_json import ModelJson, model_from_json, model_to_json
 from stancekit.planners.robot.payload import with_mass
@@ -58,5 +58,5 @@ def test_a_course_says_the_mass_of_its_robots_file_and_its_plan_is_read_again(
     assert plan is not None
     carried = plan.forces_n.sum(axis=1)
     assert carried == pytest.approx(np.tile([0.0, 0.0, 9.81 * mass], (len(carried), 1)), abs=1e-3)
-    write_plan(tmp_path / "plan.json", plan, check_plan(plan))
+    write_motion(tmp_path / "plan.json", plan, check_plan(plan))
     assert check_file(tmp_path / "plan.json", joints=False).accepted

@@ -162,8 +162,8 @@ def test_boxes_beside_each_other_are_solids_together_and_one_open_side_opens_the
 
 def test_a_proof_survives_its_file(wall: Certificate, tmp_path: Path) -> None:
     stancekit.save(wall, tmp_path / "wall.json")
-    subject, read = stancekit.load(tmp_path / "wall.json")
-    assert isinstance(subject, Passage)
+    read = stancekit.load(tmp_path / "wall.json", Certificate)
+    assert isinstance(read.problem, Passage)
     np.testing.assert_array_equal(read.tree, wall.tree)
     check = stancekit.verify(str(tmp_path / "wall.json"))
     assert check.accepted
@@ -175,7 +175,7 @@ def test_a_proof_in_a_frame_says_places_of_the_world(wall: Certificate, tmp_path
     frame = Frame(origin_m=np.array([5.0, 7.0, 0.0]), heading_rad=0.5 * np.pi)
     framed = replace(wall, problem=replace(wall.refuted, frame=frame))
     stancekit.save(framed, tmp_path / "wall.json")
-    said = stancekit.explain(stancekit.load(tmp_path / "wall.json")[1]).message
+    said = stancekit.explain(stancekit.load(tmp_path / "wall.json")).message
     assert "(5, 7)" in said
     assert "(5, 8.4)" in said
     assert frame.in_world("at (-1e-05, 0.5), twice") == "at (4.5, 7), twice"

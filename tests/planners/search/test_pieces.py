@@ -14,7 +14,7 @@ import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import PlanningFailed
-from stancekit.planners.formats.plan_file import PartialPlan
+from stancekit.planners.formats.motion_file import PartialPlan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search import pieces
 from stancekit.planners.search.pieces import Standing, course_window, in_pieces, plan_pieces

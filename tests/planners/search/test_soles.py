@@ -16,7 +16,8 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import answer_from_json, check_file, read_plan, write_plan
+from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
+from stancekit.planners.formats.question_file import answer_from_json
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.problem import Foothold
@@ -442,8 +443,8 @@ def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbe
         moment = np.cross(p - plan.com_m[stance.frame], f).sum(axis=0)
         assert np.linalg.norm(moment) < 1e-5 * course.weight_n
     path = tmp_path / "plan.json"
-    write_plan(path, plan, report)
-    again, _ = read_plan(path)
+    write_motion(path, plan, report)
+    again, _ = read_motion(path)
     assert np.array_equal(again.point_forces_n, plan.point_forces_n)
     assert check_file(path, joints=False).accepted
     data = json.loads(json.dumps(course.to_json()))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.formats.plan_file import check_file, write_plan
+from stancekit.planners.formats.motion_file import check_file, write_motion
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 
@@ -65,7 +65,7 @@ def test_a_block_in_the_goal_is_refused_with_link_depth_and_frame(walk) -> None:
 def test_a_file_has_the_verdict_of_its_plan(walk, tmp_path: Path) -> None:
     plan = with_patch(walk(3), plate(0.0, 0.2))
     report = check_plan(plan, joints=True)
-    write_plan(tmp_path / "plan.json", plan, report)
+    write_motion(tmp_path / "plan.json", plan, report)
     check = check_file(tmp_path / "plan.json")
     assert not check.accepted
     assert check.same

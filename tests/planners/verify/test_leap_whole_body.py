@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.certificate import LEAP_BODY
-from stancekit.planners.answer.plan import LeapPlan
-from stancekit.planners.formats.leap_file import check_file, read_leap, write_leap
+from stancekit.planners.answer.plan import LEAP_BODY, LeapPlan
+from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
+from stancekit.planners.formats.question_file import read_leap
 from stancekit.planners.leap.bend import joint_rows, legged_numbers
 from stancekit.planners.leap.bend import point_of as point_of_plan
 from stancekit.planners.leap.numbers import LeapGiven
@@ -26,7 +26,7 @@ FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
 
 @pytest.fixture(scope="module")
 def plan() -> LeapPlan:
-    found = read_leap(FILE).plan
+    found = read_motion(FILE)[0]
     assert found is not None
     return found
 
@@ -90,9 +90,8 @@ def test_a_leap_of_limbs_alone_is_not_judged_with_legs_and_says_so():
 
 
 def test_a_plan_keeps_how_legs_are_drawn_up_in_its_file(plan: LeapPlan, tmp_path):
-    write_leap(tmp_path / "again.json", plan.problem, plan)
-    again = read_leap(tmp_path / "again.json").plan
-    assert again is not None
+    write_motion(tmp_path / "again.json", plan, check_leap(plan))
+    again, _ = read_motion(tmp_path / "again.json", LeapPlan)
     np.testing.assert_array_equal(again.gather, plan.gather)
     np.testing.assert_array_equal(again.legs_turn_rad, plan.legs_turn_rad)
     bad = check_leap(replace(plan, gather=np.array([0.0, 0.5])))

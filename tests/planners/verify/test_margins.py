@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import MARGIN
+from stancekit.planners.answer.plan import MARGIN, Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.problem import Problem, Stance
@@ -244,7 +243,7 @@ def test_verify_measures_the_margins_of_a_posture_and_none_of_a_refused_one() ->
     assert figures["push_n"] == pytest.approx(WEIGHT_N * inside / height, rel=0.03)
     assert report.margin_message.startswith(f"it bears a push of {figures['push_n']:.3g} N")
     assert report.worst < 1e-6  # of contacts
-    assert report.to_json()["margin"]["push_n"] == figures["push_n"]
+    assert report.group("margin").to_json()["figures"]["push_n"] == figures["push_n"]
 
     refused = stancekit.verify(replace(posture, com_m=posture.com_m + np.array([0.0, 0.0, 0.9])))
     assert (refused.accepted, refused.margin_message) == (False, "")

@@ -4,8 +4,6 @@ what is not so.
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +11,7 @@ from hypothesis import strategies as st
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.formats.proof_file import check_proof_file, read_proof, write_proof
+from stancekit.planners.formats.motion_file import check_file, read_evidence, write_certificate
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.robot.model import Limb, Robot
@@ -201,21 +199,20 @@ def test_a_leaf_without_a_candidate_needs_no_proof(refuted):
 
 def test_the_proof_of_a_posture_is_a_file_like_that_of_a_course(refuted, tmp_path):
     problem, proof = refuted[0]
-    write_proof(tmp_path / "proof.json", proof.of(problem))
-    again, certificate = read_proof(tmp_path / "proof.json")
-    assert again.to_json() == problem.to_json()
+    write_certificate(tmp_path / "proof.json", proof.of(problem))
+    certificate, data = read_evidence(tmp_path / "proof.json")
+    assert certificate.refuted.to_json() == problem.to_json()
     np.testing.assert_array_equal(certificate.multipliers, proof.multipliers)
-    check = check_proof_file(tmp_path / "proof.json")
+    check = check_file(tmp_path / "proof.json")
     assert check.accepted
     assert check.to_json()["kind"] == "no-posture"
     assert_names(check.message, ", ".join(problem.legs), explain(proof.of(problem)).message)
-    data = json.loads((tmp_path / "proof.json").read_text())
-    loose = data["subject"] | {"com_radius_m": 5.0}
+    loose = data["question"] | {"com_radius_m": 5.0}
     loose["contacts"] = [
         contact | {"reach_m": 9.0, "friction": 2.0} for contact in loose["contacts"]
     ]
-    (tmp_path / "proof.json").write_text(json.dumps(data | {"subject": loose}))
-    assert check_proof_file(tmp_path / "proof.json").to_json()["verdict"] == "refused"
+    write_certificate(tmp_path / "proof.json", proof.of(Problem.from_json(loose)))
+    assert check_file(tmp_path / "proof.json").to_json()["verdict"] == "refused"
 
 
 def test_a_piece_of_hundreds_of_cuts_is_refused_since_their_roundings_add_up(refuted):

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.report import WHOLE_BODY
+from stancekit.planners.answer.plan import WHOLE_BODY
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.verify import BETWEEN, PLAN_GROUPS, check_plan
 from stancekit.planners.verify.stances import Schedule
@@ -294,7 +294,9 @@ def test_joints_are_a_section_of_their_own(walk):
     assert heavy.group("joints").verdict == "holds"
     assert heavy.group("torque").verdict == "violated"
     assert_names(heavy.group("torque").message, "Nm")
-    assert heavy.to_json()["torque"]["worst"]["limb"] in plan.problem.robot.limb_names
+    assert (
+        heavy.group("torque").to_json()["figures"]["worst"]["limb"] in plan.problem.robot.limb_names
+    )
 
 
 def test_a_limb_that_stays_but_stands_elsewhere_is_refused_with_its_frame(walk):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.formats.plan_file import read_plan, write_plan
+from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.terrain.certainty import Certainty
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
@@ -80,8 +80,8 @@ def test_a_plan_over_a_noisy_map_has_the_group_and_its_file_keeps_it(answer, tmp
     group = answer.report.group("ground")
     assert group.verdict == "holds"
     assert group.figures["found_share"] >= 0.95
-    write_plan(tmp_path / "plan.json", answer.solution, answer.report)
-    again = check_plan(read_plan(tmp_path / "plan.json")[0])
+    write_motion(tmp_path / "plan.json", answer.solution, answer.report)
+    again = check_plan(read_motion(tmp_path / "plan.json")[0])
     assert again.group("ground").figures == group.figures
 
 

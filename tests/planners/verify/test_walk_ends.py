@@ -86,7 +86,7 @@ def test_a_walk_ends_with_the_heading_asked_for_and_turns_the_shorter_way(
     assert walk is not None
     assert found.report is not None
     assert found.report.figures["turn_rad"] == pytest.approx(turn, abs=0.01)
-    asked = walk.header()["asked"]
+    asked = walk.question
     assert (asked["heading_rad"], asked["heading_end_rad"]) == pytest.approx((start, end))
     otherwise = check_trajectory(replace(walk, heading_end_rad=end - 0.1), body=False)
     assert [group.name for group in otherwise.refused] == ["heading"]

@@ -183,7 +183,7 @@ def test_a_proof_survives_its_file(tmp_path: Path) -> None:
     problem = table(friction=0.1).posture_with(wrench=[0, 0.15 * WEIGHT_N, 0, 0, 0, 0])
     answer = stancekit.solve(problem)
     stancekit.save(answer.certificate, tmp_path / "proof.json")
-    (_, read) = stancekit.load(tmp_path / "proof.json")
+    read = stancekit.load(tmp_path / "proof.json")
     assert stancekit.verify(read).accepted
     assert explain(read).message == explain(answer.certificate).message
     np.testing.assert_array_equal(read.refuted.wrench, problem.wrench)

@@ -19,7 +19,7 @@ import stancekit
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.motion_file import csv_of, read_motion
+from stancekit.planners.formats.table_file import csv_of, read_table
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.legged import walking_robot
@@ -81,7 +81,7 @@ def test_a_csv_is_read_by_five_lines_of_numpy(moved: Moved, tmp_path: Path) -> N
 def test_tables_come_back_to_the_last_bit(to: str, moved: Moved, tmp_path: Path) -> None:
     path = tmp_path / f"walk{FORMATS[to].suffixes[0]}"
     FORMATS[to].write(moved, path)
-    back, table = read_motion(path), moved.table
+    back, table = read_table(path), moved.table
     assert (back.joints, back.limbs) == (table.joints, table.limbs)
     assert set(back.known()) == set(table.known())
     for name, array in table.known().items():
@@ -120,7 +120,7 @@ def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: P
     np.testing.assert_array_equal(
         [point.positions for point in back.points], moved.table.angles_rad
     )
-    np.testing.assert_array_equal(read_motion(path).angles_rad, moved.table.angles_rad)
+    np.testing.assert_array_equal(read_table(path).angles_rad, moved.table.angles_rad)
 
 
 def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> Non
     import base64
 
     stancekit.save(plan, tmp_path / "plan.json")
-    arrays = json.loads((tmp_path / "plan.json").read_text())["arrays"]
+    arrays = json.loads((tmp_path / "plan.json").read_text())["columns"]
     held = np.load(io.BytesIO(base64.b64decode(arrays["npz"])))
     carried = {
         (row["frame"], limb): force[arrays["limbs"].index(limb)]
@@ -258,9 +258,15 @@ def test_five_lines_of_numpy_read_a_walk_file(walk: Trajectory, tmp_path: Path) 
 
     stancekit.save(walk, tmp_path / "walk.json")
     record = json.loads((tmp_path / "walk.json").read_text())
-    held = np.load(io.BytesIO(base64.b64decode(record["samples"])))
-    feet = {foot["name"]: held["feet_m"][:, k] for k, foot in enumerate(record["robot"]["feet"])}
-    stands = {foot["name"]: held["contact"][:, k] for k, foot in enumerate(record["robot"]["feet"])}
+    held = np.load(io.BytesIO(base64.b64decode(record["columns"]["npz"])))
+    feet = {
+        foot["name"]: held["feet_m"][:, k]
+        for k, foot in enumerate(record["question"]["robot"]["feet"])
+    }
+    stands = {
+        foot["name"]: held["contact"][:, k]
+        for k, foot in enumerate(record["question"]["robot"]["feet"])
+    }
 
     assert tuple(feet) == walk.robot.limb_names
     for k, name in enumerate(walk.robot.limb_names):
@@ -271,25 +277,26 @@ def test_five_lines_of_numpy_read_a_walk_file(walk: Trajectory, tmp_path: Path) 
 
 @pytest.mark.parametrize("name", ["limbs", "toes", "stances"])
 def test_labels_that_are_not_the_courses_are_refused(name: str, plan: Plan, tmp_path: Path) -> None:
-    from stancekit.planners.formats.plan_file import _seal, read_plan
+    from stancekit.planners.answer.motion import seal
+    from stancekit.planners.formats.motion_file import read_motion
 
     stancekit.save(plan, tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
-    record["arrays"][name] = record["arrays"][name][::-1]
+    record["columns"][name] = record["columns"][name][::-1]
     sealed = {key: value for key, value in record.items() if key != "sha256"}
-    (tmp_path / "plan.json").write_text(json.dumps(sealed | {"sha256": _seal(sealed)}))
-    with refuses("plan.json", f"arrays.{name}"):
-        read_plan(tmp_path / "plan.json")
+    (tmp_path / "plan.json").write_text(json.dumps(sealed | {"sha256": seal(sealed)}))
+    with refuses("plan.json", f"columns.{name}"):
+        read_motion(tmp_path / "plan.json")
 
 
 def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(
     plan: Plan, tmp_path: Path
 ) -> None:
-    from stancekit.planners.formats.plan_file import write_plan
+    from stancekit.planners.formats.motion_file import write_motion
     from stancekit.planners.verify import check_plan
 
     forged = replace(plan, forces_n=0.5 * plan.forces_n)
-    write_plan(
+    write_motion(
         tmp_path / "forged.json",
         forged,
         replace(check_plan(forged), groups=check_plan(plan).groups),
@@ -317,7 +324,7 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
     for to in ("jointtrajectory", "mujoco", "reference"):
         with refuses(to):
             stancekit.export(leap, tmp_path / f"none{FORMATS[to].suffixes[0]}", to=to)
-    table = read_motion(tmp_path / "leap.csv")
+    table = read_table(tmp_path / "leap.csv")
     assert (table.joints, table.limbs) == ((), leap.problem.robot.limb_names)
     air = ~np.asarray(table.contact).any(axis=1)
     assert air.any()
@@ -333,7 +340,7 @@ def test_a_leap_of_a_robot_with_legs_leaves_with_its_joints(tmp_path: Path) -> N
     leap = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
     done = stancekit.export(leap, tmp_path / "leap.csv", rate_hz=100.0)
     assert done.without == ""
-    table = read_motion(tmp_path / "leap.csv")
+    table = read_table(tmp_path / "leap.csv")
     assert len(table.joints) == 12
     assert np.isfinite(table.angles_rad).all()
     assert np.ptp(table.angles_rad, axis=0).max() > 0.3

@@ -17,7 +17,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.plan_file import check_file
+from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.views.playground import pictures as session_module

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.formats.trajectory_file import read_trajectory
+from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
@@ -189,7 +189,7 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
             )
         )
         tab.wait_for("document.querySelector('#saved') !== null")
-    trajectory = read_trajectory(tmp_path / "played-walk.json").trajectory
+    trajectory = read_motion(tmp_path / "played-walk.json")[0]
     assert check_trajectory(trajectory).accepted
     assert trajectory.goal_xy_m == pytest.approx(page.playground.scenario.goal_m)
 

@@ -1,0 +1,126 @@
+"""Evidence that an answer rests on, a motion or a proof that there is none: a question, and arrays
+that answer it.
+
+What files, digests and reports need of it stands here once, whatever the question is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import cached_property
+from ..files.codec import embedded
+from ..physics import GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    from ..robot.model import Robot
+    from ..terrain.obstacles import Ground
+    from ..terrain.patch import Patch
+
+
+class Evidence:
+    """Base of what answers a question by arrays."""
+
+    @property
+    def question(self) -> dict[str, Any]:
+        """The question as JSON-ready values, with the format by which it is read back."""
+        raise NotImplementedError
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are known, by name."""
+        raise NotImplementedError
+
+    def labels(self) -> dict[str, list[Any]]:
+        """Names of rows and columns of the arrays, for whoever reads a file with NumPy alone."""
+        return {}
+
+    def head(self) -> dict[str, Any]:
+        """All but the arrays, as JSON-ready values."""
+        return {"question": self.question}
+
+    def content(self) -> dict[str, Any]:
+        """All of it, as a file has it: the head, and the arrays with their labels."""
+        return {**self.head(), "columns": {"npz": embedded(self.arrays()), **self.labels()}}
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of head and arrays, to the last bit."""
+        content = hashlib.sha256(canonical(self.head()))
+        for name, array in sorted(self.arrays().items()):
+            content.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
+            content.update(np.ascontiguousarray(array).tobytes())
+        return content.hexdigest()
+
+
+class Motion(Evidence):
+    """Base of the solutions: plans of key frames, walks, leaps and crossings.
+
+    Arguments:
+        provenance: what made it, names to texts or numbers.
+    """
+
+    WORD: ClassVar[str]
+    """What the motion is called in messages."""
+    BODY: ClassVar[tuple[str, ...]] = ()
+    """The verifier's groups of the whole body, beside those of contacts."""
+    provenance: Mapping[str, Any]
+    if TYPE_CHECKING:
+
+        @property
+        def robot(self) -> Robot:
+            """The robot that moves."""
+
+        @property
+        def name(self) -> str:
+            """Name of what it answers."""
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """Gravity that it counts on [m/s²]."""
+        return GRAVITY_M_S2
+
+    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...] | Ground:
+        """The terrain that it is over, with this share of the friction that it counts on."""
+        raise NotImplementedError
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes it, whatever the world; empty where one may.
+
+        Arguments:
+            unchecked: names of the groups that could not be checked.
+        """
+        raise NotImplementedError
+
+    def head(self) -> dict[str, Any]:
+        """All but the arrays, as JSON-ready values."""
+        return {**super().head(), "provenance": dict(self.provenance)}
+
+
+def canonical(data: Any) -> bytes:
+    """JSON of values as it is digested: sorted, without spaces, texts in place of what has none."""
+    return json.dumps(data, sort_keys=True, separators=(",", ":"), default=str).encode()
+
+
+def seal(data: Any) -> str:
+    """SHA-256 of JSON-ready values, in hexadecimal."""
+    return hashlib.sha256(canonical(data)).hexdigest()
+
+
+def dulled(patches: Sequence[Patch], friction_share: float) -> tuple[Patch, ...]:
+    """The patches with this share of their friction."""
+    if friction_share == 1.0:
+        return tuple(patches)
+    return tuple(patch.with_friction(friction_share * patch.friction) for patch in patches)
+
+
+def left_unchecked(unchecked: Sequence[str]) -> str:
+    """The groups that were not checked, in words; empty where none is left."""
+    if not unchecked:
+        return ""
+    return f"{', '.join(unchecked)} {'is' if len(unchecked) == 1 else 'are'} not checked"

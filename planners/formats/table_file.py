@@ -1,0 +1,341 @@
+"""Files of motions as tables: CSV, NPZ and ROS's JointTrajectory as JSON or YAML, written and read
+back.
+
+A CSV has one row per moment and a header of names: ``t``, ``q.JOINT``, ``qd.JOINT``, ``tau.JOINT``,
+``contact.LIMB``, ``force.LIMB.x``, ``foot.LIMB.x``, ``body.x``, ``body.qw``, ``com.x``,
+``com_v.x``, ``body_w.x``; SI units, world frame.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
+from ..errors import InvalidInput
+from ..files.arrays import Array, read_archive
+from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown
+
+_AXES = "xyz"
+_OF_BODY = {
+    **{f"body.{axis}": ("origin_m", k) for k, axis in enumerate(_AXES)},
+    **{f"body.q{axis}": ("quaternion", k) for k, axis in enumerate("wxyz")},
+    **{f"com.{axis}": ("com_m", k) for k, axis in enumerate(_AXES)},
+    **{f"com_v.{axis}": ("velocity_m_s", k) for k, axis in enumerate(_AXES)},
+    **{f"body_w.{axis}": ("turning_rad_s", k) for k, axis in enumerate(_AXES)},
+}
+"""Columns of the body: the array, and which number of a row."""
+_OF_POINTS = {"positions": "angles_rad", "velocities": "rates_rad_s", "effort": "torques_nm"}
+"""Keys of a JointTrajectory's points, and the arrays that they hold."""
+_TIME, _NANO = "t", 1_000_000_000
+
+
+def _columns_of(table: MotionTable) -> dict[str, Array]:
+    """The numbers of a table by the names of their columns, in order, each of shape (T,)."""
+    known = table.known()
+    places = _places(table.joints, table.limbs, known)
+
+    def column(key: str, place: tuple[int, ...]) -> Array:
+        at: Any = (slice(None), *place)
+        return np.asarray(known[key][at])
+
+    return {name: column(*where) for name, where in places.items()}
+
+
+def csv_of(table: MotionTable) -> bytes:
+    """A table as CSV.
+
+    Numbers are written so that the same ones are read back, to the last bit.
+    """
+    columns, text = _columns_of(table), io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    whole = {name for name in columns if name.startswith("contact.")}
+    kinds: list[Callable[[Any], Any]] = [int if name in whole else float for name in columns]
+    for row in np.column_stack([column.astype(np.float64) for column in columns.values()]).tolist():
+        writer.writerow([kind(number) for kind, number in zip(kinds, row, strict=True)])
+    return text.getvalue().encode()
+
+
+def npz_of(table: MotionTable) -> bytes:
+    """A table as an NPZ archive: an array per name, and the names of joints and limbs."""
+    held = io.BytesIO()
+    words = {
+        name: np.array(getattr(table, name)) for name in ("joints", "limbs", "robot", "source")
+    }
+    content: dict[str, Any] = {**table.known(), **words, "format": np.array(FORMAT)}
+    np.savez_compressed(held, **content)
+    return held.getvalue()
+
+
+def joint_trajectory(table: MotionTable) -> dict[str, Any]:
+    """A table as ROS 2's trajectory_msgs/JointTrajectory, JSON-ready: joints alone.
+
+    Raises InvalidInput without any.
+    """
+    known = table.known()
+    if "angles_rad" not in known:
+        raise InvalidInput("jointtrajectory: expected a motion with joints, got one without")
+    rows = {key: known[name].tolist() for key, name in _OF_POINTS.items() if name in known}
+    points = []
+    for k, time_s in enumerate(table.time_s.tolist()):
+        sec, nanosec = divmod(round(time_s * _NANO), _NANO)
+        points.append(
+            {key: row[k] for key, row in rows.items()}
+            | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
+        )
+    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    return {"header": header, "joint_names": list(table.joints), "points": points}
+
+
+def joint_trajectory_bytes(table: MotionTable, suffix: str) -> bytes:
+    """Content of a file with the joint trajectory of a table: YAML for ".yaml" and ".yml", else
+    JSON.
+    """
+    message = joint_trajectory(table)
+    if suffix not in (".yaml", ".yml"):
+        return (json.dumps(message) + "\n").encode()
+    import yaml
+
+    return yaml.safe_dump(
+        message, default_flow_style=None, sort_keys=False, width=1_000_000
+    ).encode()
+
+
+def is_table(path: str | Path, data: object) -> bool:
+    """Tell whether a file holds a motion as a table: by its name, a JSON file by its contents."""
+    suffix = Path(path).suffix
+    if suffix in YAML:
+        with suppress(InvalidInput):
+            return _is_joint_trajectory(read_yaml(path))
+    if suffix == ".npz":
+        with suppress(OSError, ValueError, KeyError), np.load(path, allow_pickle=False) as archive:
+            return "format" in archive.files and str(archive["format"]) == FORMAT
+    return suffix in (".csv", ".xml") or (suffix == ".json" and _is_joint_trajectory(data))
+
+
+def _is_joint_trajectory(data: object) -> bool:
+    """Tell whether the data is a JointTrajectory, by its keys."""
+    return isinstance(data, Mapping) and {"joint_names", "points"} <= set(data)
+
+
+def read_table(path: str | Path) -> MotionTable:
+    """Read a table from .csv, .npz, or a JointTrajectory in .json or .yaml.
+
+    Raises InvalidInput, with what is wrong.
+    """
+    path = Path(path)
+    try:
+        match path.suffix:
+            case ".csv":
+                return _from_csv(read_text(path), str(path))
+            case ".npz":
+                return _from_npz(path)
+            case ".json":
+                return _from_joint_trajectory(read_json(path), str(path))
+            case ".yaml" | ".yml":
+                return _from_joint_trajectory(read_yaml(path), str(path))
+    except InvalidInput as error:
+        raise InvalidInput(
+            str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
+        ) from None
+    raise InvalidInput(f"{path}: expected a motion as .csv, .npz, .json or .yaml")
+
+
+def _places(
+    joints: Sequence[str], limbs: Sequence[str], keys: Collection[str]
+) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Places of the columns' numbers in the arrays of these keys, in the order of a file."""
+    places: dict[str, tuple[str, tuple[int, ...]]] = {_TIME: ("time_s", ())}
+    places |= {name: (key, (k,)) for name, (key, k) in _OF_BODY.items() if key in keys}
+    for key, word in OF_JOINTS.items():
+        if key in keys:
+            places |= {f"{word}.{joint}": (key, (k,)) for k, joint in enumerate(joints)}
+    for key, word in OF_LIMBS.items():
+        if key not in keys:
+            continue
+        for k, limb in enumerate(limbs):
+            if key == "contact":
+                places[f"{word}.{limb}"] = (key, (k,))
+            else:
+                places |= {f"{word}.{limb}.{axis}": (key, (k, n)) for n, axis in enumerate(_AXES)}
+    return places
+
+
+def _from_csv(text: str, where: str) -> MotionTable:
+    lines = csv.reader(io.StringIO(text))
+    names = [name.strip() for name in next(lines, [])]
+    joints, limbs = _named(names, where)
+    rows = list(_rows(lines, len(names), where))
+    if not rows:
+        raise InvalidInput(f"{where}: expected rows below the header, got none")
+    numbers = np.array(rows)
+    if not np.isfinite(numbers).all():
+        row, column = np.argwhere(~np.isfinite(numbers))[0].tolist()
+        got = numbers[row, column]
+        raise InvalidInput(
+            f"{where}: row {row + 1}, column {names[column]}: expected a finite number, got {got}"
+        )
+    columns = dict(zip(names, numbers.T, strict=True))
+    arrays = dict[str, Any]()
+    for key, shape in shapes(len(rows), len(joints), len(limbs)).items():
+        wanted = [name for name, (of, _) in _places(joints, limbs, (key,)).items() if of == key]
+        there = [name for name in wanted if name in columns]
+        if not there or not wanted:
+            continue
+        if len(there) < len(wanted):
+            lacks = next(name for name in wanted if name not in columns)
+            raise InvalidInput(f"{where}: expected the column {lacks} beside {there[0]}, got none")
+        arrays[key] = np.stack([columns[name] for name in wanted], axis=-1).reshape(shape)
+    if "contact" in arrays:
+        arrays["contact"] = _truths(arrays["contact"], where)
+    return MotionTable(joints=joints, limbs=limbs, source=where, **arrays)
+
+
+def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Joints and limbs in the order in which columns name them first.
+
+    Raises InvalidInput for a column nobody knows.
+    """
+    joints, limbs = dict[str, None](), dict[str, None]()
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InvalidInput(f"{where}: expected each column once, got {twice} again")
+    if _TIME not in names:
+        raise InvalidInput(f"{where}: expected the column t, got {', '.join(names)!r:.80}")
+    for name in names:
+        word, dot, rest = name.partition(".")
+        if name == _TIME or name in _OF_BODY:
+            continue
+        if dot and rest and word in OF_JOINTS.values():
+            joints[rest] = None
+        elif dot and rest and word in OF_LIMBS.values():
+            limbs[rest if word == "contact" else rest.rpartition(".")[0]] = None
+        else:
+            known = (
+                _TIME,
+                *_OF_BODY,
+                *(f"{one}.NAME" for one in (*OF_JOINTS.values(), "contact")),
+                "force.NAME.x",
+            )
+            raise InvalidInput(
+                f"{where}: expected columns as t, q.JOINT, force.LIMB.x, got "
+                f"{name!r:.60}{neighbour(name, known)}"
+            )
+    return tuple(joints), tuple(limbs)
+
+
+def _rows(lines: Iterator[list[str]], count: int, where: str) -> Iterator[list[float]]:
+    for number, line in enumerate(lines, 1):
+        if not line:
+            continue
+        if len(line) != count:
+            raise InvalidInput(f"{where}: row {number}: expected {count} numbers, got {len(line)}")
+        try:
+            yield [float(part) for part in line]
+        except ValueError:
+            bad = next(part for part in line if not _is_number(part))
+            raise InvalidInput(
+                f"{where}: row {number}: expected numbers, got {bad!r:.40}"
+            ) from None
+
+
+def _is_number(part: str) -> bool:
+    try:
+        float(part)
+    except ValueError:
+        return False
+    return True
+
+
+def _truths(numbers: NDArray[Any], where: str) -> NDArray[np.bool_]:
+    if not np.isin(numbers, (0, 1)).all():
+        raise InvalidInput(
+            f"{where}: contact: expected 0 or 1, got {numbers[~np.isin(numbers, (0, 1))][0]:g}"
+        )
+    return np.asarray(numbers == 1)
+
+
+def _from_npz(path: Path) -> MotionTable:
+    archive = read_archive(path)
+    if str(archive.get("format")) != FORMAT:
+        raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(archive.get('format'))}")
+    joints, limbs = (
+        tuple(map(str, np.atleast_1d(archive[name]))) if name in archive else ()
+        for name in ("joints", "limbs")
+    )
+    arrays: dict[str, Any] = {name: archive[name] for name in shapes(0, 0, 0) if name in archive}
+    if "time_s" not in arrays or arrays["time_s"].ndim != 1:
+        raise InvalidInput(f"{path}: expected time_s of shape (T,), got none")
+    if "contact" in arrays:
+        arrays["contact"] = _truths(arrays["contact"], str(path))
+    return MotionTable(
+        joints=joints, limbs=limbs, **arrays, robot=str(archive.get("robot", "")), source=str(path)
+    )
+
+
+def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
+    if not _is_joint_trajectory(data):
+        raise InvalidInput(
+            f"{where}: expected a JointTrajectory with joint_names and points, got {shown(data)}"
+        )
+    names, points = data["joint_names"], data["points"]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or not names:
+        raise InvalidInput(f"{where}: joint_names: expected a list of names, got {shown(names)}")
+    if (
+        not isinstance(points, list)
+        or not all(isinstance(point, Mapping) for point in points)
+        or not points
+    ):
+        raise InvalidInput(f"{where}: points: expected a list of points, got {shown(points)}")
+    times = np.array([_seconds(point, k, where) for k, point in enumerate(points)])
+    arrays = dict[str, Any]()
+    for key, name in _OF_POINTS.items():
+        if not points[0].get(key):
+            if any(point.get(key) for point in points):
+                raise InvalidInput(
+                    f"{where}: points: expected {key} in all of them or in none, got something else"
+                )
+            continue
+        arrays[name] = np.array(
+            [
+                _numbers(point.get(key), len(names), f"{where}: points[{k}].{key}")
+                for k, point in enumerate(points)
+            ]
+        )
+    if "angles_rad" not in arrays:
+        raise InvalidInput(f"{where}: points: expected positions, got none")
+    return MotionTable(joints=tuple(names), limbs=(), time_s=times, source=where, **arrays)
+
+
+def _seconds(point: Mapping[str, Any], k: int, where: str) -> float:
+    """When a point is reached; ROS 1 calls the parts secs and nsecs, ROS 2 sec and nanosec."""
+    time = point.get("time_from_start")
+    pairs = (("sec", "nanosec"), ("secs", "nsecs"))
+    if isinstance(time, Mapping):
+        for whole, part in pairs:
+            if isinstance(time.get(whole), int) and isinstance(time.get(part, 0), int):
+                return float(time[whole]) + float(time.get(part, 0)) / _NANO
+    raise InvalidInput(
+        f"{where}: points[{k}].time_from_start: expected sec and nanosec, got {shown(time)}"
+    )
+
+
+def _numbers(value: Any, count: int, where: str) -> list[float]:
+    if not isinstance(value, list) or len(value) != count:
+        raise InvalidInput(f"{where}: expected {count} numbers, got {shown(value, 40)}")
+    try:
+        numbers = [float(each) for each in value]
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{where}: expected numbers, got {shown(value, 40)}") from None
+    if not np.isfinite(numbers).all():
+        raise InvalidInput(f"{where}: expected finite numbers, got {shown(value, 40)}")
+    return numbers
