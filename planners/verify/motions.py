@@ -5,8 +5,10 @@ Feet, centre of mass and momentum are those of the robot's own file at the table
 are those of the table, or else of feet that are within ``_GAP_M`` of the terrain and move neither to
 nor from it, nor fast along it; whether forces that carry the motion exist is a program per row: λ ≥
 0 over the edges of friction cones of eight sides, least distance from Newton and Euler for the
-whole robot. Forces of the table are judged, too, where it has some. A group of which the table, the
-robot's file or the terrain does not say enough is named as not checked, with the reason.
+whole robot. Forces of the table are judged, too, where it has some, and torques are worked out from
+joints, body and forces. Whatever else a table has is compared with what follows from its joints and
+body, to the widths of ``_MotionLimits``: a column is judged, or named as not checked. So is a group
+of which the table, the robot's file or the terrain does not say enough, with the reason.
 """
 
 from __future__ import annotations
@@ -61,8 +63,25 @@ _UNITS = {
     "cone": "1",
     "swing_force": "1",
     "bodies": "m",
+    "rates": "1",
+    "com": "m",
+    "com_velocity": "m/s",
+    "turning": "rad/s",
+    "feet": "m",
+    "effort": "1",
 }
 """The groups in the order of a report, and the unit of what is measured."""
+_COLUMNS = {
+    "rates": "rates_rad_s",
+    "com": "com_m",
+    "com_velocity": "velocity_m_s",
+    "turning": "turning_rad_s",
+    "feet": "feet_m",
+    "effort": "torques_nm",
+}
+"""Groups that compare a column with what follows from the others, where the table has it."""
+_NO_LIMIT_RAD_S = 10.0
+"""Speed in place of the limit of a joint that has none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +98,11 @@ class _MotionLimits:
         forces: the same of the forces of the table, which may be those of a body at rest.
         cone, swing_force: of the table's forces, outside of cones, and on feet that do not stand.
         bodies_m: of a link in another or in the terrain.
+        rates: of joints, from what they turn between rows, as a share of their limit.
+        com_m, feet_m: from where joints and body put them; feet are led, and roll.
+        com_velocity, turning: of the body, from how it moves between rows [m/s], [rad/s].
+        effort: mean over ``_WINDOW_S`` of torques, from those that loads and forces make, as a
+            share of the limit.
     """
 
     joints: float = 1e-3
@@ -92,6 +116,12 @@ class _MotionLimits:
     cone: float = 2e-3
     swing_force: float = 2e-3
     bodies_m: float = 1e-4
+    rates: float = 0.05
+    com_m: float = 0.01
+    com_velocity: float = 0.05
+    turning: float = 0.1
+    feet_m: float = 0.025
+    effort: float = 0.15
 
 
 def check_motion(
@@ -120,6 +150,8 @@ def check_motion(
     most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
     groups = []
     for name, unit in _UNITS.items():
+        if _COLUMNS.get(name, "time_s") not in measured.known:
+            continue
         why, worst = measured.missing.get(name, ""), _Worst()
         if not why:
             try:
@@ -232,17 +264,25 @@ class _Measured:
                     "cone",
                     "swing_force",
                     "bodies",
+                    "com",
+                    "turning",
+                    "feet",
+                    "effort",
                 ),
                 lost,
             )
+            if "com_m" not in self.known:
+                self.missing["com_velocity"] = lost
+        if "quaternion" in self.known:
+            _ = table.rotation  # what is none is refused, whatever asks for it
         if "contact" not in self.known:
             self.missing.setdefault(
                 "contact_gap", "no contacts in the file: they are derived from the distance"
             )
         if "forces_n" not in self.known:
-            for name in ("forces", "cone", "swing_force"):
+            for name in ("forces", "cone", "swing_force", "effort"):
                 self.missing.setdefault(name, "no forces in the file")
-        if "torques_nm" not in self.known:
+        if "torques_nm" not in self.known and "effort" in self.missing:
             self.missing["torque"] = "no torques in the file"
 
     def joints(self) -> _Worst:
@@ -262,11 +302,67 @@ class _Measured:
         return _Worst.of(shares, self.kinematics.joints, self.times_s[1:], why)
 
     def torque(self) -> _Worst:
-        """Torques of the table as a share of the limit, (T, J)."""
-        most = self.kinematics.torque_nm
+        """Torques as a share of the limit, the table's and the mean of those that loads and forces
+        make, (T, J).
+        """
         why = "; ".join(self.kinematics.model.lines_of(self.kinematics.model.torque_doubts))
-        return _Worst.of(
-            np.abs(self.known["torques_nm"]) / most, self.kinematics.joints, self.times_s, why
+        shares = np.abs(self.known.get("torques_nm", np.zeros_like(self.angles)))
+        if "effort" not in self.missing:
+            shares = np.maximum(shares, np.abs(self._windowed(self._torques)))
+        shares = shares / self.kinematics.torque_nm
+        return _Worst.of(shares, self.kinematics.joints, self.times_s, why)
+
+    def rates(self) -> _Worst:
+        """Distance of the joints' rates from what they turn before and after each row, (T, J)."""
+        most = self.kinematics.velocity_rad_s
+        turned = np.diff(self.angles, axis=0)
+        free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
+        turned = np.where(free, (turned + np.pi) % (2.0 * np.pi) - np.pi, turned)
+        off = _off(self.known["rates_rad_s"], turned / self.step_s)
+        shares = off / np.where(most > 0.0, most, _NO_LIMIT_RAD_S)
+        return _Worst.of(shares, self.kinematics.joints, self.times_s)
+
+    def com(self) -> _Worst:
+        """Distance of the table's centre of mass from that of the robot, (T,)."""
+        away = np.linalg.norm(self.known["com_m"] - self._com, axis=1)
+        return _Worst.of(away, (), self.times_s)
+
+    def feet(self) -> _Worst:
+        """Distance of the table's feet from where joints and body put them, (T, N)."""
+        away = np.linalg.norm(self.known["feet_m"] - self._feet[0], axis=-1)
+        return _Worst.of(away, self.limbs, self.times_s)
+
+    def com_velocity(self) -> _Worst:
+        """Distance of its velocity from how it moves between rows, (T, 3)."""
+        own = self.known.get("com_m")
+        com = self._com if own is None else own
+        off = _off(self.known["velocity_m_s"], np.diff(com, axis=0) / self.step_s)
+        return _Worst.of(off, ("x", "y", "z"), self.times_s)
+
+    def turning(self) -> _Worst:
+        """Distance of the body's angular velocity from how it turns between rows, (T, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        turns = Rotation.from_matrix(self.table.rotation)
+        turned = (turns[1:] * turns[:-1].inv()).as_rotvec() / self.step_s
+        off = _off(self.known["turning_rad_s"], turned)
+        return _Worst.of(off, ("x", "y", "z"), self.times_s)
+
+    def effort(self) -> _Worst:
+        """Distance of the table's torques from those that loads and forces make, mean over
+        ``_WINDOW_S``, (T, J).
+        """
+        off = np.abs(self._windowed(self.known["torques_nm"] - self._torques))
+        shares = off / self.kinematics.torque_nm
+        return _Worst.of(shares, self.kinematics.joints, self.times_s)
+
+    @cached_property
+    def _torques(self) -> Array:
+        """Torques that carry the links' weight and press with the table's forces, shape (T, J)."""
+        kinematics, forces = self.kinematics, self.known["forces_n"]
+        rows = zip(self.angles, self.table.rotation, forces, strict=True)
+        return np.array(
+            [kinematics.torques_of(kinematics.loads(q, turn), f) for q, turn, f in rows]
         )
 
     def contact_gap(self) -> _Worst:
@@ -285,7 +381,7 @@ class _Measured:
         it is. One of the two holds for all feet of a motion, the one with the smaller largest slip:
         a foot that rolls beside one that spins in place slips by either.
         """
-        centres, turns = self.feet
+        centres, turns = self._feet
         normals = self.surface[1]
         between = turns[1:] @ np.swapaxes(turns[:-1], 2, 3)
         skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
@@ -340,7 +436,7 @@ class _Measured:
         solid = (
             Obstacles.under(around.heights) if isinstance(around, Ground) else Obstacles.of(around)
         )
-        centres, normals = self.feet[0], self.surface[1]
+        centres, normals = self._feet[0], self.surface[1]
         rows = spaced(
             np.concatenate([centres, self.known["origin_m"][:, None]], axis=1), self.angles
         )
@@ -362,7 +458,7 @@ class _Measured:
         return _Worst(value=report.worst.depth_m, where=where, time_s=float(report.frame), why=why)
 
     @cached_property
-    def feet(self) -> tuple[Array, Array]:
+    def _feet(self) -> tuple[Array, Array]:
         """Centres of the feet and how they are turned, in the world, shape (T, N, 3), (T, N, 3,
         3).
         """
@@ -391,7 +487,7 @@ class _Measured:
         """Gap, normal and friction of the terrain nearest to each foot, shape (T, N), (T, N, 3),
         (T, N).
         """
-        centres = self.feet[0]
+        centres = self._feet[0]
         radii = np.broadcast_to(self.kinematics.radii_m, centres.shape[:2])
         gap, normal, friction = nearest(self.terrain, centres.reshape(-1, 3), radii.ravel())
         return (
@@ -405,7 +501,7 @@ class _Measured:
         """Gap, normal and friction of the nearest surface that leans otherwise and is touched, too;
         the gap is infinite without one.
         """
-        centres = self.feet[0]
+        centres = self._feet[0]
         gap, normal, friction = (np.array(each) for each in self.surface)
         flat, radii = (
             centres.reshape(-1, 3),
@@ -432,14 +528,14 @@ class _Measured:
             return np.asarray(self.known["contact"])
         gap = self.surface[0]
         slow = np.abs(np.gradient(gap, self.step_s, axis=0)) <= _STILL_M_S
-        speed, normals = np.gradient(self.feet[0], self.step_s, axis=0), self.surface[1]
+        speed, normals = np.gradient(self._feet[0], self.step_s, axis=0), self.surface[1]
         along = speed - np.sum(speed * normals, axis=-1, keepdims=True) * normals
         return np.asarray((gap <= _GAP_M) & slow & (np.linalg.norm(along, axis=-1) <= _SLIDES_M_S))
 
     @cached_property
     def _points(self) -> Array:
         """Points where feet touch, a radius below their centres, shape (T, N, 3)."""
-        return np.asarray(self.feet[0] - self.kinematics.radii_m[:, None] * self.surface[1])
+        return np.asarray(self._feet[0] - self.kinematics.radii_m[:, None] * self.surface[1])
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
@@ -491,7 +587,7 @@ class _Measured:
 
         parts = []
         for gap, normals, friction in (self.surface, self._beside):
-            arms = self.feet[0] - self.kinematics.radii_m[:, None] * normals - self._com[:, None]
+            arms = self._feet[0] - self.kinematics.radii_m[:, None] * normals - self._com[:, None]
             edges = _cones(normals, friction)  # (T, N, EDGES, 3)
             columns = np.concatenate([edges, cross(arms[:, :, None], edges)], axis=-1) * self._scale
             parts.append((self.stands & np.isfinite(gap), columns))
@@ -503,11 +599,28 @@ class _Measured:
         return np.asarray(lacks)
 
     def _windowed(self, series: Array) -> Array:
-        """The mean over ``_WINDOW_S`` about each row, shape (T − 2,)."""
+        """The mean over ``_WINDOW_S`` about each row, shape (T, …) as the series."""
+        if series.ndim > 1:
+            return np.stack([self._windowed(column) for column in series.T], axis=-1)
         count = max(1, min(len(series), round(_WINDOW_S / self.step_s)))
         sums = np.convolve(series, np.ones(count), mode="valid") / count
         left = (len(series) - len(sums)) // 2
         return np.pad(sums, (left, len(series) - len(sums) - left), mode="edge")
+
+
+def _off(values: Array, between: Array) -> Array:
+    """Distance of values at T rows from the interval of what is between them before and after,
+    carried on straight at the ends; 0 of fewer than three rows.
+
+    Arguments:
+        values, between: shape (T, K), (T − 1, K).
+    """
+    if len(between) < 2:
+        return np.zeros_like(values)
+    first, last = 2.0 * between[:1] - between[1:2], 2.0 * between[-1:] - between[-2:-1]
+    before, after = np.concatenate([first, between]), np.concatenate([between, last])
+    low, high = np.minimum(before, after), np.maximum(before, after)
+    return np.asarray(np.maximum(np.maximum(low - values, values - high), 0.0))
 
 
 def nearest(

@@ -46,7 +46,7 @@ def arrays(table: MotionTable) -> tuple[np.ndarray, np.ndarray]:
 
 def test_an_exported_walk_holds_in_every_group(moved: Moved) -> None:
     report = judged(moved.table, moved)
-    assert (report.accepted, len(report.checked)) == (True, 11)
+    assert (report.accepted, len(report.checked)) == (True, 17)
     assert report.checked == tuple(group.name for group in report.groups)
 
 
@@ -55,7 +55,7 @@ def test_without_contacts_and_forces_the_verdicts_that_are_known_are_the_same(mo
         judged(moved.table, moved),
         judged(replace(moved.table, contact=None, forces_n=None), moved),
     )
-    assert bare.unchecked == ("contact_gap", "forces", "cone", "swing_force")
+    assert bare.unchecked == ("contact_gap", "forces", "cone", "swing_force", "effort")
     assert_names(bare.group("cone").message, "forces")
     for one, other in zip(whole.groups, bare.groups, strict=True):
         assert other.verdict in (one.verdict, "not checked")
@@ -63,7 +63,7 @@ def test_without_contacts_and_forces_the_verdicts_that_are_known_are_the_same(mo
 
 def test_joints_alone_say_little_and_that_is_said(moved: Moved) -> None:
     report = judged(replace(moved.table, origin_m=None, quaternion=None), moved)
-    assert report.checked == ("joints", "joint_speed", "torque")
+    assert report.checked == ("joints", "joint_speed", "torque", "rates", "com_velocity")
     assert_names(report.group("balance").message, "body")
 
 
@@ -315,3 +315,69 @@ def test_a_walker_without_legs_is_refused() -> None:
 
     with pytest.raises(InvalidInput):
         walking_robot(named_walker("anymal-boxes"))
+
+
+COLUMNS = {
+    "rates": ("rates_rad_s", 0.06, "share of the limit"),
+    "com": ("com_m", 0.012, "m"),
+    "com_velocity": ("velocity_m_s", 0.06, "m/s"),
+    "turning": ("turning_rad_s", 0.12, "rad/s"),
+    "feet": ("feet_m", 0.035, "m"),
+    "effort": ("torques_nm", 0.2, "share of the limit"),
+}
+"""Groups of columns, the column, and an error that is above the width."""
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+@pytest.mark.parametrize("rows", [slice(None), slice(90, 130)])
+def test_a_column_that_the_others_contradict_is_refused(
+    name: str, rows: slice, moved: Moved
+) -> None:
+    column, error, _ = COLUMNS[name]
+    assert moved.robot is not None
+    kinematics = Kinematics(moved.robot)
+    scale = {"rates": kinematics.velocity_rad_s, "effort": kinematics.torque_nm}.get(name, 1.0)
+    report = judged(moved.table, moved)
+    assert report.group(name).value < 0.6 * report.group(name).limit
+    for share, holds in ((1.0, False), (0.1, True)):
+        array = np.array(moved.table.known()[column])
+        array[rows] += share * error * scale
+        group = judged(replace(moved.table, **{column: array}), moved).group(name)
+        assert (group.verdict == "holds") is holds
+    none = judged(replace(moved.table, **{column: None}), moved)
+    assert name not in [group.name for group in none.groups]
+    assert none.accepted
+
+
+def test_torques_are_worked_out_where_the_file_says_none_or_zeros(moved: Moved) -> None:
+    assert moved.robot is not None
+    model = moved.robot.source.own_model()
+    weak = replace(
+        moved.robot,
+        model=replace(
+            model,
+            legs=tuple(
+                replace(
+                    leg,
+                    joints=tuple(replace(joint, torque_nm=2.0) for joint in leg.joints),
+                )
+                for leg in model.legs
+            ),
+        ),
+    )
+    nothing = np.zeros_like(moved.table.known()["torques_nm"])
+    for torques in (None, nothing):
+        table = replace(moved.table, torques_nm=torques)
+        report = check_motion(table, weak, moved.terrain)
+        assert report.group("torque").value > 3.0
+        assert not report.accepted
+
+
+def test_numbers_that_no_motion_has_and_a_turn_that_is_none_are_refused(moved: Moved) -> None:
+    far = np.array(moved.table.known()["origin_m"])
+    far[3, 1] = 1e308
+    with refuses("origin_m", "row 3"):
+        replace(moved.table, origin_m=far)
+    flat = np.zeros_like(moved.table.known()["quaternion"])
+    with refuses("quaternion", "row 0"):
+        judged(replace(moved.table, quaternion=flat), moved)
