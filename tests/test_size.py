@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3009, 41631),
     "learners": (5450, 79085),
-    "planners": (34774, 558064),
+    "planners": (34771, 558057),
     "runner": (7248, 96539),
     "views": (4515, 70309),
 }

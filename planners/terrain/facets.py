@@ -175,7 +175,7 @@ _SNAP_M = 1e-8
 """Corners of a facet are moved by up to half of this to fit each other [m]."""
 _CRACK_M = 2e-5
 """Cracks between triangles of a facet that are no wider are closed [m]."""
-_MANY = 1000
+_MANY = 20
 """Triangles of a facet that are more are looked at for whether they share all their edges."""
 _ROUNDS = 20
 """After these, what is left of triangles that bend away from their neighbours stays single."""

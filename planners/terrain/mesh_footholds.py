@@ -444,7 +444,8 @@ class _Around:
         whole = (heights.min(axis=1) >= _ABOVE_M) & (heights.max(axis=1) <= clearance_m)
         shadows = flat[whole], _slabs(flat[~whole], heights[~whole], clearance_m)
         polygons = np.concatenate([self._shapely.polygons(_closed(each)) for each in shadows])
-        touching = polygons[self._shapely.intersects(facet.polygon, polygons)]
+        core = facet.polygon.buffer(-_THIN_M)  # what shares a border with it covers nothing
+        touching = polygons[self._shapely.intersects(core, polygons)]
         if not len(touching):
             return facet.polygon
         return _difference(facet.polygon, self._shapely.union_all(touching, grid_size=1e-7))
