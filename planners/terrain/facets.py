@@ -175,7 +175,7 @@ _SNAP_M = 1e-8
 """Corners of a facet are moved by up to half of this to fit each other [m]."""
 _CRACK_M = 2e-5
 """Cracks between triangles of a facet that are no wider are closed [m]."""
-_MANY = 20
+_MANY = 1000
 """Triangles of a facet that are more are looked at for whether they share all their edges."""
 _ROUNDS = 20
 """After these, what is left of triangles that bend away from their neighbours stays single."""
@@ -358,7 +358,7 @@ def _joined(
     plane by plane.
     """
     pairs = edge_pairs(triangles)
-    pairs = pairs[_agree(normals, *pairs.T)]
+    pairs = pairs[np.vecdot(*np.moveaxis(normals[pairs], 1, 0)) > np.cos(COPLANAR_RAD)]
     labels, left, count = np.full(len(corners), -1), np.arange(len(corners)), 0
     for _ in range(_ROUNDS):
         if not len(left):
@@ -520,10 +520,6 @@ def _fits(corners: Array, normals: Array, at: Array, seed: Array) -> NDArray[np.
     """Tell which triangles lie in the planes of their seeds."""
     off = np.abs(np.einsum("kij,kj->ki", corners - at[:, None], seed)).max(axis=1)
     return np.asarray((np.vecdot(normals, seed) > np.cos(COPLANAR_RAD)) & (off <= FLAT_M))
-
-
-def _agree(normals: Array, one: NDArray[np.int_], other: NDArray[np.int_]) -> NDArray[np.bool_]:
-    return np.asarray(np.vecdot(normals[one], normals[other]) > np.cos(COPLANAR_RAD))
 
 
 def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
