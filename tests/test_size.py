@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3009, 41631),
     "learners": (5450, 79085),
-    "planners": (34778, 558040),
+    "planners": (34775, 557987),
     "runner": (7163, 95548),
     "views": (4515, 70309),
 }

@@ -33,9 +33,10 @@ ROOM_M = 1e-3
 """Links that come nearer to each other than this are too near: joints that follow to milliradians
 make them touch."""
 TOUCH_M, LINKS_M = 1e-3, 1e-4
-"""A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links
-this deep inside each other: joint angles, corners and coal's depths are ten times as exact. More
-presses them apart wherever it is run."""
+"""A link this deep in the terrain only touches it, as terrain is known to a millimetre, and one this
+near to it may touch: plans are bent for as much room; and links this deep inside each other: joint
+angles, corners and coal's depths are ten times as exact. More presses them apart wherever it is
+run."""
 _FINE, _ARCS = 0.5, 1.01
 """Two links that go so much of the tolerance between two postures are not looked at in between;
 points go so much farther on the arcs of joints than straight."""

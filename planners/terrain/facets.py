@@ -88,7 +88,9 @@ def _merged(loops: list[_Loop], flat: _Corners) -> list[_Loop]:
             if changed & {one, other}:
                 continue
             union = _border([pieces[one], pieces[other]])
-            if union is not None and _convex(union, flat):
+            if union is not None and all(
+                _turn(flat[a], flat[b], flat[c]) > -_STRAIGHT for a, b, c in _corners(union)
+            ):
                 pieces[one], merged = union, True
                 changed |= {one, other}
                 del pieces[other]
@@ -151,10 +153,6 @@ def _turn(before: _Point, here: _Point, after: _Point) -> float:
     )
 
 
-def _convex(loop: _Loop, flat: _Corners) -> bool:
-    return all(_turn(flat[a], flat[b], flat[c]) > -_STRAIGHT for a, b, c in _corners(loop))
-
-
 def _straightened(loop: _Loop, flat: _Corners) -> _Loop:
     """The loop without corners on a straight line."""
     return [
@@ -175,7 +173,7 @@ _SNAP_M = 1e-8
 """Corners of a facet are moved by up to half of this to fit each other [m]."""
 _CRACK_M = 2e-5
 """Cracks between triangles of a facet that are no wider are closed [m]."""
-_MANY = 1000
+_MANY = 20
 """Triangles of a facet that are more are looked at for whether they share all their edges."""
 _ROUNDS = 20
 """After these, what is left of triangles that bend away from their neighbours stays single."""
@@ -345,7 +343,10 @@ def _covering(triangles: Any) -> Any:
     """
     shapely = shapely_module()
     exact = shapely.set_precision(triangles, _SNAP_M, mode="pointwise")
-    whole = shapely.coverage_union_all(exact)
+    try:
+        whole = shapely.coverage_union_all(exact)
+    except shapely.errors.GEOSException:  # corners within edges of others
+        return None
     area = float(shapely.area(exact).sum())
     alike = whole.geom_type == "Polygon" and abs(whole.area - area) <= _CRACK_M**2 * len(exact)
     return whole if alike and whole.is_valid else None
@@ -358,7 +359,7 @@ def _joined(
     plane by plane.
     """
     pairs = edge_pairs(triangles)
-    pairs = pairs[_agree(normals, *pairs.T)]
+    pairs = pairs[np.vecdot(*np.moveaxis(normals[pairs], 1, 0)) > np.cos(COPLANAR_RAD)]
     labels, left, count = np.full(len(corners), -1), np.arange(len(corners)), 0
     for _ in range(_ROUNDS):
         if not len(left):
@@ -368,7 +369,10 @@ def _joined(
         some = within[pairs[np.all(within[pairs] >= 0, axis=1)]]
         number, group = connected(some, len(left))
         seed = left[_largest(group, area[left], number)]
-        fits = _fits(corners[left], normals[left], corners[seed[group], 0], normals[seed[group]])
+        plane = normals[seed[group]]
+        off = np.einsum("kij,kj->ki", corners[left] - corners[seed[group], :1], plane)
+        fits = np.vecdot(normals[left], plane) > np.cos(COPLANAR_RAD)
+        fits &= np.abs(off).max(axis=1) <= FLAT_M
         labels[left[fits]] = count + group[fits]
         left, count = left[~fits], count + number
     labels[left] = count + np.arange(len(left))
@@ -514,16 +518,6 @@ def _merged_planes(
             whose[members] = min(members)
             merged.update(members)
     return np.asarray(whose[labels])
-
-
-def _fits(corners: Array, normals: Array, at: Array, seed: Array) -> NDArray[np.bool_]:
-    """Tell which triangles lie in the planes of their seeds."""
-    off = np.abs(np.einsum("kij,kj->ki", corners - at[:, None], seed)).max(axis=1)
-    return np.asarray((np.vecdot(normals, seed) > np.cos(COPLANAR_RAD)) & (off <= FLAT_M))
-
-
-def _agree(normals: Array, one: NDArray[np.int_], other: NDArray[np.int_]) -> NDArray[np.bool_]:
-    return np.asarray(np.vecdot(normals[one], normals[other]) > np.cos(COPLANAR_RAD))
 
 
 def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:

@@ -444,7 +444,8 @@ class _Around:
         whole = (heights.min(axis=1) >= _ABOVE_M) & (heights.max(axis=1) <= clearance_m)
         shadows = flat[whole], _slabs(flat[~whole], heights[~whole], clearance_m)
         polygons = np.concatenate([self._shapely.polygons(_closed(each)) for each in shadows])
-        touching = polygons[self._shapely.intersects(facet.polygon, polygons)]
+        core = facet.polygon.buffer(-_THIN_M)  # what shares a border with it covers nothing
+        touching = polygons[self._shapely.intersects(core, polygons)]
         if not len(touching):
             return facet.polygon
         return _difference(facet.polygon, self._shapely.union_all(touching, grid_size=1e-7))
@@ -453,7 +454,9 @@ class _Around:
         """Part of each facet that is outside of all solids."""
         parts = [self._parts(facet) for facet in facets]
         points = [
-            facet.plane.world(np.array([_within(part) for part in of]).reshape(-1, 2))
+            facet.plane.world(
+                np.array([part.representative_point().coords[0] for part in of]).reshape(-1, 2)
+            )
             + _ABOVE_M * facet.plane.normal
             for facet, of in zip(facets, parts, strict=True)
         ]
@@ -622,8 +625,3 @@ def _crossings(flat: Array, heights: Array) -> Array:
         share = (h / np.where(h == g, 1.0, h - g))[:, None]
         ends.append(flat[rows, high] + share * (flat[rows, low] - flat[rows, high]))
     return np.stack(ends, axis=1)
-
-
-def _within(part: Any) -> tuple[float, float]:
-    point = part.representative_point()
-    return point.x, point.y

@@ -87,9 +87,9 @@ class BodyReport:
         missing: what has no shape and was not judged.
         drawn_so: pairs of links that are inside each other in every posture, and are left out.
         astray: of a foot that cannot follow its path; empty where all do.
-        short_m: what is missing to bodies that are clear: of the depth in the terrain what is more
-            than touch, of the distance between links what is less than ``ROOM_M``, and how far a
-            foot is off its path.
+        short_m: what is missing to bodies that are clear: of the distance between links what is
+            less than ``ROOM_M``, of that of links from the terrain what is less than ``TOUCH_M``, of
+            the depth of feet in it what is more, and how far a foot is off its path.
     """
 
     postures: int
@@ -182,12 +182,19 @@ def bodies_report(
     deepest: tuple[Overlap, float] | None = None
     count, hit, on_the_way, missing, at = 0, 0, 0, bodies.missing, np.arange(len(frames))
     short_m = astray[1] if astray[0] else 0.0
-    for count, near in bodies.sweep(postures, links_m=-ROOM_M, between=between):
-        for _, overlap in near:
-            short_m = max(
-                short_m, overlap.depth_m + (ROOM_M if overlap.other in bodies.links else -TOUCH_M)
-            )
-        overlaps = [(moment, overlap) for moment, overlap in near if overlap.depth_m > LINKS_M]
+    on_ground_m = {leg.foot: -TOUCH_M for leg in bodies.model.legs}  # links but feet want room
+    for count, near in bodies.sweep(postures, terrain_m=-TOUCH_M, links_m=-ROOM_M, between=between):
+        missing_m = (
+            each.depth_m
+            + (ROOM_M if each.other in bodies.links else on_ground_m.get(each.link, TOUCH_M))
+            for _, each in near
+        )
+        short_m = max(short_m, *missing_m, 0.0)
+        overlaps = [
+            (moment, each)
+            for moment, each in near
+            if each.depth_m > (LINKS_M if each.other in bodies.links else TOUCH_M)
+        ]
         ways = sum(moment % 1.0 > 0.0 for moment, _ in overlaps)
         hit += ways + len({moment for moment, _ in overlaps if not moment % 1.0})
         on_the_way += ways

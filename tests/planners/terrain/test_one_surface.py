@@ -54,14 +54,16 @@ def test_a_plane_in_small_triangles_is_one_foothold_to_a_millimetre(degrees, tur
 
 
 @pytest.mark.parametrize("degrees", [0, 5, 20])
-@pytest.mark.parametrize("digits", [9, 3])
-def test_bricks_whose_corners_are_within_the_edges_of_others_are_one_surface(degrees, digits):
-    corners, slope = list[tuple[float, float, float]](), np.tan(np.radians(degrees))
-    for row in range(10):
-        ends = np.clip(np.arange(-1.0 - 0.2 * (row % 2), 1.3, 0.4), -1.0, 1.0)
-        for a, b in pairwise(ends):
-            y = 0.2 * row - 1.0
-            corners += [(x, z, slope * x) for x, z in ((a, y), (b, y), (b, y + 0.2), (a, y + 0.2))]
+@pytest.mark.parametrize(("digits", "rows"), [(9, 10), (3, 10), (3, 40)])
+def test_bricks_whose_corners_are_within_the_edges_of_others_are_one_surface(degrees, digits, rows):
+    corners, slope, wide = list[tuple[float, float, float]](), np.tan(np.radians(degrees)), 2 / rows
+    for row in range(rows):
+        ends = np.clip(np.arange(-1.0 - wide * (row % 2), 1.0 + 1.5 * wide, 2 * wide), -1.0, 1.0)
+        for a, b in pairwise(np.unique(ends)):
+            y = wide * row - 1.0
+            corners += [
+                (x, z, slope * x) for x, z in ((a, y), (b, y), (b, y + wide), (a, y + wide))
+            ]
     quads = np.concatenate([4 * k + QUAD for k in range(len(corners) // 4)])
     found = footholds(np.round(corners, digits), quads)
     assert len(found.pieces) == 1
