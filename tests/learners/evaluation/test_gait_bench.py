@@ -259,34 +259,6 @@ def test_pictures_are_of_what_has_iterates_and_of_directions_where_tasks_go_all_
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
 
 
-def test_a_picture_says_how_many_guesses_there_may_be_and_a_method_has_one_colour_in_all(
-    tmp_path, monkeypatch
-):
-    drawn = {}
-    monkeypatch.setattr(
-        "stancekit.views.sheet.save", lambda figure, path: drawn.update({path.stem: figure})
-    )
-    solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
-    names = ("ambient-lbfgs", "warped", "decoupled")
-    rows = [row(name, "cone", **solved) for name in names] + [
-        row("decoupled", "cone", seed=1, **solved)
-    ]
-    draw([*rows, row("decoupled", "pit", **solved)], tmp_path)
-    for name in ("directions-cone", "times-cone"):
-        assert drawn[name].texts[0].get_text().endswith("on cone, up to 2 guesses a direction")
-        assert "0° = +y, clockwise" in drawn[name].texts[1].get_text()
-    assert drawn["directions-pit"].texts[0].get_text().endswith("on pit, one guess a direction")
-    label = METHODS["decoupled"].label
-    keys = [
-        line.get_color()
-        for name in ("convergence-cone", "times-cone", "convergence-pit", "times-pit")
-        for line in drawn[name].axes[0].lines
-        if str(line.get_label()).startswith(label)
-    ]
-    assert len(keys) == 4
-    assert len(set(keys)) == 1
-
-
 def test_ratios_compare_cells_in_which_both_succeeded():
     rows = [row("ambient", task=k, iterations=10, cpu_s=2.0) for k in range(3)]
     rows += [row("decoupled", task=k, iterations=5, cpu_s=3.0) for k in range(2)]
