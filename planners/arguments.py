@@ -100,7 +100,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         for name in single:
             if name in arguments:
                 check_argument(name, arguments[name], hints[name])
-        return function(*args, **kwargs)
+        with np.errstate(divide="warn", over="warn", under="ignore", invalid="warn"):
+            return function(*args, **kwargs)  # as NumPy is, whatever its user has set
 
     return held
 

@@ -24,7 +24,13 @@ from stancekit.planners.files.documents import check_fields, file_or_named
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import OF_CANDIDATE, OF_LEAP, LeapFeatures
 
-from ..selectors.network import AttentionBlock, load_weights, read_tensors, write_tensors
+from ..selectors.network import (
+    AttentionBlock,
+    load_weights,
+    read_tensors,
+    undisturbed,
+    write_tensors,
+)
 from ..zoo import shipped
 from .kinds import FORMAT, KINDS, Kind
 
@@ -159,6 +165,7 @@ class LeapScorer:
     network: ScoreNetwork
     origin: dict[str, Any]
 
+    @undisturbed()
     def scores(self, numbers: LeapNumbers) -> Array:
         """The score of every candidate, the larger the better, shape (P, options); −inf where there
         is none.
@@ -171,6 +178,7 @@ class LeapScorer:
             )
         return np.where(seen.mask > 0.0, scores[0].numpy().astype(np.float64), -np.inf)
 
+    @undisturbed()
     def predict(
         self,
         observation: Mapping[str, NDArray[np.float32]],
@@ -210,6 +218,7 @@ class LeapScorer:
         write_tensors(path, FORMAT, {**sizes, "origin": self.origin}, network.state_dict())
 
     @classmethod
+    @undisturbed()
     def read(cls, path: str | Path) -> LeapScorer:
         """Read what ``write`` wrote, or the scorer of that name that ships."""
         path = file_or_named(path, shipped("scorers"))
@@ -241,8 +250,12 @@ _FLIPPED = ("_y", "_y_m", "_y_m_s")
 _MOMENTS = ("moment_x_m", "moment_z_m")
 """In the mirror y → −y lengths and forces along y change their sign, and moments about x and z
 do."""
-_SIGNS = torch.ones(_FEATURES)
-_LEAP_SIGNS = torch.tensor([-1.0 if name.endswith(_FLIPPED) else 1.0 for name in OF_LEAP])
+_SIGNS = torch.ones(_FEATURES, dtype=torch.float32, device="cpu")
+_LEAP_SIGNS = torch.tensor(
+    [-1.0 if name.endswith(_FLIPPED) else 1.0 for name in OF_LEAP],
+    dtype=torch.float32,
+    device="cpu",
+)
 for _k, _name in enumerate(OF_CANDIDATE):
     if _name in _MOMENTS or (_name.endswith(_FLIPPED) and not _name.startswith("moment")):
         _SIGNS[_k] = -1.0
@@ -309,6 +322,7 @@ class _Tries:
         return _Tries(**{name: value[rows] for name, value in vars(self).items()})
 
 
+@undisturbed()
 def fit_scorer(
     tries: LeapTries,
     kind: Kind = "set",
@@ -334,8 +348,7 @@ def fit_scorer(
     order = torch.randperm(len(rows), generator=generator)
     held = max(1, round(settings.held_out * len(rows)))
     test, train = rows[order[:held]], rows[order[held:]]
-    with torch.random.fork_rng():
-        torch.manual_seed(settings.seed)
+    with undisturbed(settings.seed):
         network = ScoreNetwork(kind, settings.width, settings.layers)
     _fit_scales(network, train)
     optimiser = torch.optim.AdamW(
@@ -508,6 +521,7 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
         make: Any = self.optimizer_class
         self.optimizer = make(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
+    @undisturbed(0)
     def scorer(self) -> LeapScorer:
         """The scores as they are now."""
         extractor: Any = self.features_extractor

@@ -37,6 +37,7 @@ from .network import (
     load_weights,
     pinball,
     read_tensors,
+    undisturbed,
     write_tensors,
 )
 
@@ -210,8 +211,7 @@ class _Trainer:
         self._run = {"settings": asdict(settings), "data": digest}
         self._checkpoint = checkpoint
         self._mirror = Mirror.of(feasible.scenes)
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(settings.seed)
+        with undisturbed(settings.seed):
             self.network = BoxNetwork.of_data(
                 settings.architecture, feasible.scenes, feasible.points
             )
@@ -458,6 +458,7 @@ class NeuralSelector(MemorylessPolicy):
         write_tensors(path, FORMAT, header, self.network.state_dict(), half=half)
 
     @classmethod
+    @undisturbed()
     def load(
         cls,
         path: str | Path,
@@ -496,12 +497,14 @@ class NeuralSelector(MemorylessPolicy):
             provenance=raw.provenance,
         )
 
+    @undisturbed()
     def _boxes(self, scenes: SceneTensors) -> tuple[list[Envelope], Array]:
         with torch.no_grad():
             lows, highs, points = as_arrays(*self.network(scenes))
         return [roomy(low, high, self.room) for low, high in zip(lows, highs, strict=True)], points
 
 
+@undisturbed()
 def fit_neural(
     dataset: Dataset,
     settings: NeuralSettings = NeuralSettings(),
@@ -512,8 +515,6 @@ def fit_neural(
 ) -> NeuralSelector:
     """Train and calibrate a selector on a data set; see ``NeuralSettings``.
 
-    Uses one torch thread.
-
     Arguments:
         calibration: rows for the calibration, else a part of ``dataset`` is kept for it; never use
             test rows.
@@ -522,7 +523,6 @@ def fit_neural(
     Raises:
         InvalidInput: where rows of a label are missing.
     """
-    torch.set_num_threads(1)
     train = dataset
     if calibration is None:
         train, calibration = dataset.split((1.0 - settings.calibration, settings.calibration))

@@ -28,7 +28,6 @@ from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
-from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
 
 PLAIN = HeightField.from_function(lambda x, y: 0.1 * x - 0.05 * y, 3.0, 0.25, name="plain")
@@ -198,23 +197,6 @@ def test_the_observation_does_not_depend_on_where_north_is():
     assert here.keys() == there.keys()
     for name in here:
         assert np.allclose(here[name], there[name], atol=1e-6), name
-
-
-def test_a_robot_is_named_as_everywhere(tmp_path):
-    (tmp_path / "dog.urdf").write_text(quadruped())
-    (tmp_path / "dog.yaml").write_text(
-        "urdf: dog.urdf\nname: dog\nfeet: [LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT]\n"
-    )
-    drawn = {}
-    for robot in ("hexapod", tmp_path / "dog.urdf", str(tmp_path / "dog.yaml"), None):
-        env = WarpedGaitEnv("waves", robot=robot, charts=("decoupled",))
-        observation, _ = env.reset(seed=0)
-        drawn[robot and str(robot).rpartition("/")[2]] = observation["adhesive"].shape
-    assert drawn == {"hexapod": (6,), "dog.urdf": (4,), "dog.yaml": (4,), None: (4,)}
-    with refuses("robot"):
-        made(robot="hexapod")
-    with refuses("robot"):
-        WarpedGaitEnv(robot="table")
 
 
 def test_walks_on_reference_terrains_are_the_papers():

@@ -22,7 +22,7 @@ from stancekit.learners.evaluation.gait_bench import (
     run,
     table,
 )
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.walk_table import GaitSettings
 from tests.refusals import refuses
 
@@ -119,41 +119,6 @@ def test_another_protocol_measures_anew(tmp_path, measured):
     assert kept(replace(FAST, noise=0.05), tmp_path) == []
     list(run(replace(FAST, noise=0.05), tmp_path))
     assert len(measured) == 2 * count
-
-
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda cell: [], "expected an object with protocol and row, got list"),
-        (lambda cell: {**cell, "row": None}, "row: expected an object, got NoneType"),
-        (lambda cell: without(cell, "cpu_s"), "row: cpu_s: expected this key, got nothing"),
-        (lambda cell: without(cell, "success"), "row: success: expected this key, got nothing"),
-        (
-            lambda cell: {**cell, "row": {**cell["row"], "task": 8}},
-            "row: task: expected 0 by the file's name, got 8",
-        ),
-        (
-            lambda cell: {**cell, "row": {**cell["row"], "before": {}}},
-            "row: before.peak_acceleration_g: expected this key, got nothing",
-        ),
-        (
-            lambda cell: {**cell, "row": {**cell["row"], "force_rms": "much"}},
-            "row: force_rms: expected a valid number, got 'much'",
-        ),
-    ],
-)
-def test_a_file_that_is_no_cell_is_refused_by_its_path(spoil, message, tmp_path, measured):
-    list(run(FAST, tmp_path))
-    path = tmp_path / cells(FAST)[0].file
-    path.write_text(json.dumps(spoil(json.loads(path.read_text()))))
-    for read in (kept, lambda *where: list(run(*where))):
-        with pytest.raises(InvalidInput) as caught:
-            read(FAST, tmp_path)
-        assert str(caught.value) == f"{path}: {message}"
-
-
-def without(cell, name):
-    return {**cell, "row": {key: value for key, value in cell["row"].items() if key != name}}
 
 
 def test_a_cell_without_a_solve_is_a_row(tmp_path, monkeypatch):
