@@ -71,6 +71,7 @@ class Head(BaseModel, ABC):
         legs: limbs, in their order.
         first_sample: SHA-256 of what is drawn first, to know the distribution by.
         software: versions at the beginning.
+        code: SHA-256 of each file of the code of one's own that it was drawn by; None without any.
     """
 
     model_config = STRICT
@@ -80,6 +81,7 @@ class Head(BaseModel, ABC):
     plan: RowPlan
     first_sample: str
     software: dict[str, str]
+    code: dict[str, str] | None = None
 
     @property
     def digest(self) -> str:

@@ -32,6 +32,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_bytes
+from stancekit.planners.plugins import code_of, differing
 from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
 from stancekit.planners.verify import check_certificate, check_plan
 
@@ -151,6 +152,11 @@ def begin(folder: Path, header: H) -> H:
             raise InvalidInput(
                 f"{where}: {key}: expected {wanted!r} as planned, got {begun[key]!r}"
             )
+    if differs := differing(there.code or {}, header.code or {}):
+        raise InvalidInput(
+            f"{where}: code: expected that with which the folder was begun, got another {differs}: "
+            "take another folder"
+        )
     if there.digest != header.digest:
         distribution = header.plan.distribution
         raise InvalidInput(
@@ -430,6 +436,7 @@ def _header(plan: LabelPlan, source: Distribution) -> Header:
         plan=plan,
         first_sample=hashlib.sha256(json.dumps(first.to_json()).encode()).hexdigest(),
         software=ledger.software(),
+        code=code_of(plan.distribution, plan.terrain or "") or None,
         witness=_WITNESS,
         robot=first.robot.identity or None,
         speaks_of=_INNER

@@ -245,17 +245,6 @@ def test_a_robot_that_can_stand_nowhere_is_said_so():
 # what is shown
 
 
-def test_the_picture_shows_the_guess_and_then_the_motion(stepped):
-    env = made(render_mode="rgb_array")
-    env.reset(seed=4)
-    before = env.render()
-    env.step(np.array([0, 0, 0]))
-    after = env.render()
-    assert before.shape == after.shape == (900, 1200, 3)
-    assert before.dtype == np.uint8
-    assert not np.array_equal(before, after)
-
-
 # --------------------------------------------------------------------------------------------------------
 # pools
 

@@ -2,18 +2,15 @@
 
 import importlib.util
 import os
-import pickle
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import cloudpickle
 import pytest
 
 from stancekit.envs.data.ledger import LabelPlan, TryPlan
@@ -195,22 +192,6 @@ def test_a_cluster_that_goes_away_is_noticed(clock: list[float]) -> None:
 )
 def test_what_ray_says_becomes_one_line(text: str, line: str) -> None:
     assert ray_driver.reason(ValueError(text)) == line
-
-
-def test_a_node_without_the_package_or_with_another_version_says_so() -> None:
-    node = socket.gethostname()
-    assert ray_driver.call({"nosuch-package": "1.0"})(b"") == (
-        f"has a node, {node}, without nosuch-package: expected 1.0, as here"
-    )
-    here = version("numpy")
-    assert ray_driver.call({"numpy": "0.1"})(b"") == (
-        f"has a node, {node}, with another numpy: expected 0.1, as here, got {here}"
-    )
-    run = ray_driver.call({"numpy": here})
-    assert pickle.loads(run(cloudpickle.dumps(partial(square, 5)))) == ("answer", 25)
-    kind, error = pickle.loads(run(cloudpickle.dumps(partial(fail, 3))))
-    assert (kind, str(error)) == ("raised", "x: expected another number than 3")
-    assert "tasks.py" in error.__notes__[0]
 
 
 def _driver_that(says: str) -> str:

@@ -410,6 +410,24 @@ def test_a_distribution_that_draws_something_else_now_is_refused(balanced: Path)
         label(PLAN, balanced, source=changed)
 
 
+def test_rows_of_own_code_are_not_gone_on_with_by_other_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = replace(PLAN, distribution="drawn.py:Mine", feasible=1, infeasible=0)
+    for name, note in (("one", ""), ("other", "# draws the same\n")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "drawn.py").write_text(
+            "from stancekit.envs.distributions.postures import WALL_3\n"
+            f"class Mine:\n    def sample(self, rng):\n        return WALL_3.sample(rng)\n{note}"
+        )
+    monkeypatch.chdir(tmp_path / "one")
+    label(plan, tmp_path / "rows")
+    label(plan, tmp_path / "rows")
+    monkeypatch.chdir(tmp_path / "other")
+    with refuses("header.json", "code", "drawn.py"):
+        label(plan, tmp_path / "rows")
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [

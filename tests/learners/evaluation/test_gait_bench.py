@@ -14,7 +14,6 @@ from stancekit.learners.evaluation.gait_bench import (
     GaitBenchSettings,
     GaitCell,
     cells,
-    draw,
     gait_task,
     kept,
     quartiles,
@@ -203,25 +202,6 @@ def test_the_share_of_cells_that_leave_the_cone_is_of_those_that_succeeded():
     assert record["verified_cpu_s"] == [1.0, 1.0, 1.0]
     (record,) = table([{**row("warped"), "success": False}])
     assert record["left_cone"] is None
-
-
-def test_pictures_are_of_what_has_iterates_and_of_directions_where_tasks_go_all_around(tmp_path):
-    solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
-    rows = [
-        row(name, terrain, **solved)
-        for name in ("ambient", "warped")
-        for terrain in ("cone", "hill")
-    ]
-    rows.append(row("decoupled", "cone", violations=[None, 0.2], cpu_s=1.0))
-    rows += [row("portfolio", "pit", cpu_s=1.0), {**row("warped", "pit"), "success": False}]
-    names = [path.name for path in draw(rows, tmp_path)]
-    assert names == [
-        "convergence-cone.png",
-        "directions-cone.png",
-        "times-cone.png",
-        "convergence-hill.png",
-    ]
-    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
 
 
 def test_ratios_compare_cells_in_which_both_succeeded():
