@@ -40,7 +40,7 @@ class Evaluate:
 
     dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Data set folder of `stancekit label`."""
-    part: Literal["all", "train", "test"] = "all"
+    part: Literal["all", "train", "test", "calibration"] = "all"
     """Part of the rows: all, or a part of the split by hash that `fit --part` knows, too."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot that the data set must be of; one of another is refused."""

@@ -38,7 +38,6 @@ from .episodes import check_options, checked_render_mode, checked_seed
 _Observation = dict[str, NDArray[np.float32]]
 _ROOM = 10.0
 """Bound on the numbers of an observation."""
-_PARTS = ("train", "test", "all")
 INFO: Mapping[str, int | float] = {
     "is_success": 0,
     "tries": 0,
@@ -76,10 +75,9 @@ class LeapChoiceSettings:
         if self.scenes is None:
             return None
         from .data.leap_tries import LeapTries  # Arrow takes a while to load
+        from .data.ledger import folder_and_part
 
-        folder, _, part = str(self.scenes).rpartition(":")
-        if not folder or part not in _PARTS:
-            folder, part = str(self.scenes), "train"
+        folder, part = folder_and_part(self.scenes)
         tries = LeapTries.open(folder)
         if tries.problem_class != self.problem:
             raise InvalidInput(
@@ -154,7 +152,7 @@ class LeapChoiceEnv(gym.Env[_Observation, NDArray[np.int64]]):
     | argument | default | meaning |
     |---|---|---|
     | problem | 'leap-hard' | a class of leaps, of ``configs/leaps.yaml`` |
-    | scenes | None | folder of labelled tries, whose part "train" is drawn from; FOLDER:test and FOLDER:all likewise |
+    | scenes | None | folder of labelled tries, whose part "train" is drawn from; or FOLDER:test, :calibration, :all |
     | tries | 6 | choices per episode |
     | solves | 12 | convex problems per episode |
     | render_mode | None | "rgb_array" |

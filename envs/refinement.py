@@ -114,7 +114,7 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
     | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
-    | scenes | None | a source, or a labelled data set's folder, whose part "train" is drawn from |
+    | scenes | None | a source, a ``Dataset``, or its folder, whose part "train" is drawn from, or FOLDER:test |
     | margins | False | measure the margins in ``info``, some milliseconds per posture |
     | projection | 'fix-toes' | the P2 that is tried at every box |
     | budget | 200 | convex problems per episode |

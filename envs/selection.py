@@ -434,8 +434,8 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     A scene of ``scenes``; without them one of ``problem``, labelled by the exact planner: half of
     them infeasible and none trivially so where ``balanced``, else as they come. ``scenes`` may be
-    the folder of a data set of ``stancekit label`` with rows of ``problem``: a pool, of which the
-    part "train" (``Dataset.only``) is drawn from.
+    a ``Dataset`` with rows of ``problem``, or its folder: a pool, of which the part "train"
+    (``Dataset.only``) is drawn from, or another, as FOLDER:test.
 
     ## Episode End
 

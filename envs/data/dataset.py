@@ -4,7 +4,6 @@ learn from.
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import math
@@ -13,7 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +29,16 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.robot import Limb, Robot
 
 from ..scenes import LabelledScene
-from .ledger import Counts, Header, Ledger, shard_name, shard_schema
+from .ledger import (
+    Counts,
+    Header,
+    Ledger,
+    Part,
+    folder_and_part,
+    part_of,
+    shard_name,
+    shard_schema,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -239,10 +247,6 @@ def finite(values: dict[str, Any]) -> dict[str, Any]:
 _Index = NDArray[np.intp]
 _Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
-Part = Literal["all", "train", "test"]
-"""Part of a data set's rows: see ``Dataset.only``."""
-_TEST_SHARE = 5
-"""One row in so many is of the part "test"."""
 _LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
 """Labels that ``Dataset[k]`` gives to a row."""
 OPEN_SHARDS = 4
@@ -391,11 +395,11 @@ class Dataset:
         return replace(self, chosen=self.chosen[np.asarray(indices, dtype=np.intp)], _open={})
 
     def only(self, part: Part) -> Dataset:
-        """The rows of "train" or of "test", one in TEST_SHARE, by a hash of their problems; or
-        "all".
+        """The rows of "train", of "test", two in ten, or of "calibration", one in ten, by a hash of
+        their problems; or "all".
 
         A problem is of the same part in whatever data set it is: what was learned from "train" has
-        seen nothing of "test". Raises InvalidInput for another part.
+        seen nothing of the others. Raises InvalidInput for another part.
         """
         if part not in get_args(Part):
             raise InvalidInput(f"part: expected one of {', '.join(get_args(Part))}, got {part!r}")
@@ -403,19 +407,22 @@ class Dataset:
             return self
         shards = [self.ledger.read(shard, ["problem"]) for shard in range(self.header.plan.shards)]
         texts = [text for shard in shards for text in shard.column("problem").to_pylist()]
-        members = [is_test(texts[k]) == (part == "test") for k in self.chosen]
+        members = [part_of(texts[k]) == part for k in self.chosen]
         return replace(self, chosen=self.chosen[np.array(members, dtype=bool)], part=part, _open={})
 
     @property
     def origin(self) -> dict[str, str]:
-        """Origin of these rows, which a selector keeps: digest of the set, of its draws, and the
-        part.
+        """Origin of these rows, which a selector keeps: digest of the set, of its draws, the part,
+        and which rows of the set they are where they are not all, a bit each.
         """
-        return {
+        origin = {
             "dataset": self.header.digest,
             "first_sample": self.header.first_sample,
             "part": self.part,
         }
+        mine = np.zeros(self.ledger.starts[-1], dtype=bool)
+        mine[self.chosen] = True
+        return origin if mine.all() else {**origin, "chosen": np.packbits(mine).tobytes().hex()}
 
     def split(self, fractions: Sequence[float]) -> tuple[Dataset, ...]:
         """Disjoint data sets of these shares of every kind of rows, always the same ones, e.g. (.6,
@@ -493,11 +500,6 @@ class Dataset:
             ) from None
 
 
-def is_test(problem: str) -> bool:
-    """Tell whether the problem, as a shard has it, belongs to the part "test"."""
-    return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % _TEST_SHARE == 0
-
-
 def scenes_of(dataset: Dataset) -> list[LabelledScene]:
     """The data set's feasible and hard infeasible rows as scenes."""
     return [
@@ -547,31 +549,33 @@ class ScenePool:
     @classmethod
     def open(
         cls,
-        folder: str | Path,
+        rows: Dataset | str | Path,
         *,
         of: str,
         legs: Sequence[str],
-        part: Part = "train",
         balanced: bool = True,
     ) -> ScenePool:
-        """The pool of a folder of ``stancekit label``.
+        """The pool of a data set, or of a folder's part, FOLDER:PART, "train" where it names none.
 
         Arguments:
             of, legs: the class of problems that it has to be of, which names the robot, too.
-            part: see ``Dataset.only``.
 
         Raises:
             InvalidInput: for a folder that is none, of another version or of other problems, or
                 with undecided rows.
         """
-        dataset = Dataset.open(folder)
+        if isinstance(rows, Dataset):
+            dataset, folder = rows, str(rows.ledger.folder)
+        else:
+            folder, part = folder_and_part(rows)
+            dataset = Dataset.open(folder).only(part)
         if (dataset.problem_class, tuple(dataset.header.legs)) != (of, tuple(legs)):
             got = f"{dataset.problem_class} on the legs {', '.join(dataset.header.legs)}"
             raise InvalidInput(
                 f"{folder}: expected scenes of {of} on the legs {', '.join(legs)}, got some of "
                 f"{got}"
             )
-        return cls(dataset.only(part), balanced=balanced)
+        return cls(dataset, balanced=balanced)
 
     def __len__(self) -> int:
         return sum(map(len, self._scenes))

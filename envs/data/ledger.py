@@ -18,7 +18,7 @@ from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, Field, ValidationError
 
@@ -53,6 +53,25 @@ def check_there(path: str | Path) -> None:
     """Raise InvalidInput where there is neither a file nor a data set of this name."""
     if not os.path.exists(folder_of(path)):
         raise InvalidInput(f"{path}: expected a plan, proof, gait or data set, found nothing there")
+
+
+Part = Literal["all", "train", "test", "calibration"]
+"""Part of a data set's rows: see ``Dataset.only``."""
+
+
+def part_of(scene: str) -> Part:
+    """The part of a scene, by a hash of what says all of it: a problem as a shard has it, or a
+    leap's class, seed and number.
+    """
+    number = int.from_bytes(hashlib.sha256(scene.encode()).digest()[:8], "big")
+    return "test" if number % 5 == 0 else "calibration" if number % 10 == 1 else "train"
+
+
+def folder_and_part(path: str | Path, usual: Part = "train") -> tuple[str, Part]:
+    """A folder and the part of it that is named, FOLDER:PART; the usual one where none is."""
+    folder, _, part = str(path).rpartition(":")
+    named = [each for each in get_args(Part) if folder and part == each]
+    return (folder, named[0]) if named else (str(path), usual)
 
 
 _SHARD_FORMAT = "stancekit/shard/1"

@@ -414,9 +414,9 @@ def keys(problems) -> set[str]:
 
 def test_the_parts_share_no_row_and_miss_none(balanced):
     dataset = Dataset.open(balanced)
-    train, test = dataset.only("train"), dataset.only("test")
+    train, test, held = (dataset.only(part) for part in ("train", "test", "calibration"))
     assert len(train) > len(test) > 0
-    assert sorted([*train.chosen, *test.chosen]) == list(range(len(dataset)))
+    assert sorted([*train.chosen, *test.chosen, *held.chosen]) == list(range(len(dataset)))
     assert dataset.only("all") is dataset
     picked = dataset.select(np.arange(10)).only("test")
     assert set(picked.chosen) == {k for k in test.chosen if k < 10}
@@ -437,13 +437,15 @@ def test_a_row_is_of_the_same_part_in_whatever_folder_it_is(balanced, tmp_path):
         )
 
 
-def test_a_folder_gives_the_scenes_of_its_part_train(balanced):
+@pytest.mark.parametrize("part", ["", ":test", "as rows"])
+def test_a_folder_gives_the_scenes_of_its_part_train_or_of_the_part_it_names(balanced, part):
+    rows = Dataset.open(balanced).only("test" if part == ":test" else "train")
     env = gymnasium.make(
-        "stancekit.envs:stancekit/EnvelopeSelection-v0", scenes=str(balanced)
+        "stancekit.envs:stancekit/EnvelopeSelection-v0",
+        scenes=rows if part == "as rows" else f"{balanced}{part}",
     ).unwrapped
-    train = Dataset.open(balanced).only("train")
     expected = {
-        scene.observation["vertices"].tobytes(): scene.feasible for scene in scenes_of(train)
+        scene.observation["vertices"].tobytes(): scene.feasible for scene in scenes_of(rows)
     }
     seen = Counter()
     for k in range(400):
@@ -525,7 +527,12 @@ def test_what_is_no_pool_is_refused_in_one_line(balanced, natural, tmp_path):
 
 def test_rows_that_were_learned_from_are_refused(balanced):
     dataset = Dataset.open(balanced)
-    train, test = dataset.only("train"), dataset.only("test")
+    train, test, held = (dataset.only(part) for part in ("train", "test", "calibration"))
+    first, second = dataset.split((0.5, 0.5))
+    check_unseen(second, first.origin, "me")
+    check_unseen(held, train.origin, "me")
+    with refuses("me"):
+        check_unseen(first, dataset.split((0.7,))[0].origin, "me")
     for seen, asked in ((dataset, dataset), (dataset, test), (train, dataset), (train, train)):
         with refuses("me"):
             check_unseen(asked, seen.origin, "me")

@@ -120,12 +120,12 @@ def test_what_the_last_try_lacks_is_in_the_next_observation():
 def test_scenes_of_a_folder_are_of_the_part_that_was_asked_for(tmp_path):
     tries = stancekit.label("leap-few", tmp_path / "few", scenes=12, tries={"random": 1}, seed=3)
     parts = tries.parts()
-    assert set(parts) == {"train", "test"}
+    assert set(parts) == {"train", "test", "calibration"}
     names = {
         part: {leap.name for leap, own in zip(tries.leaps(), parts, strict=True) if own == part}
-        for part in ("train", "test")
+        for part in parts
     }
-    for given, part in (("", "train"), (":test", "test")):
+    for given, part in (("", "train"), (":test", "test"), (":calibration", "calibration")):
         env = LeapChoiceEnv(problem="leap-few", scenes=f"{tmp_path / 'few'}{given}")
         for seed in range(5):
             env.reset(seed=seed)
