@@ -454,21 +454,3 @@ def test_no_scenes_and_scenes_of_another_size_are_refused(scenes):
     env = EnvelopeSelectionEnv("wall-5", scenes=ListedScenes(scenes))
     with refuses("scene"):
         env.reset(seed=0)
-
-
-@pytest.mark.parametrize(
-    ("action", "name"),
-    [
-        (np.zeros(35), "action"),
-        (np.zeros(72), "action"),
-        (0, "action"),
-        (np.full(36, np.nan), "action"),
-        (np.array(["a"] * 36), "action"),
-        (np.full(36, None), "action"),
-        (np.full(36, 1e30), "low"),
-    ],
-)
-def test_an_action_that_is_no_box_is_refused(action, name, selection):
-    selection.reset(seed=0)
-    with refuses(name):
-        selection.step(action)

@@ -92,14 +92,6 @@ def test_reset_is_needed_before_the_first_and_after_the_last_step():
         env.step(np.int64(0))
 
 
-@pytest.mark.parametrize("action", [3, -1, np.zeros((2, 3), np.float32), 0.5])
-def test_a_bad_action_is_refused(action):
-    env = made()
-    env.reset(seed=0)
-    with refuses("action"):
-        env.step(action)
-
-
 # ------------------------------------------------------------------------------------------------------------
 # walking
 
