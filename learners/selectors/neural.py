@@ -524,8 +524,9 @@ def fit_neural(
         InvalidInput: where rows of a label are missing.
     """
     train = dataset
+    labels = ("feasible", "infeasible") if settings.margin_epochs else ("feasible",)
     if calibration is None:
-        train, calibration = dataset.split((1.0 - settings.calibration, settings.calibration))
+        train, calibration = kept_apart(dataset, settings.calibration, labels)
     elif calibration.problem_class != dataset.problem_class:
         raise InvalidInput(
             f"calibration: expected {dataset.problem_class}, got {calibration.problem_class}"
@@ -565,6 +566,25 @@ def fit_neural(
             "history": trainer.history,
         },
     )
+
+
+def kept_apart(dataset: Dataset, share: float, labels: Sequence[str]) -> tuple[Dataset, Dataset]:
+    """Rows to learn from, and a share of them that is kept to calibrate on.
+
+    Raises InvalidInput where two rows of a label are not there, or one to calibrate on.
+    """
+    given = {label: len(getattr(dataset, label)) for label in ("feasible", "infeasible")}
+    counts = " and ".join(f"{count} {label}" for label, count in given.items())
+    if min(given[label] for label in labels) < 2:
+        wanted = "each label" if len(labels) > 1 else f"the label {labels[0]}"
+        raise InvalidInput(f"data set: expected two or more rows of {wanted}, got {counts}")
+    train, kept = dataset.split((1.0 - share, share))
+    if not len(kept.feasible):
+        raise InvalidInput(
+            f"data set: expected a feasible row or more to calibrate on, got a share of {share:g} "
+            f"of {counts}, which is none: more rows, a larger share, or a data set for it"
+        )
+    return train, kept
 
 
 def calibrated_room(

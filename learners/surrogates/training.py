@@ -233,9 +233,9 @@ def fit_surrogate(
     )
     if not any(map(len, surrogate.calibration.values())):
         raise InvalidInput(
-            "calibration: expected rows as they are drawn, not screened ones, to calibrate on, got "
-            "none of "
-            f"{len(rows)}: a larger share, or a data set for it"
+            "calibration: expected rows as they are drawn, not screened ones, to calibrate on, got a "
+            f"share of {settings.calibration:g} of {len(rows)} rows, which has none: more rows, a "
+            "larger share, or a data set for it"
         )
     return surrogate
 

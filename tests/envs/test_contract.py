@@ -217,6 +217,13 @@ def test_a_reward_term_of_ones_own_counts_in_every_environment(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", IDS)
+def test_a_keyword_that_none_takes_is_a_type_error_in_pythons_words(name):
+    """TorchRL tries ``frameskip``, and reads what is said of it."""
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
+        gym.make(name, **QUICK[name], frameskip=1)
+
+
+@pytest.mark.parametrize("name", IDS)
 def test_actions_of_no_space_are_refused_alike(name):
     env = gym.make(name, **QUICK[name]).unwrapped
     env.reset(seed=0)

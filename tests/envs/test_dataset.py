@@ -348,6 +348,8 @@ def test_indices_count_from_either_end_and_end(folder: Path) -> None:
         np.testing.assert_array_equal(first, last)
     with refuses("row 2", kind=IndexError):
         _ = data[2]
+    with refuses("index", "select"):
+        _ = data[0:1]
 
 
 SELECTION = "stancekit.envs:stancekit/EnvelopeSelection-v0"
