@@ -509,7 +509,8 @@ class SceneSettings:
         if isinstance(self.scenes, str | Path | _Rows):
             from .data.dataset import ScenePool  # Arrow takes a while to load
 
-            return ScenePool.open(self.scenes, of=kind.name, legs=kind.legs, balanced=self.balanced)
+            rows: Any = self.scenes
+            return ScenePool.open(rows, of=kind.name, legs=kind.legs, balanced=self.balanced)
         if self.scenes is not None:
             return self.scenes
         if isinstance(kind, SceneKind):

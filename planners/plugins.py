@@ -337,7 +337,7 @@ def code_of(*names: str) -> dict[str, str]:
 
 def differing(one: Mapping[str, str], other: Mapping[str, str]) -> str:
     """The files that two ``code_of`` do not have alike, in words; empty where there are none."""
-    return ", ".join(sorted(each for each in one | other if one.get(each) != other.get(each)))
+    return ", ".join(sorted(each for each in {**one, **other} if one.get(each) != other.get(each)))
 
 
 def _code(path: Path) -> dict[str, str]:

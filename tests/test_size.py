@@ -31,13 +31,13 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1498, 16758),
-    "cli": (3570, 39921),
+    "cli": (3586, 40077),
     "configs": (3, 30),
-    "envs": (3166, 43715),
-    "learners": (5513, 80004),
-    "planners": (34851, 559146),
+    "envs": (3167, 43722),
+    "learners": (5513, 80005),
+    "planners": (34851, 559145),
     "runner": (7248, 96539),
-    "views": (4515, 70309),
+    "views": (4519, 70388),
 }
 CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
@@ -46,7 +46,7 @@ ALLOWANCES: dict[str, int] = {
     "soles": 3,
     "slopes and doors": 0,
     "MJCF": 0,
-    "training": 103,
+    "training": 82,
     "promises": 285,
     "worlds": 195,
     "formats": 38,

@@ -127,11 +127,12 @@ def page(records: Sequence[Mapping[str, Any]], experiment: Experiment) -> str:
     text = "% of held-out scenes, with 95 % intervals (Wilson); the best share is bold."
     lines = ["# Leaderboard: selectors of envelopes", "", text, ""]
     for name in dict.fromkeys(record["problem_class"] for record in records):
-        lines += _table(name, [record for record in records if record["problem_class"] == name])
+        lines += markdown(name, [record for record in records if record["problem_class"] == name])
     return "\n".join([*lines, *_data(experiment), *_cards(records), ""])
 
 
-def _table(name: str, records: list[Mapping[str, Any]]) -> list[str]:
+def markdown(name: str, records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Lines of the table of one class of problems."""
     ways = [
         key.removesuffix("_of").removeprefix("project_")
         for key in records[0]
