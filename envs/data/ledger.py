@@ -121,6 +121,7 @@ class Header(Head):
         legs: names of the legs in contact, in the order of the contacts.
         first_sample: SHA-256 of the first problem drawn, which identifies the distribution.
         software: versions of packages at the beginning.
+        code: SHA-256 of each file of the code of one's own that they are drawn by.
         witness: how postures and points were chosen: as ``search.canonical`` says.
         robot: identity of the model that the legs belong to, see ``Robot``; None for the default
             hexapod.
@@ -150,6 +151,7 @@ class TryHeader(Head):
         speaks_of: meaning of each label.
         first_sample: SHA-256 of the first leap.
         software: versions at the beginning.
+        code: as of rows of postures; no class of leaps has any.
     """
 
     format: Literal["stancekit/tries/1"] = "stancekit/tries/1"

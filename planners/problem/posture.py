@@ -37,7 +37,11 @@ _Positive = Annotated[float, Within(above=0.0)]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PostureKeys:
-    """The keys of ``stancekit/posture/1``, see ``Problem.posture``."""
+    """The keys of ``stancekit/posture/1``, see ``Problem.posture``.
+
+    Arguments:
+        push_n: horizontal push at the centre of mass, in any direction, that it has to bear [N].
+    """
 
     FORMAT: ClassVar = FORMAT
 
