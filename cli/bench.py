@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from stancekit.learners.evaluation.bench import ClassResult
+    from stancekit.learners.evaluation.evaluate import Score
     from stancekit.learners.evaluation.room import Room, Share
 
 
@@ -89,7 +91,10 @@ class _BenchEnvelopes:
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
                 write_text(folder / "table.md", bench.page(table, experiment))
-                save(_comparison_figure(result), folder / f"{result.problem_class}.png")
+                save(
+                    chart(result.problem_class, result.scores),
+                    folder / f"{result.problem_class}.png",
+                )
                 report(result, as_json=self.json)
         if not self.json:
             out.print(f"table and pictures: {folder}")
@@ -122,8 +127,8 @@ def report(result: ClassResult, *, as_json: bool) -> None:
     out.print()
 
 
-def _comparison_figure(result: ClassResult) -> Figure:
-    """The comparison as a picture, the paper's figures as markers."""
+def chart(problem_class: str, scores: Sequence[Score]) -> Figure:
+    """The comparison as a picture, with 95 % intervals and the paper's figures as markers."""
     from stancekit.learners.evaluation.evaluate import paper_row
     from stancekit.views.comparison import ComparisonBar, draw_comparison
 
@@ -134,17 +139,23 @@ def _comparison_figure(result: ClassResult) -> Figure:
     }
     names |= {"project_nlp": "→ nlp"}
     bars = []
-    for score in result.scores:
+    for score in scores:
         shares = {"P1 feasible": score.p1_feasible, "P1 infeasible": score.p1_infeasible}
         shares |= {f"→ {way}": share for way, share in score.projected.items()}
         values = {name: share.value for name, share in shares.items() if share.of}
-        paper = paper_row(result.problem_class, score.selector) or {}
-        shown = {names[key]: value for key, value in paper.items() if names.get(key) in values}
-        bars.append(ComparisonBar(selector=score.selector, values=values, paper=shown))
+        paper = paper_row(problem_class, score.selector) or {}
+        bars.append(
+            ComparisonBar(
+                selector=score.selector,
+                values=values,
+                paper={names[key]: each for key, each in paper.items() if names.get(key) in values},
+                intervals={name: share.interval for name, share in shares.items() if share.of},
+            )
+        )
     return draw_comparison(
         bars,
-        caption=f"{result.problem_class}: {bars and result.scores[0].p1_feasible.of} feasible "
-        f"and {result.scores[0].p1_infeasible.of} infeasible held-out terrains",
+        caption=f"{problem_class}: {bars and scores[0].p1_feasible.of} feasible "
+        f"and {scores[0].p1_infeasible.of} infeasible held-out terrains",
     )
 
 

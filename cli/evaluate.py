@@ -40,7 +40,7 @@ class Evaluate:
 
     dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Data set folder of `stancekit label`."""
-    part: Literal["all", "train", "test"] = "all"
+    part: Literal["all", "train", "test", "calibration"] = "all"
     """Part of the rows: all, or a part of the split by hash that `fit --part` knows, too."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot that the data set must be of; one of another is refused."""
@@ -67,6 +67,10 @@ class Evaluate:
     """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
     """One JSON object a row."""
+    markdown: bool = False
+    """The table in Markdown, with intervals and the paper's rows."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture to write, .png, .pdf or .svg: the shares with their 95 % intervals."""
 
     def run(self) -> int:
         """Roll every selector out and print the table."""
@@ -74,6 +78,10 @@ class Evaluate:
         from stancekit.postures import read_envelopes
         from stancekit.selectors import LIFT, evaluate, executor, rows_of, selector_for
 
+        if self.picture is not None:
+            from stancekit.views.sheet import check_picture
+
+            check_picture(self.picture)
         if not self.projection:
             raise InvalidInput("--projection: expected one or more projections, got none")
         for name in self.projection:
@@ -109,7 +117,19 @@ class Evaluate:
                         progress=bar,
                     )
                 )
-        if self.json:
+        records = [score.to_json() | {"balanced": score.balanced} for score in scores]
+        if self.picture is not None:
+            from stancekit.cli.bench import chart
+            from stancekit.views.sheet import save
+
+            save(chart(rows.problem_class, scores), self.picture)
+        if self.markdown:
+            from stancekit.learners.evaluation.bench import markdown
+
+            out.print(
+                "\n".join(markdown(rows.problem_class, records)), soft_wrap=True, markup=False
+            )
+        elif self.json:
             for score in scores:
                 emit(score.to_json())
         else:

@@ -54,7 +54,7 @@ class Fit:
     them; for surrogate one or more of one class."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
-    part: Literal["all", "train", "test"] = "all"
+    part: Literal["all", "train", "test", "calibration"] = "all"
     """Part of the rows: all, or a part of the split by hash; what is fitted to "train" can be
     evaluated on "test"."""
     robot: Annotated[OptionalText, ROBOT] = None

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput
@@ -126,6 +127,35 @@ def check_options(options: Any, known: Collection[str] = ()) -> None:
     if strange:
         wanted = f"one of {', '.join(known)}" if known else "none"
         raise InvalidInput(f"options: expected {wanted}, got {', '.join(map(str, strange))}")
+
+
+_BEYOND = 1e-6
+"""Distance by which rounding may carry the numbers of an action out of their box."""
+
+
+def checked_action(action: Any, space: spaces.Space[Any]) -> NDArray[Any]:
+    """Return an action of a space: whole numbers as int64, those of a box as float64.
+
+    Raises InvalidInput for another shape, what is beyond its limits, fractions of whole numbers,
+    truth values, and what is no number.
+    """
+    array = np.asarray(action)
+    if isinstance(space, spaces.Box):
+        low, high, kinds = space.low, space.high, "fiu"
+        wanted = f"finite numbers, {low.min():g} to {high.max():g}"
+    else:
+        kinds, low = "iu", np.asarray(getattr(space, "start", 0))
+        high = np.asarray(getattr(space, "nvec", getattr(space, "n", 0))) - 1 + low
+        ends = high.ravel().tolist()
+        most = ends[0] if len(set(ends)) == 1 else tuple(ends)
+        wanted = f"whole numbers, {low.min()} to {most}"
+    if array.shape != space.shape:
+        raise InvalidInput(f"action: expected shape {space.shape}, got {array.shape}")
+    if array.dtype.kind not in kinds or not (
+        np.all(array >= low - _BEYOND) and np.all(array <= high + _BEYOND)
+    ):
+        raise InvalidInput(f"action: expected {wanted}, got {shown(action)}")
+    return array.astype(np.float64 if kinds == "fiu" else np.int64)
 
 
 def checked_mask(mask: Any, count: int) -> np.ndarray[Any, np.dtype[np.bool_]]:

@@ -15,11 +15,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.files.documents import shown
 from stancekit.planners.leap.numbers import LeapNumbers, LeapPoint
 from stancekit.planners.leap.scp import (
     OF_CANDIDATE,
@@ -33,12 +33,12 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
-from .episodes import check_options, checked_render_mode, checked_seed
+from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .reward import USUAL_SEARCH, SearchWeights, weighted
 
 _Observation = dict[str, NDArray[np.float32]]
 _ROOM = 10.0
 """Bound on the numbers of an observation."""
-_PARTS = ("train", "test", "all")
 INFO: Mapping[str, int | float] = {
     "is_success": 0,
     "tries": 0,
@@ -62,8 +62,10 @@ class LeapChoiceSettings:
     scenes: str | Path | None = None
     tries: int = 6
     solves: int = 12
+    weights: SearchWeights | Mapping[str, float] = USUAL_SEARCH
 
     def __post_init__(self) -> None:
+        weighted(self.weights, SearchWeights)
         leap_class(self.problem)
         checked_int(self.tries, "tries", least=1)
         checked_int(self.solves, "solves", least=1)
@@ -76,10 +78,9 @@ class LeapChoiceSettings:
         if self.scenes is None:
             return None
         from .data.leap_tries import LeapTries  # Arrow takes a while to load
+        from .data.ledger import folder_and_part
 
-        folder, _, part = str(self.scenes).rpartition(":")
-        if not folder or part not in _PARTS:
-            folder, part = str(self.scenes), "train"
+        folder, part = folder_and_part(self.scenes)
         tries = LeapTries.open(folder)
         if tries.problem_class != self.problem:
             raise InvalidInput(
@@ -128,9 +129,9 @@ class LeapChoiceEnv(gym.Env[_Observation, NDArray[np.int64]]):
 
     ## Reward
 
-    −(convex problems solved in the step) / ``solves``, and +1 with a leap that the verifier
-    accepts. A choice that names a missing candidate, or that was tried before, counts as a failed
-    try and costs 1 / ``solves``.
+    −solves · (convex problems solved in the step) / ``solves``, and +success with a leap that the
+    verifier accepts, with the weights of ``SearchWeights``, which are 1. A choice that names a
+    missing candidate, or that was tried before, counts as a failed try of one convex problem.
 
     ## Starting State
 
@@ -154,9 +155,10 @@ class LeapChoiceEnv(gym.Env[_Observation, NDArray[np.int64]]):
     | argument | default | meaning |
     |---|---|---|
     | problem | 'leap-hard' | a class of leaps, of ``configs/leaps.yaml`` |
-    | scenes | None | folder of labelled tries, whose part "train" is drawn from; FOLDER:test and FOLDER:all likewise |
+    | scenes | None | folder of labelled tries, whose part "train" is drawn from; or FOLDER:test, :calibration, :all |
     | tries | 6 | choices per episode |
     | solves | 12 | convex problems per episode |
+    | weights | SearchWeights() | weights of the reward; or a mapping with some of its keys, and terms of your own |
     | render_mode | None | "rgb_array" |
 
     ## Version History
@@ -173,8 +175,11 @@ class LeapChoiceEnv(gym.Env[_Observation, NDArray[np.int64]]):
         self._scenes = self._settings.source()
         self._programs = Programs()
         self._episode: _Episode | None = None
-        like = self._begin(self._class.draw(np.random.default_rng(0)))
-        self._shape = like.shape
+        self._weights, self._terms = weighted(self._settings.weights, SearchWeights)
+        leap = self._class.draw(np.random.default_rng(0))
+        like = self._begin(leap)
+        choice = np.zeros(like.shape[0], dtype=np.int64)
+        self._terms.after(leap, None, choice, INFO, False, False)
         self.observation_space: spaces.Space[Any] = _space(like)
         self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(
             np.full(like.shape[0], like.shape[1])
@@ -191,7 +196,7 @@ class LeapChoiceEnv(gym.Env[_Observation, NDArray[np.int64]]):
         else:
             leap = self._scenes[int(self.np_random.integers(len(self._scenes)))]
         self._episode = self._begin(leap)
-        return self._episode.observe(), self._episode.info()
+        return self._episode.observe(), self._episode.info() | self._terms.nothing
 
     def step(
         self, action: NDArray[np.int64]
@@ -202,23 +207,15 @@ class LeapChoiceEnv(gym.Env[_Observation, NDArray[np.int64]]):
             raise gym.error.ResetNeeded("reset the environment before the first step")
         if episode.over:
             raise gym.error.ResetNeeded("the episode is over: reset the environment")
-        choice = np.asarray(action)
-        if choice.dtype.kind not in "iu" or not self.action_space.contains(choice.astype(np.int64)):
-            feet, options = self._shape
-            raise InvalidInput(
-                f"action: expected {feet} whole numbers, 0 to {options - 1}, got {shown(action)}"
-            )
         before = episode.solves
-        episode.attempt(choice.astype(np.int64))
+        episode.attempt(checked_action(action, self.action_space))
         spent = max(episode.solves - before, 1)
-        reward = float(episode.solved) - spent / self._settings.solves
-        return (
-            episode.observe(),
-            reward,
-            episode.solved,
-            episode.over and not episode.solved,
-            episode.info(),
-        )
+        cut_off, info = episode.over and not episode.solved, episode.info()
+        plan, question = episode.plan, episode.numbers.leap
+        own = self._terms.after(question, plan, action, info, episode.solved, cut_off)
+        reward = self._weights.of(episode.solved, spent / self._settings.solves)
+        reward += sum(own.values())
+        return episode.observe(), reward, episode.solved, cut_off, info | own
 
     def _begin(self, leap: Leap) -> _Episode:
         return _Episode(leap, self._settings, self._programs, self._class.candidates)
@@ -269,7 +266,7 @@ class _Episode:
         self._choice: NDArray[np.int64] | None = None
         self._note: dict[str, int | float] = dict(INFO)
         self.tries = self.solves = 0
-        self.solved = False
+        self.plan: LeapPlan | None = None
 
     @property
     def _turn(self) -> int:
@@ -292,6 +289,11 @@ class _Episode:
         return feet, options
 
     @property
+    def solved(self) -> bool:
+        """Tell whether there is a leap."""
+        return self.plan is not None
+
+    @property
     def over(self) -> bool:
         """Tell whether there is a leap, or no try left."""
         spent = self.tries >= self._settings.tries or self.solves >= self._settings.solves
@@ -312,12 +314,9 @@ class _Episode:
             solution = attempt(self._programs, numbers, choice)
             self._last = None if solution.point is None else (numbers, solution.point)
             self.solves += solution.solves
-            within = self.solves <= self._settings.solves
-            self.solved = (
-                within
-                and solution.solved
-                and check_leap(plan_of(numbers, solution, "choice")).accepted
-            )
+            if self.solves <= self._settings.solves and solution.solved:
+                plan = plan_of(numbers, solution, "choice")
+                self.plan = plan if check_leap(plan).accepted else None
         cost = -1.0 if solution is None or not math.isfinite(solution.cost) else solution.cost
         refuted = solution is not None and solution.refuted
         self._note = {

@@ -4,6 +4,8 @@ proved to be none.
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,12 +20,12 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.files.documents import shown
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.exact import BoxSearch
 
-from .episodes import check_options, checked_render_mode, checked_seed
+from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .reward import USUAL_SEARCH, SearchWeights, weighted
 from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info
 from .selection import VERTICES, scene_space
 
@@ -41,10 +43,12 @@ class RefinementSettings(SceneSettings):
 
     projection: Projection = "fix-toes"
     budget: int = 200
+    weights: SearchWeights | Mapping[str, float] = USUAL_SEARCH
     programs: Programs | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        weighted(self.weights, SearchWeights)
         PROJECTIONS.get(self.projection)
         checked_int(self.budget, "budget", least=1)
 
@@ -87,7 +91,8 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
 
     ## Reward
 
-    −(convex problems solved in the step) / ``budget``, and +1 with the verdict.
+    −solves · (convex problems solved in the step) / ``budget``, and +success with the verdict, with
+    the weights of ``SearchWeights``, which are 1.
 
     ## Starting State
 
@@ -114,10 +119,11 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
     | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
-    | scenes | None | a source, or a labelled data set's folder, whose part "train" is drawn from |
+    | scenes | None | a source, a ``Dataset``, or its folder, whose part "train" is drawn from, or FOLDER:test |
     | margins | False | measure the margins in ``info``, some milliseconds per posture |
     | projection | 'fix-toes' | the P2 that is tried at every box |
     | budget | 200 | convex problems per episode |
+    | weights | SearchWeights() | weights of the reward; or a mapping with some of its keys, and terms of your own |
     | programs | None | compiled models to share with other environments of this process |
     | render_mode | None | "rgb_array" |
 
@@ -149,6 +155,11 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
         self._search: BoxSearch | None = None
         self.observation_space: spaces.Space[Any] = refinement_space(self._count)
         self.action_space: spaces.Space[Any] = spaces.Discrete(6 * self._count)
+        self._weights, self._terms = weighted(settings.weights, SearchWeights)
+        if self._terms.by_key:
+            scene = copy.copy(self._scenes).draw(np.random.default_rng(0))
+            info = self._info(self._begun(scene), scene)
+            self._terms.after(scene.problem, None, np.int64(0), info, False, False)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -167,17 +178,22 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
                     f"scene: expected {self._count} contacts on triangles, got the size "
                     f"{scaled.size}"
                 )
-            search = BoxSearch(
-                scene.problem,
-                scaled,
-                self._programs,
-                projection=self._projection,
-                acceptance=self._acceptance,
-            )
+            search = self._begun(scene)
             if search.verdict is Status.UNDECIDED and search.solves < self._budget:
                 self._scene, self._scaled, self._search = scene, scaled, search
-                return self._observe(search, scaled), self._info(search, scene)
+                info = self._info(search, scene) | self._terms.nothing
+                return self._observe(search, scaled), info
         raise PlanningFailed(f"no scene in {MAX_DRAWS} draws that its first box leaves open")
+
+    def _begun(self, scene: LabelledScene) -> BoxSearch:
+        """The search of a scene, its first box visited."""
+        return BoxSearch(
+            scene.problem,
+            scene.scaled,
+            self._programs,
+            projection=self._projection,
+            acceptance=self._acceptance,
+        )
 
     def step(self, action: np.int64) -> tuple[_Observation, float, bool, bool, dict[str, Any]]:
         """Halve the current box in this dimension."""
@@ -186,22 +202,16 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
         search = self._search
         if search.verdict is not Status.UNDECIDED or search.solves >= self._budget:
             raise gym.error.ResetNeeded("the episode is over: reset the environment")
-        if not self.action_space.contains(action):
-            raise InvalidInput(
-                f"action: expected a dimension, 0 to {6 * self._count - 1}, got {shown(action)}"
-            )
         before = search.solves
-        search.cut(int(action))
+        search.cut(int(checked_action(action, self.action_space)))
         ended = search.verdict is not Status.UNDECIDED
-        reward = float(ended) - (search.solves - before) / self._budget
         cut_off = not ended and search.solves >= self._budget
-        return (
-            self._observe(search, self._scaled),
-            reward,
-            ended,
-            cut_off,
-            self._info(search, self._scene),
-        )
+        info = self._info(search, self._scene)
+        posture = search.posture if ended else None
+        own = self._terms.after(self._scene.problem, posture, action, info, ended, cut_off)
+        reward = self._weights.of(ended, (search.solves - before) / self._budget)
+        reward += sum(own.values())
+        return self._observe(search, self._scaled), reward, ended, cut_off, info | own
 
     @property
     def scene(self) -> LabelledScene:

@@ -1,7 +1,8 @@
-"""Reward of a step of the selection environments: a sum of terms by name, each with a weight.
+"""Reward of a step: a sum of terms by name, each with a weight.
 
-A term of one's own is one function of a ``Judged`` and one registration: a line in the table, an
-entry point of ``stancekit.reward_terms``, or ``weights={"mine.py:spread": 0.3}``.
+A term of one's own is one function and one registration: a line in the table, an entry point of
+``stancekit.reward_terms``, or ``weights={"mine.py:spread": 0.3}`` in any environment. The selection
+environments hand it a ``Judged``, all others a ``Step``.
 """
 
 from __future__ import annotations
@@ -9,12 +10,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from typing import Any, TypeVar
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import check_numbers, checked
 from stancekit.planners.files.documents import typed
-from stancekit.planners.plugins import Registry, takes
+from stancekit.planners.plugins import Registry, foreign, takes
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
@@ -89,46 +94,131 @@ def tightness(judged: Judged) -> float:
     return 1.0 - float((judged.envelope.high - judged.envelope.low).mean()) / 2.0
 
 
-Term = Callable[[Judged], float]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Step:
+    """Arguments of a term of one's own in the environments that do not select: a step, judged.
+
+    Arguments:
+        question: problem, course, leap or walk of the episode.
+        answer: posture, plan of the window, leap or motion that the step ended with, as the
+            verifier accepted it, or as the optimiser left it in WarpedGait; None where there is
+            none, as at steps of a pool of walks.
+        action: the action, as it came.
+        info: ``info`` of the step, without what terms of one's own come to.
+        terminated, truncated: whether the step ended the episode, and how.
+    """
+
+    question: Problem | Leap | Walk
+    answer: Any
+    action: Any
+    info: Mapping[str, Any]
+    terminated: bool
+    truncated: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchWeights:
+    """Weights of the reward of a step of a search: success · [it has come to its end] − solves ·
+    (share of the convex problems of an episode that it took).
+    """
+
+    success: float = 1.0
+    solves: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self, finite=self.__dataclass_fields__)
+
+    def of(self, ended: bool, share: float) -> float:
+        """The reward of a step."""
+        return self.success * float(ended) - self.solves * share
+
+
+USUAL_SEARCH = SearchWeights()
+Term = Callable[[Any], float]
+Weights = TypeVar("Weights")
 _TERMS: Registry[Term] = Registry(
     "reward term",
     "stancekit.reward_terms",
     {name: f"{__name__}:{name}" for name in ("agreement", "projection", "tightness")},
-    expected="a function of a Judged",
+    expected="a function of a Judged or a Step",
     accepts=lambda it: takes(it, 1),
 )
-"""All terms of the reward of the selection environments."""
+"""All terms by name."""
 
 
-def weighted(weights: RewardWeights | Mapping[str, float]) -> dict[str, tuple[float, Term]]:
-    """Weight and function of every term, by the key of ``info`` that has what it came to.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Terms:
+    """Terms of a reward.
 
     Arguments:
-        weights: a mapping has some keys of ``RewardWeights``, whose others keep their defaults, and
-            names of further terms.
+        by_key: name, weight and function of each, by the key of ``info`` that has what it comes to.
+    """
+
+    by_key: Mapping[str, tuple[str, float, Term]]
+
+    @property
+    def nothing(self) -> dict[str, float]:
+        """What they come to before a step."""
+        return dict.fromkeys(self.by_key, 0.0)
+
+    def of(self, judged: Judged | Step) -> dict[str, float]:
+        """What each comes to, times its weight.
+
+        Raises InvalidInput where one fails, or gives no finite number.
+        """
+        found = {}
+        for key, (name, weight, term) in self.by_key.items():
+            with foreign(f"weights.{name}: expected a number, got"):
+                value = float(term(judged))
+            found[key] = weight * checked(value, f"weights.{name}")
+        return found
+
+    def after(
+        self,
+        question: Problem | Leap | Walk,
+        answer: Any,
+        action: Any,
+        info: Mapping[str, Any],
+        terminated: bool,
+        truncated: bool,
+    ) -> dict[str, float]:
+        """``of`` a ``Step``, whose arguments these are."""
+        step = Step(
+            question=question,
+            answer=answer,
+            action=action,
+            info=info,
+            terminated=terminated,
+            truncated=truncated,
+        )
+        return self.of(step) if self.by_key else {}
+
+
+def weighted(weights: Any, kind: type[Weights], *, named: bool = False) -> tuple[Weights, Terms]:
+    """Weights of the environment's own terms, and further terms.
+
+    Arguments:
+        weights: some of ``kind``; or a mapping with some of its keys, whose others keep their
+            defaults, and names of further terms.
+        named: whether the keys of ``kind`` name terms themselves, which are then among them.
 
     Raises:
         InvalidInput: for a term that there is not, a weight that is no number, and two terms of one
             key.
     """
-    values = asdict(weights) if isinstance(weights, RewardWeights) else dict(weights)
-    usual = {
-        name: value for name, value in values.items() if name in RewardWeights.__dataclass_fields__
-    }
-    every = asdict(typed(RewardWeights, usual, "weights")) | {
-        name: checked(value, f"weights.{name}")
-        for name, value in values.items()
-        if name not in usual
-    }
-    terms: dict[str, tuple[float, Term]] = {}
-    for name, weight in every.items():
-        key = f"reward_{re.sub(r'[^0-9A-Za-z]+', '_', name.rpartition(':')[2])}"
-        if key in terms:
+    known = list(kind.__dataclass_fields__)  # type: ignore[attr-defined]
+    values = asdict(weights) if isinstance(weights, kind) else dict(weights)  # type: ignore[call-overload]
+    own = typed(kind, {name: values[name] for name in known if name in values}, "weights")
+    every = {name: value for name, value in values.items() if name not in known}
+    terms: dict[str, tuple[str, float, Term]] = {}
+    for name, weight in ({**asdict(own), **every} if named else every).items():  # type: ignore[call-overload]
+        last = re.sub(r"[^0-9A-Za-z]+", "_", name.rpartition(":")[2])
+        key = f"reward_{last}"
+        if key in terms or (last in known and name != last):
             raise InvalidInput(f"weights: expected terms of different names, got {key} twice")
         try:
-            terms[key] = weight, _TERMS.get(name)
+            terms[key] = name, checked(weight, f"weights.{name}"), _TERMS.get(name, known=known)
         except InvalidInput as error:
-            raise InvalidInput(
-                f"weights.{name}: {str(error).removeprefix('reward term: ')}"
-            ) from None
-    return terms
+            said = re.sub(r"^(reward term|weights\.\S+): ", "", str(error))
+            raise InvalidInput(f"weights.{name}: {said}") from None
+    return own, Terms(by_key=terms)

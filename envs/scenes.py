@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +129,19 @@ class _SceneSource(Protocol):
 
     def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Return the next scene."""
+        ...
+
+
+@runtime_checkable
+class _Rows(Protocol):
+    """A ``Dataset``, whose module takes a while to load."""
+
+    def rows(self) -> Iterator[Any]:
+        """Its rows."""
+        ...
+
+    def only(self, part: Any) -> Any:
+        """Those of a part."""
         ...
 
 
@@ -460,13 +473,13 @@ class SceneSettings:
     robot: str | Path | None = None
     terrain: str | Path | None = None
     balanced: bool = True
-    scenes: _SceneSource | str | Path | None = None
+    scenes: _SceneSource | _Rows | str | Path | None = None
     margins: bool = False
 
     def __post_init__(self) -> None:
         if (
             self.scenes is not None
-            and not isinstance(self.scenes, str | Path)
+            and not isinstance(self.scenes, str | Path | _Rows)
             and not self.balanced
         ):
             raise InvalidInput(
@@ -488,15 +501,16 @@ class SceneSettings:
         return problem
 
     def source(self, kind: Distribution | SceneKind, programs: Programs) -> _SceneSource:
-        """The scenes that were given, the part "train" of a data set's folder, or some of a
+        """The scenes that were given, those of a data set, of its folder's part, or some of a
         distribution.
 
         Raises InvalidInput where there are none, and for a folder that is no pool of such scenes.
         """
-        if isinstance(self.scenes, str | Path):
+        if isinstance(self.scenes, str | Path | _Rows):
             from .data.dataset import ScenePool  # Arrow takes a while to load
 
-            return ScenePool.open(self.scenes, of=kind.name, legs=kind.legs, balanced=self.balanced)
+            rows: Any = self.scenes
+            return ScenePool.open(rows, of=kind.name, legs=kind.legs, balanced=self.balanced)
         if self.scenes is not None:
             return self.scenes
         if isinstance(kind, SceneKind):

@@ -4,6 +4,7 @@ judges.
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,6 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import ROOM, Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.files.documents import shown
 from stancekit.planners.formats.question_file import read_envelopes
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet, expert_envelopes
@@ -32,8 +32,8 @@ from stancekit.planners.verify import check_postures
 from stancekit.runner.control.envelope_choice import Predictor
 
 from .distributions.postures import PostureDistribution, distribution
-from .episodes import check_options, checked_render_mode, checked_seed
-from .reward import USUAL, Judged, RewardWeights, Term, weighted
+from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .reward import USUAL, Judged, RewardWeights, Terms, weighted
 from .scenes import LabelledScene, ProblemSource, SceneSettings, margin_info, seen
 
 VERTICES = 3
@@ -99,12 +99,12 @@ class SelectionSettings(SceneSettings):
             )
 
     @property
-    def rewards(self) -> dict[str, tuple[float, Term]]:
-        """Weight and function of every term of the reward, see ``weighted``.
+    def rewards(self) -> Terms:
+        """The terms of the reward.
 
         Raises InvalidInput.
         """
-        return weighted(self.weights)
+        return weighted(self.weights, RewardWeights, named=True)[1]
 
 
 class SelectionTask:
@@ -135,7 +135,7 @@ class SelectionTask:
             "log_volume": 0.0,
             "chosen": 0,
             **dict.fromkeys(self._keys.values(), 0),
-            **dict.fromkeys(settings.rewards, 0.0),
+            **settings.rewards.nothing,
             **self._unmeasured,
             "expert_point": None,
             "expert_lower_bound": 0.0,
@@ -149,6 +149,19 @@ class SelectionTask:
         self.scenes = settings.source(chosen, self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
+        if len(self._terms.by_key) > len(RewardWeights.__dataclass_fields__):
+            scene = copy.copy(self.scenes).draw(np.random.default_rng(0))
+            self.judge(scene, self._widest())  # which a term of one's own may not bear
+
+    def _widest(self) -> Any:
+        """An action: the first box of a library, or boxes as wide as the domain."""
+        if self._library is not None:
+            return np.int64(0)
+        size = 6 * self._count
+        box = np.repeat(np.array([-1.0, 1.0], dtype=np.float32), size)
+        if self._relaxation.about_points:
+            return np.concatenate([box, np.zeros(size, dtype=np.float32)])
+        return np.tile(box, self._boxes)
 
     def _make_action_space(self) -> spaces.Space[Any]:
         if self._library is None:
@@ -264,17 +277,9 @@ class SelectionTask:
 
     def _envelopes(self, action: NDArray[np.float32] | np.int64) -> _Asked:
         """The boxes of an action, and for relaxations about a point that of the one."""
-        if np.shape(action) != self.action_space.shape:
-            raise InvalidInput(
-                f"action: expected shape {self.action_space.shape}, got {np.shape(action)}"
-            )
+        flat = checked_action(action, self.action_space)
         if self._library is not None:
-            if not self.action_space.contains(np.int64(action)):
-                raise InvalidInput(
-                    f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}"
-                )
-            return (self._library.envelopes[int(action)],), None
-        flat = _numbers(action)
+            return (self._library.envelopes[int(flat)],), None
         if self._relaxation.about_points:
             bounds, point = np.split(flat, [12 * self._count])
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
@@ -283,7 +288,7 @@ class SelectionTask:
     def _verdict(self, judged: Judged, p1_seconds: float, p2_seconds: float) -> _Verdict:
         """Verdict on an action whose postures the verifier accepted."""
         scene, answer, envelope = judged.scene, judged.answer, judged.envelope
-        terms = {key: weight * float(term(judged)) for key, (weight, term) in self._terms.items()}
+        terms = self._terms.of(judged)
         clock = self._timing
         info = {
             "label": int(scene.feasible),
@@ -324,17 +329,6 @@ class SelectionTask:
     def _margins_of(self, scene: LabelledScene, posture: Plan | None) -> dict[str, float]:
         """The margins of a posture that was found and of the expert's, where they are asked for."""
         return margin_info(posture) | scene.margins if self._margins else self._unmeasured
-
-
-def _numbers(action: Any) -> Array:
-    """The numbers of an action.
-
-    Raises InvalidInput for what is none, or not finite.
-    """
-    flat = np.asarray(action)
-    if flat.dtype.kind not in "fiu" or not np.isfinite(flat).all():
-        raise InvalidInput(f"action: expected finite numbers, got {shown(action)}")
-    return flat.astype(np.float64)
 
 
 def scene_space(count: int) -> spaces.Dict:
@@ -434,8 +428,8 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     A scene of ``scenes``; without them one of ``problem``, labelled by the exact planner: half of
     them infeasible and none trivially so where ``balanced``, else as they come. ``scenes`` may be
-    the folder of a data set of ``stancekit label`` with rows of ``problem``: a pool, of which the
-    part "train" (``Dataset.only``) is drawn from.
+    a ``Dataset`` with rows of ``problem``, or its folder: a pool, of which the part "train"
+    (``Dataset.only``) is drawn from, or another, as FOLDER:test.
 
     ## Episode End
 

@@ -24,7 +24,7 @@ from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import check_numbers, checked, checked_int
-from stancekit.planners.files.documents import shown, typed
+from stancekit.planners.files.documents import shown
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_spec, spec_from
@@ -42,7 +42,8 @@ from stancekit.planners.verify import check_plan
 from stancekit.runner.control.envelope_choice import SelectorPlanner
 
 from .distributions.courses import perturbed
-from .episodes import check_options, checked_render_mode, checked_seed
+from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .reward import Terms, weighted
 from .scenes import margin_info
 from .selection import LearnedSelector, class_envelopes
 
@@ -129,17 +130,12 @@ class TraverseSettings:
         _ = self.rewards  # refuses wrong keys
 
     @property
-    def rewards(self) -> TraverseWeights:
-        """The weights, read from a mapping where they came as one.
+    def rewards(self) -> tuple[TraverseWeights, Terms]:
+        """The weights, and terms of one's own.
 
         Raises InvalidInput.
         """
-        weights = self.weights
-        return (
-            weights
-            if isinstance(weights, TraverseWeights)
-            else typed(TraverseWeights, weights, "weights")
-        )
+        return weighted(self.weights, TraverseWeights)
 
 
 LEAST: Mapping[str, int] = MappingProxyType(
@@ -427,7 +423,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | amount | 1.0 | how far a course is perturbed; 1 keeps the built-in ones climbable |
     | envelopes | None | what to offer beside the lift, see below; the expert's for walking and climbing where None |
     | planners | None | replaces all of these |
-    | weights | TraverseWeights() | what a step is worth; or a mapping with some of its keys |
+    | weights | TraverseWeights() | what a step is worth; or a mapping with some of its keys, and terms of your own |
     | patience | 4 | steps without a plan, in all, after which an episode is truncated |
     | limbs | None | of the observation: how many limbs; those of the courses' robots where None |
     | regions | None | the most candidates a toe; those of the courses where None |
@@ -474,7 +470,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             raise InvalidInput("planners: expected one or more, got none")
         _check_selectors(self._planners, self._draw)
         self._start, self._executor = TwoStagePlanner(programs=programs), settings.executor
-        self._horizon, self._weights = settings.horizon, settings.rewards
+        self._horizon, (self._weights, self._terms) = settings.horizon, settings.rewards
         self._patience, self._timing = settings.patience, bool(settings.timing)
         self._margins = bool(settings.margins)
         self._course: Problem | None = None
@@ -483,6 +479,14 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self._over = True
         self.observation_space: spaces.Space[Any] = _space(self._features)
         self.action_space: spaces.Space[Any] = spaces.Discrete(len(self._planners))
+        if self._terms.by_key:
+            course = self._draw(np.random.default_rng(0))
+            plan = replan(None, course, horizon=0, planner=self._start).solution
+            if plan is not None:
+                self._walked = [plan]
+                info = self._info(course, _Try())
+                self._terms.after(course, None, np.int64(0), info, False, False)
+                self._walked = []
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -503,7 +507,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             if plan is not None:
                 self._course, self._walked = course, [plan]
                 self._frame, self._vain, self._over = 0, 0, False
-                return self._observe(course), self._info(course, _Try())
+                info = self._info(course, _Try()) | self._terms.nothing
+                return self._observe(course), info
         raise PlanningFailed(f"no course in {MAX_DRAWS} draws whose first key frame holds")
 
     def step(self, action: np.int64) -> tuple[Features, float, bool, bool, dict[str, Any]]:
@@ -512,17 +517,9 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             raise gym.error.ResetNeeded(
                 "reset the environment before the first step and after the last"
             )
-        array = np.asarray(action)
-        if (
-            array.shape != ()
-            or array.dtype.kind not in "iu"
-            or not 0 <= array < len(self._planners)
-        ):
-            raise InvalidInput(
-                f"action: expected a planner, 0 to {len(self._planners) - 1}, got {shown(action)}"
-            )
+        chosen = int(checked_action(action, self.action_space))
         course, begin = self._course, self._frame
-        tried = self._try(course, int(action))
+        tried = self._try(course, chosen)
         if tried.plan is not None:
             self._walked = [
                 *self._walked,
@@ -534,6 +531,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         truncated = not terminated and self._vain >= self._patience
         self._over = terminated or truncated
         info = self._info(course, tried, begin)
+        info |= self._terms.after(course, tried.plan, action, info, terminated, truncated)
         reward = sum(value for name, value in info.items() if name.startswith("reward_"))
         return self._observe(course), float(reward), terminated, truncated, info
 

@@ -76,7 +76,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[_Observation, NDArray[Any], NDArray[A
         checked_int(workers, "workers", least=1, most=num_envs)
         beside = ("num_envs", "problem", "workers", "render_mode")
         task = SelectionTask(problem, settings_from(SelectionSettings, options, beside=beside))
-        self.num_envs = num_envs
+        self.num_envs, self.autoreset_mode = num_envs, self.metadata["autoreset_mode"]
         self.single_observation_space = task.observation_space
         self.single_action_space = task.action_space
         self.observation_space = batch_space(task.observation_space, num_envs)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, check_numbers, read_archive
-from stancekit.planners.files.documents import shown, typed
+from stancekit.planners.files.documents import typed
 from stancekit.planners.files.writing import first_difference, write_bytes
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
@@ -33,7 +33,8 @@ from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.robot.walker import walker_from
 
 from .distributions.courses import SampledTasks, Tasks
-from .episodes import check_options, checked_render_mode, checked_seed
+from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .reward import Terms, weighted
 
 HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
 """Homotopies to choose from: factors on the terrain's heights."""
@@ -306,23 +307,19 @@ class GaitEnvSettings:
             CHARTS.get(chart)
         if self.robot is not None and self.tasks is not None:
             raise InvalidInput("robot: expected none where tasks are given, which have their own")
-        if self.rewards.seconds and not self.timing:
+        seconds = self.rewards[0].seconds
+        if seconds and not self.timing:
             raise InvalidInput(
-                f"weights: expected timing with seconds, whose weight is {self.rewards.seconds:g}"
+                f"weights: expected timing with seconds, whose weight is {seconds:g}"
             )
 
     @property
-    def rewards(self) -> GaitRewardWeights:
-        """The weights, read from a mapping where they came as one.
+    def rewards(self) -> tuple[GaitRewardWeights, Terms]:
+        """The weights, and terms of one's own.
 
         Raises InvalidInput.
         """
-        weights = self.weights
-        return (
-            weights
-            if isinstance(weights, GaitRewardWeights)
-            else typed(GaitRewardWeights, weights, "weights")
-        )
+        return weighted(self.weights, GaitRewardWeights)
 
     @property
     def optimiser(self) -> GaitSettings:
@@ -424,7 +421,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` and ``robot`` |
     | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
     | settings | GaitSettings(max_iterations=50) | settings of the optimiser, with the limit of every stage; or a mapping |
-    | weights | GaitRewardWeights() | weights of the reward; or a mapping with some of its keys |
+    | weights | GaitRewardWeights() | weights of the reward; or a mapping with some of its keys, and terms of your own |
     | timing | False | put CPU seconds into ``info`` and the reward |
     | pool | None | number of walks to draw from, each attempt solved once; or the file of such a pool |
     | render_mode | None | "rgb_array" |
@@ -451,7 +448,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         walker = walker_from(robot)
         self._tasks: Tasks = settings.tasks or SampledTasks(terrain=terrain, robot=walker)
         self._charts, self._settings = charts, settings.optimiser
-        self._weights, self._timing = settings.rewards, bool(settings.timing)
+        (self._weights, self._terms), self._timing = settings.rewards, bool(settings.timing)
         feet = (
             len(self._tasks.robot.feet)
             if isinstance(self._tasks, SampledTasks)
@@ -467,6 +464,9 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         self.pool = _pool_of(settings.pool, self._tasks, charts, self._settings)
         self._walk = 0
         self._seen: dict[int, dict[str, NDArray[np.float32]]] = {}
+        if self._terms.by_key:
+            walk = self._tasks(np.random.default_rng(0)) if self.pool is None else self.pool.walk(0)
+            self._terms.after(walk, None, np.zeros(3, dtype=np.int64), _NOTHING, True, False)
 
     def _feet_of(self) -> int:
         """Feet of the walks that a given source draws."""
@@ -485,7 +485,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         else:
             self._walk = int(self.np_random.integers(len(self.pool)))
             self._task = self.pool.walk(self._walk)
-        return self._observed(self._task), dict(_NOTHING)
+        return self._observed(self._task), {**_NOTHING, **self._terms.nothing}
 
     def step(
         self, action: NDArray[np.int64]
@@ -493,7 +493,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         """Solve as chosen and verify; the episode ends."""
         if self._task is None:
             raise gym.error.ResetNeeded("reset the environment before the first step")
-        chart, heights, noise = self._chosen(action)
+        chart, heights, noise = checked_action(action, self.action_space).tolist()
         if self.pool is None:
             seed = int(self.np_random.integers(2**31))
             attempt = Attempt(
@@ -504,6 +504,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         else:
             came_to = self.pool.outcome(self._walk, (chart, heights, noise))
         info = self._info(came_to)
+        motion = None if self._found is None else self._found.trajectory
+        info |= self._terms.after(self._task, motion, action, info, True, False)
         reward = float(sum(value for name, value in info.items() if name.startswith("reward_")))
         return self._observed(self._task), reward, True, False, info
 
@@ -536,22 +538,6 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         if self._walk not in self._seen:
             self._seen[self._walk] = observe(task)
         return {name: values.copy() for name, values in self._seen[self._walk].items()}
-
-    def _chosen(self, action: NDArray[np.int64]) -> tuple[int, int, int]:
-        """The indices of an action.
-
-        Raises InvalidInput for another one.
-        """
-        if np.shape(action) != self.action_space.shape or not self.action_space.contains(
-            np.asarray(action, np.int64)
-        ):
-            limits = f"(0–{len(self._charts) - 1}, 0–{len(HEIGHTS) - 1}, 0–{len(NOISES) - 1})"
-            raise InvalidInput(
-                f"action: expected three indices in {limits}, got "
-                f"{shown(np.asarray(action).tolist())}"
-            )
-        chart, heights, noise = (int(index) for index in action)
-        return chart, heights, noise
 
     def _info(self, found: _Outcome) -> dict[str, Any]:
         """Info of an attempt; every key is there for ``_NOTHING``, too."""

@@ -26,7 +26,7 @@ from typing import (
 
 import numpy as np
 
-from .errors import InvalidInput
+from .errors import InvalidInput, UnknownArgument
 from .files.documents import neighbour, shown
 
 T = TypeVar("T")
@@ -100,7 +100,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         for name in single:
             if name in arguments:
                 check_argument(name, arguments[name], hints[name])
-        return function(*args, **kwargs)
+        with np.errstate(divide="warn", over="warn", under="ignore", invalid="warn"):
+            return function(*args, **kwargs)  # as NumPy is, whatever its user has set
 
     return held
 
@@ -147,15 +148,17 @@ def settings_from(
         beside: further arguments that the caller takes, for the message.
 
     Raises:
-        InvalidInput: for a name that no field has, and a value that its field does not allow.
+        InvalidInput: for a value that its field does not allow, and ``UnknownArgument``, for a name
+            that no field has.
     """
     hints = _hints(cast(Any, kind))
     known = [*beside, *(field.name for field in fields(kind))]  # type: ignore[arg-type]
     for name, value in given.items():
         if name not in known or name in beside:
             wanted = f"one of {', '.join(known)}"
-            raise InvalidInput(
-                f"{name}: expected {wanted}, got an unknown argument{neighbour(name, known)}"
+            raise UnknownArgument(
+                f"{name}: expected {wanted}, got an unexpected keyword argument {name!r}"
+                f"{neighbour(name, known)}"
             )
         check_argument(name, value, hints[name])
     return kind(**given)

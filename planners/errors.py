@@ -66,6 +66,12 @@ class InvalidInput(StancekitError, ValueError):
     """
 
 
+class UnknownArgument(InvalidInput, TypeError):
+    """A keyword that is not taken; a ``TypeError``, too, as Python's own, by which libraries that try
+    a keyword know that there is none.
+    """
+
+
 class PlanningFailed(StancekitError):
     """A plan was asked for and none was found; the message says why."""
 

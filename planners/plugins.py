@@ -14,6 +14,7 @@ A name is enough to list a thing; it is imported when it is asked for, and nothi
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib
 import inspect
@@ -287,13 +288,82 @@ def _ran_alone(path: Path) -> ModuleType:
     sys.modules[name] = module = module_from_spec(
         spec
     )  # before it runs: dataclasses look for their module there
+    folder = str(path.resolve().parent)
+    sys.path.insert(0, folder)  # as of a script
     try:
         with foreign(f"{path}: cannot be run"):
+            vars(module)[_CODE] = _code(path.resolve())
             spec.loader.exec_module(module)
     except BaseException:  # a module that failed is not kept
         del sys.modules[name]
         raise
+    finally:
+        sys.path.remove(folder)
+        if folder not in sys.path:
+            sys.path.append(folder)  # for what its functions import when they are called
+    for file in vars(module)[_CODE]:
+        other = getattr(sys.modules.get(file[:-3].replace("/", ".")), "__file__", None)
+        if other is not None and Path(other).resolve() != Path(folder, file):
+            raise InvalidInput(f"{path}: expected {file} of its folder, got {other}: rename it")
     return module
+
+
+_CODE = "__stancekit_code__"
+"""Name in the module of a FILE.py of its ``_code`` when it was run."""
+
+
+def code_of(*names: str) -> dict[str, str]:
+    """SHA-256 of every file that runs as these FILE.py:NAMEs: of each FILE.py, and of what it
+    imports from its folder, by the path from there; none for other names.
+
+    Raises InvalidInput where a file is no more what this process has run.
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        file, is_file, _ = name.partition(".py:")
+        if is_file:
+            path = Path(f"{file}.py")
+            ran = vars(_ran(path))[_CODE]
+            with foreign(f"{path}: cannot be read"):
+                now = _code(path.resolve())
+            if differs := differing(ran, now):
+                raise InvalidInput(
+                    f"{path}: expected the code that this process has run, got {differs} edited "
+                    "since: begin another process"
+                )
+            found |= now
+    return found
+
+
+def differing(one: Mapping[str, str], other: Mapping[str, str]) -> str:
+    """The files that two ``code_of`` do not have alike, in words; empty where there are none."""
+    return ", ".join(sorted(each for each in {**one, **other} if one.get(each) != other.get(each)))
+
+
+def _code(path: Path) -> dict[str, str]:
+    """SHA-256 of a file and of all that it imports from its folder, by the path from there."""
+    folder, left, found = path.parent, [path], dict[str, str]()
+    while left:
+        file = left.pop()
+        content = file.read_bytes()
+        found[file.relative_to(folder).as_posix()] = hashlib.sha256(content).hexdigest()
+        for node in ast.walk(ast.parse(content)):
+            if isinstance(node, ast.Import):
+                start, modules = folder, [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                start = file.parents[node.level - 1] if node.level else folder
+                whole = node.module or ""
+                modules = [f"{whole}.{alias.name}".strip(".") for alias in node.names]
+            else:
+                continue
+            for parts in (module.split(".") for module in modules):
+                for k in range(1, len(parts) + 1):
+                    place = start.joinpath(*parts[:k])
+                    for each in (place.with_suffix(".py"), place / "__init__.py"):
+                        named = each.is_file() and each.is_relative_to(folder)
+                        if named and each.relative_to(folder).as_posix() not in found:
+                            left.append(each)
+    return dict(sorted(found.items()))
 
 
 def _attribute(module: ModuleType, attribute: str, where: str) -> Any:

@@ -31,13 +31,13 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1394, 15723),
-    "cli": (3568, 39900),
+    "cli": (3584, 40058),
     "configs": (3, 30),
-    "envs": (3009, 41631),
-    "learners": (5450, 79085),
-    "planners": (34775, 557987),
+    "envs": (3167, 43722),
+    "learners": (5513, 80005),
+    "planners": (34852, 559068),
     "runner": (7163, 95548),
-    "views": (4515, 70309),
+    "views": (4519, 70388),
 }
 CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
@@ -46,7 +46,7 @@ ALLOWANCES: dict[str, int] = {
     "soles": 3,
     "slopes and doors": 0,
     "MJCF": 0,
-    "training": 400,
+    "training": 82,
     "promises": 199,
     "worlds": 195,
     "formats": 38,

@@ -33,11 +33,13 @@ class ComparisonBar:
         values: measure → share of problems in [0, 1], e.g. "P1 correct feasible", "fix-p". A
             measure that a selector does not have is left out.
         paper: what the paper printed for the same measures, where it did.
+        intervals: ends of the interval of each value, where they are known.
     """
 
     selector: str
     values: Mapping[str, float]
     paper: Mapping[str, float] = field(default_factory=dict)
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, values in (("values", self.values), ("paper", self.paper)):
@@ -119,6 +121,9 @@ def _bar(
         axes.text(x, 0.8, "–", size=11, color=QUIET, ha="center", va="bottom")
     else:
         axes.bar([x], [100.0 * value], 0.9 * width, color=colour, lw=0, zorder=2)
+        if measure in row.intervals:
+            ends = [100.0 * end for end in row.intervals[measure]]
+            axes.plot([x, x], ends, color=INK, lw=1.2, zorder=4, solid_capstyle="butt")
         if room >= 13.0:
             _bar_number(axes, x, 100.0 * value, colour, room)
     if paper is not None:

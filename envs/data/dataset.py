@@ -4,7 +4,6 @@ learn from.
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import math
@@ -13,7 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,15 +21,25 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import cached_property
-from stancekit.planners.equilibrium.scaled import Scaled, observe
+from stancekit.planners.equilibrium.batch import ScaledBatch
+from stancekit.planners.equilibrium.scaled import Scaled, observe, observe_batch
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import parse_json
-from stancekit.planners.problem import Problem
+from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.robot import Limb, Robot
 
 from ..scenes import LabelledScene
-from .ledger import Counts, Header, Ledger, shard_name, shard_schema
+from .ledger import (
+    Counts,
+    Header,
+    Ledger,
+    Part,
+    folder_and_part,
+    part_of,
+    shard_name,
+    shard_schema,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -239,21 +248,53 @@ def finite(values: dict[str, Any]) -> dict[str, Any]:
 _Index = NDArray[np.intp]
 _Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
-Part = Literal["all", "train", "test"]
-"""Part of a data set's rows: see ``Dataset.only``."""
-_TEST_SHARE = 5
-"""One row in so many is of the part "test"."""
 _LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
 """Labels that ``Dataset[k]`` gives to a row."""
-OPEN_SHARDS = 4
-"""Number of shards that a data set keeps decompressed."""
+OPEN_SHARDS, OPEN_TEXTS = 4, 64
+"""Numbers of shards that a data set keeps decompressed, and of those whose problems alone it keeps:
+rows are asked for in any order.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Like:
+    """What the problems of a data set share.
+
+    Arguments:
+        rest: the JSON form without what the patches say.
+        corners: corners of each patch.
+    """
+
+    rest: Any
+    problem: Problem
+    scaled: Scaled
+    corners: int
+
+
+class _Scene(NamedTuple):
+    """What is seen of a scaled problem."""
+
+    patches: Array
+    frames: Array
+    friction: Array
+    shoulders: Array
+    reach: Array
+
+
+def _patches(text: str) -> tuple[Array, Array, Array, Any]:
+    """Vertices, normals and friction of a problem's patches, with an axis before, and the rest."""
+    rest = parse_json(text, "problem")
+    names = ("vertices_m", "normal", "friction")
+    values = [np.array([[each.pop(name) for each in rest["contacts"]]]) for name in names]
+    return values[0], values[1], values[2], rest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Dataset:
     """Rows of one problem class, read from the disk when they are asked for.
 
-    ``split`` gives data sets, too.
+    ``split`` gives data sets, too. What ``ds[k]`` gives is kept once it was asked for, some 1,000
+    bytes a row.
 
     It is what ``torch.utils.data.DataLoader`` takes: ``len(ds)``, and ``ds[k]`` is the pair of the
     scene as a policy sees it (``planners.equilibrium.features.observe``: float32 arrays by name)
@@ -283,6 +324,8 @@ class Dataset:
     chosen: _Index
     part: Part = "all"
     _open: dict[int, pa.Table] = field(default_factory=dict)
+    _texts: dict[int, list[str]] = field(default_factory=dict)
+    _seen: dict[int, _Observation] = field(default_factory=dict)
 
     @classmethod
     def open(cls, path: str | Path) -> Dataset:
@@ -324,10 +367,65 @@ class Dataset:
 
         Raises as ``row`` does.
         """
+        if isinstance(index, slice):
+            raise InvalidInput("index: expected a whole number, got a slice: select gives several")
         if not -len(self) <= index < len(self):
             raise IndexError(f"row {index} of {len(self)}")
-        problem = self._read(index % len(self), self._problem)
-        return observe(Scaled.of(problem)), _LABELS[str(self.labels[index])]
+        place = int(self.chosen[index])
+        scene = self._seen.get(place)
+        if scene is None:
+            scene = self._observed(place)
+            if scene is None:
+                scene = observe(Scaled.of(self._read(index % len(self), self._problem)))
+            self._seen[place] = scene
+        return {name: values.copy() for name, values in scene.items()}, int(self._answers[index])
+
+    def _observed(self, place: int) -> _Observation | None:
+        """Observation of a row of the folder; None where its problem differs from the first one's
+        in more than its patches, or cannot be read so.
+        """
+        shard = int(np.searchsorted(self.ledger.starts, place, side="right")) - 1
+        texts = self._texts.get(shard)
+        if texts is None:  # another thread may be reading, too
+            for old in list(self._texts)[: 1 - OPEN_TEXTS]:
+                self._texts.pop(old, None)
+            column = self.ledger.read(shard, ["problem"]).column("problem")
+            texts = self._texts[shard] = column.to_pylist()
+        try:
+            vertices, normals, friction, rest = _patches(texts[place - self.ledger.starts[shard]])
+            if self._like is None or rest != self._like.rest:
+                return None
+            batch = PostureBatch(
+                like=self._like.problem,
+                vertices_m=vertices,
+                normals=normals,
+                friction=friction,
+                convex=True,
+            )
+        except (InvalidInput, TypeError, ValueError, KeyError, IndexError, AttributeError):
+            return None  # a row that is damaged is told when it is read whole
+        if vertices.shape[2] != self._like.corners:
+            return None
+        scaled, like = ScaledBatch.of(batch, self._like.scaled), self._like.scaled
+        scene = _Scene(
+            scaled.vertices[0], scaled.frames[0], scaled.friction[0], like.shoulders, like.reach
+        )
+        return {name: values[0] for name, values in observe_batch([scene]).items()}
+
+    @cached_property
+    def _like(self) -> _Like | None:
+        """What all problems share with the first of the folder; None where that cannot be read."""
+        try:
+            text = self.ledger.read(0, ["problem"]).column("problem")[0].as_py()
+            vertices, normals, friction, rest = _patches(text)
+            problem = self._problem({"problem": text})
+            batch = PostureBatch(
+                like=problem, vertices_m=vertices, normals=normals, friction=friction
+            )
+        except (InvalidInput, TypeError, ValueError, KeyError, IndexError, AttributeError):
+            return None
+        like = ScaledBatch.of(batch).like
+        return _Like(rest=rest, problem=problem, scaled=like, corners=vertices.shape[2])
 
     def __iter__(self) -> Iterator[tuple[_Observation, int]]:
         """The pairs of all rows in their order."""
@@ -391,11 +489,11 @@ class Dataset:
         return replace(self, chosen=self.chosen[np.asarray(indices, dtype=np.intp)], _open={})
 
     def only(self, part: Part) -> Dataset:
-        """The rows of "train" or of "test", one in TEST_SHARE, by a hash of their problems; or
-        "all".
+        """The rows of "train", of "test", two in ten, or of "calibration", one in ten, by a hash of
+        their problems; or "all".
 
         A problem is of the same part in whatever data set it is: what was learned from "train" has
-        seen nothing of "test". Raises InvalidInput for another part.
+        seen nothing of the others. Raises InvalidInput for another part.
         """
         if part not in get_args(Part):
             raise InvalidInput(f"part: expected one of {', '.join(get_args(Part))}, got {part!r}")
@@ -403,19 +501,22 @@ class Dataset:
             return self
         shards = [self.ledger.read(shard, ["problem"]) for shard in range(self.header.plan.shards)]
         texts = [text for shard in shards for text in shard.column("problem").to_pylist()]
-        members = [is_test(texts[k]) == (part == "test") for k in self.chosen]
+        members = [part_of(texts[k]) == part for k in self.chosen]
         return replace(self, chosen=self.chosen[np.array(members, dtype=bool)], part=part, _open={})
 
     @property
     def origin(self) -> dict[str, str]:
-        """Origin of these rows, which a selector keeps: digest of the set, of its draws, and the
-        part.
+        """Origin of these rows, which a selector keeps: digest of the set, of its draws, the part,
+        and which rows of the set they are where they are not all, a bit each.
         """
-        return {
+        origin = {
             "dataset": self.header.digest,
             "first_sample": self.header.first_sample,
             "part": self.part,
         }
+        mine = np.zeros(self.ledger.starts[-1], dtype=bool)
+        mine[self.chosen] = True
+        return origin if mine.all() else {**origin, "chosen": np.packbits(mine).tobytes().hex()}
 
     def split(self, fractions: Sequence[float]) -> tuple[Dataset, ...]:
         """Disjoint data sets of these shares of every kind of rows, always the same ones, e.g. (.6,
@@ -435,6 +536,11 @@ class Dataset:
             chosen = [kind[round(begin * len(kind)) : round(end * len(kind))] for kind in kinds]
             parts.append(self.select(np.sort(np.concatenate(chosen))))
         return tuple(parts)
+
+    @cached_property
+    def _answers(self) -> NDArray[np.int64]:
+        """Labels as ``Dataset[k]`` gives them."""
+        return np.array([_LABELS[label] for label in self.labels.tolist()], dtype=np.int64)
 
     @cached_property
     def _kinds(self) -> NDArray[np.str_]:
@@ -493,11 +599,6 @@ class Dataset:
             ) from None
 
 
-def is_test(problem: str) -> bool:
-    """Tell whether the problem, as a shard has it, belongs to the part "test"."""
-    return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % _TEST_SHARE == 0
-
-
 def scenes_of(dataset: Dataset) -> list[LabelledScene]:
     """The data set's feasible and hard infeasible rows as scenes."""
     return [
@@ -547,31 +648,33 @@ class ScenePool:
     @classmethod
     def open(
         cls,
-        folder: str | Path,
+        rows: Dataset | str | Path,
         *,
         of: str,
         legs: Sequence[str],
-        part: Part = "train",
         balanced: bool = True,
     ) -> ScenePool:
-        """The pool of a folder of ``stancekit label``.
+        """The pool of a data set, or of a folder's part, FOLDER:PART, "train" where it names none.
 
         Arguments:
             of, legs: the class of problems that it has to be of, which names the robot, too.
-            part: see ``Dataset.only``.
 
         Raises:
             InvalidInput: for a folder that is none, of another version or of other problems, or
                 with undecided rows.
         """
-        dataset = Dataset.open(folder)
+        if isinstance(rows, Dataset):
+            dataset, folder = rows, str(rows.ledger.folder)
+        else:
+            folder, part = folder_and_part(rows)
+            dataset = Dataset.open(folder).only(part)
         if (dataset.problem_class, tuple(dataset.header.legs)) != (of, tuple(legs)):
             got = f"{dataset.problem_class} on the legs {', '.join(dataset.header.legs)}"
             raise InvalidInput(
                 f"{folder}: expected scenes of {of} on the legs {', '.join(legs)}, got some of "
                 f"{got}"
             )
-        return cls(dataset.only(part), balanced=balanced)
+        return cls(dataset, balanced=balanced)
 
     def __len__(self) -> int:
         return sum(map(len, self._scenes))

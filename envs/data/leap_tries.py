@@ -21,8 +21,8 @@ from stancekit.planners.leap.scp import plan_from
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_classes import leap_from_keys, leap_to_json
 
-from .dataset import Dataset, Summary, is_test
-from .ledger import Ledger, TryHeader, folder_of, read_header, shard_name
+from .dataset import Dataset, Summary
+from .ledger import Ledger, TryHeader, folder_of, part_of, read_header, shard_name
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -222,12 +222,12 @@ class LeapTries:
         return self._leap(shard, scene, rows[scene - plan.scenes_of(shard).start])
 
     def parts(self) -> list[str]:
-        """Part of every scene, "train" or "test", by a hash of its class, seed and number: the same
-        in whatever data set.
+        """Part of every scene, "train", "test" or "calibration", by a hash of its class, seed and
+        number: the same in whatever data set.
         """
         plan = self.header.plan
         names = (scene_name(plan.distribution, plan.seed, number) for number in range(plan.scenes))
-        return ["test" if is_test(name) else "train" for name in names]
+        return [part_of(name) for name in names]
 
     def plan(self, index: int) -> LeapPlan:
         """The plan of a try, its body worked out from toes and forces.

@@ -18,7 +18,7 @@ from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, Field, ValidationError
 
@@ -55,6 +55,25 @@ def check_there(path: str | Path) -> None:
         raise InvalidInput(f"{path}: expected a plan, proof, gait or data set, found nothing there")
 
 
+Part = Literal["all", "train", "test", "calibration"]
+"""Part of a data set's rows: see ``Dataset.only``."""
+
+
+def part_of(scene: str) -> Part:
+    """The part of a scene, by a hash of what says all of it: a problem as a shard has it, or a
+    leap's class, seed and number.
+    """
+    number = int.from_bytes(hashlib.sha256(scene.encode()).digest()[:8], "big")
+    return "test" if number % 5 == 0 else "calibration" if number % 10 == 1 else "train"
+
+
+def folder_and_part(path: str | Path, usual: Part = "train") -> tuple[str, Part]:
+    """A folder and the part of it that is named, FOLDER:PART; the usual one where none is."""
+    folder, _, part = str(path).rpartition(":")
+    named = [each for each in get_args(Part) if folder and part == each]
+    return (folder, named[0]) if named else (str(path), usual)
+
+
 _SHARD_FORMAT = "stancekit/shard/1"
 HEADER = "header.json"
 _SOFTWARE = ("stancekit", "numpy", "clarabel", "cvxpy")
@@ -71,6 +90,7 @@ class Head(BaseModel, ABC):
         legs: limbs, in their order.
         first_sample: SHA-256 of what is drawn first, to know the distribution by.
         software: versions at the beginning.
+        code: SHA-256 of each file of the code of one's own that it was drawn by; None without any.
     """
 
     model_config = STRICT
@@ -80,6 +100,7 @@ class Head(BaseModel, ABC):
     plan: RowPlan
     first_sample: str
     software: dict[str, str]
+    code: dict[str, str] | None = None
 
     @property
     def digest(self) -> str:
@@ -100,6 +121,7 @@ class Header(Head):
         legs: names of the legs in contact, in the order of the contacts.
         first_sample: SHA-256 of the first problem drawn, which identifies the distribution.
         software: versions of packages at the beginning.
+        code: SHA-256 of each file of the code of one's own that they are drawn by.
         witness: how postures and points were chosen: as ``search.canonical`` says.
         robot: identity of the model that the legs belong to, see ``Robot``; None for the default
             hexapod.
@@ -129,6 +151,7 @@ class TryHeader(Head):
         speaks_of: meaning of each label.
         first_sample: SHA-256 of the first leap.
         software: versions at the beginning.
+        code: as of rows of postures; no class of leaps has any.
     """
 
     format: Literal["stancekit/tries/1"] = "stancekit/tries/1"

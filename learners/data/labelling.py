@@ -25,13 +25,14 @@ import numpy as np
 from pydantic import ConfigDict
 
 from stancekit.envs.data import ledger
-from stancekit.envs.data.dataset import Dataset, Part, Summary, finite
-from stancekit.envs.data.ledger import Header, LabelPlan, Shard, TryHeader
+from stancekit.envs.data.dataset import Dataset, Summary, finite
+from stancekit.envs.data.ledger import Header, LabelPlan, Part, Shard, TryHeader
 from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_bytes
+from stancekit.planners.plugins import code_of, differing
 from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
 from stancekit.planners.verify import check_certificate, check_plan
 
@@ -151,6 +152,11 @@ def begin(folder: Path, header: H) -> H:
             raise InvalidInput(
                 f"{where}: {key}: expected {wanted!r} as planned, got {begun[key]!r}"
             )
+    if differs := differing(there.code or {}, header.code or {}):
+        raise InvalidInput(
+            f"{where}: code: expected that with which the folder was begun, got another {differs}: "
+            "take another folder"
+        )
     if there.digest != header.digest:
         distribution = header.plan.distribution
         raise InvalidInput(
@@ -180,7 +186,8 @@ def rows_of(
     robot: str | None = None,
     terrain: str | Path | None = None,
 ) -> Dataset:
-    """The rows of a data set, of its folder, or of one that ships by its name; or a part of them.
+    """The rows of a data set, of its folder, or of one that ships by its name; or a part of them,
+    which FOLDER:PART names, too.
 
     Arguments:
         robot, terrain: whose they have to be, where given.
@@ -188,7 +195,10 @@ def rows_of(
     Raises:
         InvalidInput: for what is no data set, and for another's.
     """
-    dataset = (source if isinstance(source, Dataset) else Dataset.open(source)).only(part)
+    if not isinstance(source, Dataset):
+        folder, part = ledger.folder_and_part(source, part)
+        source = Dataset.open(folder)
+    dataset = source.only(part)
     _check_of(dataset, robot, terrain)
     return dataset
 
@@ -220,15 +230,22 @@ def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) ->
 
     Arguments:
         provenance: the selector's, with what ``Dataset.origin`` says of its rows, or the set
-            alone. Two different parts of the split by hash have no row in common.
+            alone. Two different parts of the split by hash have no row in common, and parts of one
+            set may have none.
     """
     mine, theirs = (
         dataset.origin,
         {name: provenance.get(name) for name in ("dataset", "first_sample")},
     )
+    known = [mine.get("chosen"), provenance.get("chosen")]
+    if theirs["dataset"] == mine["dataset"] and None not in known:
+        seen, asked = (int(str(each), 16) for each in known)
+        if not seen & asked:
+            theirs = {}
     if isinstance(provenance.get("calibration"), dict):
         check_unseen(dataset, provenance["calibration"], where)
-    if {mine["part"], provenance.get("part", "all")} == {"train", "test"}:
+    parts = {mine["part"], provenance.get("part", "all")}
+    if len(parts) == 2 and "all" not in parts:
         return
     same = [name for name, value in theirs.items() if value is not None and value == mine[name]]
     if same:
@@ -430,6 +447,7 @@ def _header(plan: LabelPlan, source: Distribution) -> Header:
         plan=plan,
         first_sample=hashlib.sha256(json.dumps(first.to_json()).encode()).hexdigest(),
         software=ledger.software(),
+        code=code_of(plan.distribution, plan.terrain or "") or None,
         witness=_WITNESS,
         robot=first.robot.identity or None,
         speaks_of=_INNER

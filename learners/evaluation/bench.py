@@ -22,6 +22,7 @@ from stancekit.envs.scenes import LabelledScene
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml, shown, validated
 from stancekit.planners.files.writing import write_text
+from stancekit.planners.plugins import code_of
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 
 from ..data.executors import Executor
@@ -126,11 +127,12 @@ def page(records: Sequence[Mapping[str, Any]], experiment: Experiment) -> str:
     text = "% of held-out scenes, with 95 % intervals (Wilson); the best share is bold."
     lines = ["# Leaderboard: selectors of envelopes", "", text, ""]
     for name in dict.fromkeys(record["problem_class"] for record in records):
-        lines += _table(name, [record for record in records if record["problem_class"] == name])
+        lines += markdown(name, [record for record in records if record["problem_class"] == name])
     return "\n".join([*lines, *_data(experiment), *_cards(records), ""])
 
 
-def _table(name: str, records: list[Mapping[str, Any]]) -> list[str]:
+def markdown(name: str, records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Lines of the table of one class of problems."""
     ways = [
         key.removesuffix("_of").removeprefix("project_")
         for key in records[0]
@@ -387,7 +389,7 @@ class _Class:
         digests = [
             train.header.digest,
             "" if calibration is None else calibration.header.digest,
-            *_source(method),
+            *([code] if (code := code_of(method)) else []),
         ]
         key = _digest(["fit", method, self._experiment.fit.concerning(method), digests, software()])
         row = self._read(method)
@@ -407,7 +409,7 @@ class _Class:
             checkpoint=checkpoint,
             run=self._run,
         )
-        if _source(method) and not isinstance(learned.selector, FixedSelector):
+        if code_of(method) and not isinstance(learned.selector, FixedSelector):
             blank = _Row(fit_key=key, file="", file_sha256="", fit_seconds=perf_counter() - begin)
             return (
                 blank,
@@ -458,7 +460,14 @@ class _Class:
 
     def _row_key(self, selector: str, test: Dataset) -> str:
         return _digest(
-            ["row", selector, test.header.digest, list(self._experiment.projections), software()]
+            [
+                "row",
+                selector,
+                test.header.digest,
+                list(self._experiment.projections),
+                software(),
+                *([code] if (code := code_of(*self._experiment.projections)) else []),
+            ]
         )
 
     def _read(self, name: str) -> _Row | None:
@@ -470,16 +479,6 @@ class _Class:
 
     def _write(self, name: str, row: _Row) -> None:
         write_text(self._folder / f"{_stem(name)}.row.json", row.model_dump_json(indent=1) + "\n")
-
-
-def _source(method: str) -> list[str]:
-    """Digest of the file of a method FILE.py:NAME, as a list; empty for other methods."""
-    path, colon, _ = method.rpartition(":")
-    return (
-        [hashlib.sha256(Path(path).read_bytes()).hexdigest()]
-        if colon and Path(path).is_file()
-        else []
-    )
 
 
 def _stem(method: str) -> str:

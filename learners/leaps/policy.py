@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -18,13 +19,20 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from stancekit.envs.data.leap_tries import LeapTries
+from stancekit.envs.data.ledger import Part
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.files.documents import check_fields, file_or_named
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import OF_CANDIDATE, OF_LEAP, LeapFeatures
 
-from ..selectors.network import AttentionBlock, load_weights, read_tensors, write_tensors
+from ..selectors.network import (
+    AttentionBlock,
+    load_weights,
+    read_tensors,
+    undisturbed,
+    write_tensors,
+)
 from ..zoo import shipped
 from .kinds import FORMAT, KINDS, Kind
 
@@ -88,6 +96,12 @@ class ScoreNetwork(nn.Module):
                 nn.LayerNorm(2 * width), nn.Linear(2 * width, width), nn.SiLU(), nn.Linear(width, 1)
             )
             self.odds = nn.Linear(width, 1)
+
+    @property
+    def sizes(self) -> dict[str, Any]:
+        """The arguments that make such a network."""
+        names = ("kind", "width", "layers", "heads")
+        return {name: getattr(self, name) for name in names}
 
     def forward(self, candidates: Tensor, mask: Tensor, leap: Tensor) -> tuple[Tensor, Tensor]:
         """Scores and odds.
@@ -159,6 +173,7 @@ class LeapScorer:
     network: ScoreNetwork
     origin: dict[str, Any]
 
+    @undisturbed()
     def scores(self, numbers: LeapNumbers) -> Array:
         """The score of every candidate, the larger the better, shape (P, options); −inf where there
         is none.
@@ -171,6 +186,7 @@ class LeapScorer:
             )
         return np.where(seen.mask > 0.0, scores[0].numpy().astype(np.float64), -np.inf)
 
+    @undisturbed()
     def predict(
         self,
         observation: Mapping[str, NDArray[np.float32]],
@@ -200,16 +216,11 @@ class LeapScorer:
 
     def write(self, path: str | Path) -> None:
         """Write a safetensors file."""
-        network = self.network
-        sizes = {
-            "kind": network.kind,
-            "width": network.width,
-            "layers": network.layers,
-            "heads": network.heads,
-        }
-        write_tensors(path, FORMAT, {**sizes, "origin": self.origin}, network.state_dict())
+        header = {**self.network.sizes, "origin": self.origin}
+        write_tensors(path, FORMAT, header, self.network.state_dict())
 
     @classmethod
+    @undisturbed()
     def read(cls, path: str | Path) -> LeapScorer:
         """Read what ``write`` wrote, or the scorer of that name that ships."""
         path = file_or_named(path, shipped("scorers"))
@@ -241,8 +252,12 @@ _FLIPPED = ("_y", "_y_m", "_y_m_s")
 _MOMENTS = ("moment_x_m", "moment_z_m")
 """In the mirror y → −y lengths and forces along y change their sign, and moments about x and z
 do."""
-_SIGNS = torch.ones(_FEATURES)
-_LEAP_SIGNS = torch.tensor([-1.0 if name.endswith(_FLIPPED) else 1.0 for name in OF_LEAP])
+_SIGNS = torch.ones(_FEATURES, dtype=torch.float32, device="cpu")
+_LEAP_SIGNS = torch.tensor(
+    [-1.0 if name.endswith(_FLIPPED) else 1.0 for name in OF_LEAP],
+    dtype=torch.float32,
+    device="cpu",
+)
 for _k, _name in enumerate(OF_CANDIDATE):
     if _name in _MOMENTS or (_name.endswith(_FLIPPED) and not _name.startswith("moment")):
         _SIGNS[_k] = -1.0
@@ -267,7 +282,7 @@ class ScorerSettings:
         seed: of weights, batches and parts.
     """
 
-    part: Literal["all", "train", "test"] = "all"
+    part: Part = "all"
     scenes: PositiveInt | None = None
     width: PositiveInt = 64
     layers: PositiveInt = 2
@@ -309,6 +324,7 @@ class _Tries:
         return _Tries(**{name: value[rows] for name, value in vars(self).items()})
 
 
+@undisturbed()
 def fit_scorer(
     tries: LeapTries,
     kind: Kind = "set",
@@ -334,8 +350,7 @@ def fit_scorer(
     order = torch.randperm(len(rows), generator=generator)
     held = max(1, round(settings.held_out * len(rows)))
     test, train = rows[order[:held]], rows[order[held:]]
-    with torch.random.fork_rng():
-        torch.manual_seed(settings.seed)
+    with undisturbed(settings.seed):
         network = ScoreNetwork(kind, settings.width, settings.layers)
     _fit_scales(network, train)
     optimiser = torch.optim.AdamW(
@@ -505,18 +520,26 @@ class ScorePolicy(MaskableActorCriticPolicy):  # type: ignore[misc, unused-ignor
         super()._build(lr_schedule)
         heads: Any = (_Actor(), _Critic())
         self.action_net, self.value_net = heads
-        make: Any = self.optimizer_class
-        self.optimizer = make(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+        self._optimise(lr_schedule(1))
 
+    def _optimise(self, rate: float) -> None:
+        make: Any = self.optimizer_class
+        self.optimizer = make(self.parameters(), lr=rate, **self.optimizer_kwargs)
+
+    def load_state_dict(self, state_dict: Mapping[str, Any], *further: Any, **options: Any) -> Any:
+        """Take over weights, with the sizes and the origin of the scores that they are of."""
+        extractor: Any = self.features_extractor
+        known = state_dict.get(_STATE)
+        if known is not None and known["sizes"] != extractor.network.sizes:
+            extractor.network = ScoreNetwork(**known["sizes"]).to(self.device)
+            self._optimise(self.optimizer.param_groups[0]["lr"])
+        return super().load_state_dict(state_dict, *further, **options)
+
+    @undisturbed(0)
     def scorer(self) -> LeapScorer:
         """The scores as they are now."""
         extractor: Any = self.features_extractor
-        network = ScoreNetwork(
-            extractor.network.kind,
-            extractor.network.width,
-            extractor.network.layers,
-            extractor.network.heads,
-        )
+        network = ScoreNetwork(**extractor.network.sizes)
         network.load_state_dict(extractor.network.state_dict())
         return LeapScorer(
             network=network.eval(), origin={**extractor.origin, "method": "maskable-ppo"}
@@ -540,9 +563,17 @@ class _Scored(BaseFeaturesExtractor):
 
     def __init__(self, space: spaces.Dict, scorer: str | None, kind: Kind) -> None:
         super().__init__(space, int(np.prod(space["mask"].shape or ())) + _EXTRA)
-        read = None if scorer is None else LeapScorer.read(scorer)
+        read = None if scorer is None or _loading() else LeapScorer.read(scorer)
         self.network = ScoreNetwork(kind) if read is None else read.network
         self.origin = {} if read is None else read.origin
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """What a file of the weights has beside them."""
+        return {"sizes": self.network.sizes, "origin": self.origin}
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Take the origin of weights over."""
+        self.origin = state["origin"]
 
     def forward(self, observation: dict[str, Tensor]) -> Tensor:
         scores, odds = self.network.seen(
@@ -551,6 +582,23 @@ class _Scored(BaseFeaturesExtractor):
         tables = scores.reshape(len(scores), _FOOTHOLDS, -1)
         likely = torch.sigmoid(tables.amax(dim=2).sum(dim=1) + odds)
         return torch.cat([scores.flatten(1), likely[:, None], observation["left"]], dim=1)
+
+
+_STATE = "features_extractor._extra_state"
+"""Key of that in a policy's weights."""
+
+
+def _loading() -> bool:
+    """Tell whether stable-baselines3 makes the policy of an agent's file, which has the weights and
+    their origin: a file that they once began from is not asked for.
+    """
+    frame = sys._getframe(1)
+    while frame.f_back is not None:
+        frame = frame.f_back
+        module = str(frame.f_globals.get("__name__"))
+        if frame.f_code.co_name == "load" and module.startswith("stable_baselines3."):
+            return True
+    return False
 
 
 _EXTRA = 3

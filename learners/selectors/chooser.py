@@ -35,6 +35,7 @@ from .network import (
     SceneTensors,
     load_weights,
     read_tensors,
+    undisturbed,
     write_tensors,
 )
 
@@ -78,6 +79,7 @@ class Chooser(MemorylessPolicy):
             np.float32
         )
 
+    @undisturbed()
     def choose(self, observation: Observation) -> NDArray[np.int64]:
         """Index of the envelope for each scene, shape (B,): an action where the environment has the
         set as library.
@@ -100,6 +102,7 @@ class Chooser(MemorylessPolicy):
         write_tensors(path, FORMAT, header, self.network.state_dict())
 
     @classmethod
+    @undisturbed()
     def load(cls, path: str | Path, *, problem_class: str | None = None) -> Chooser:
         """Read a chooser.
 
@@ -122,6 +125,7 @@ class Chooser(MemorylessPolicy):
         return cls(network, envelopes)
 
 
+@undisturbed()
 def fit_chooser(
     dataset: Dataset,
     envelopes: EnvelopeSet,
@@ -131,11 +135,10 @@ def fit_chooser(
     """Learn which envelope suits a terrain: the network predicts what each box costs, and the
     cheapest is chosen.
 
-    The cost of every box on every row is solved for once (``costs``). Uses one torch thread;
-    ``progress`` is told rows solved and rows in all. Raises InvalidInput for a data set of another
-    class or without rows of a label.
+    The cost of every box on every row is solved for once (``costs``); ``progress`` is told rows
+    solved and rows in all. Raises InvalidInput for a data set of another class or without rows of a
+    label.
     """
-    torch.set_num_threads(1)
     if dataset.problem_class != envelopes.problem_class:
         raise InvalidInput(
             f"envelopes: expected some for {dataset.problem_class}, got {envelopes.problem_class}"
@@ -210,8 +213,7 @@ def _train(
     Arguments:
         weight: of each row, shape (B, 1).
     """
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(settings.seed)
+    with undisturbed(settings.seed):
         network = ChoiceNetwork(settings.architecture, cost.shape[1])
     network.encoder.fit_scales(scenes)
     chance = torch.Generator().manual_seed(settings.seed)

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
@@ -31,6 +33,42 @@ from stancekit.planners.files.writing import write_bytes
 _KEY = "stancekit"
 """The one key of a file's metadata, which holds the JSON header with its ``format``; several have
 no fixed order."""
+
+
+@contextmanager
+def undisturbed(seed: int | None = None) -> Iterator[None]:
+    """Keep what networks give apart from what a user has set for the whole process, and the other
+    way round: within, torch computes on one thread of the processor in single precision, without
+    autocasting, and what was set is put back.
+
+    Arguments:
+        seed: of torch's own stream of chance, which is left where it was, as those of Python and
+            NumPy are; None where nothing is drawn by the process's streams.
+    """
+    with ExitStack() as kept:
+        for now, put, wanted in _USUAL:
+            if (before := now()) != wanted:  # else other threads find nothing changed, either
+                kept.callback(put, before)
+                put(wanted)
+        kept.enter_context(torch.device("cpu"))
+        kept.enter_context(torch.inference_mode(False))
+        kept.enter_context(torch.enable_grad())
+        kept.enter_context(torch.autocast("cpu", enabled=False))
+        if seed is not None:
+            kept.callback(random.setstate, random.getstate())
+            kept.callback(np.random.set_state, np.random.get_state())  # noqa: NPY002
+            kept.enter_context(torch.random.fork_rng(devices=[]))
+            torch.manual_seed(seed)
+        yield
+
+
+_USUAL: tuple[tuple[Callable[[], Any], Callable[[Any], None], Any], ...] = (
+    (torch.get_num_threads, torch.set_num_threads, 1),
+    (torch.get_default_dtype, torch.set_default_dtype, torch.float32),
+    (torch.get_float32_matmul_precision, torch.set_float32_matmul_precision, "highest"),
+    (torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, False),
+)
+"""Settings of the process that numbers depend on: how each is read and set, and to what."""
 
 
 _MOST_BYTES = 512_000_000

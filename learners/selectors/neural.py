@@ -37,6 +37,7 @@ from .network import (
     load_weights,
     pinball,
     read_tensors,
+    undisturbed,
     write_tensors,
 )
 
@@ -210,8 +211,7 @@ class _Trainer:
         self._run = {"settings": asdict(settings), "data": digest}
         self._checkpoint = checkpoint
         self._mirror = Mirror.of(feasible.scenes)
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(settings.seed)
+        with undisturbed(settings.seed):
             self.network = BoxNetwork.of_data(
                 settings.architecture, feasible.scenes, feasible.points
             )
@@ -458,6 +458,7 @@ class NeuralSelector(MemorylessPolicy):
         write_tensors(path, FORMAT, header, self.network.state_dict(), half=half)
 
     @classmethod
+    @undisturbed()
     def load(
         cls,
         path: str | Path,
@@ -496,12 +497,14 @@ class NeuralSelector(MemorylessPolicy):
             provenance=raw.provenance,
         )
 
+    @undisturbed()
     def _boxes(self, scenes: SceneTensors) -> tuple[list[Envelope], Array]:
         with torch.no_grad():
             lows, highs, points = as_arrays(*self.network(scenes))
         return [roomy(low, high, self.room) for low, high in zip(lows, highs, strict=True)], points
 
 
+@undisturbed()
 def fit_neural(
     dataset: Dataset,
     settings: NeuralSettings = NeuralSettings(),
@@ -512,8 +515,6 @@ def fit_neural(
 ) -> NeuralSelector:
     """Train and calibrate a selector on a data set; see ``NeuralSettings``.
 
-    Uses one torch thread.
-
     Arguments:
         calibration: rows for the calibration, else a part of ``dataset`` is kept for it; never use
             test rows.
@@ -522,10 +523,10 @@ def fit_neural(
     Raises:
         InvalidInput: where rows of a label are missing.
     """
-    torch.set_num_threads(1)
     train = dataset
+    labels = ("feasible", "infeasible") if settings.margin_epochs else ("feasible",)
     if calibration is None:
-        train, calibration = dataset.split((1.0 - settings.calibration, settings.calibration))
+        train, calibration = kept_apart(dataset, settings.calibration, labels)
     elif calibration.problem_class != dataset.problem_class:
         raise InvalidInput(
             f"calibration: expected {dataset.problem_class}, got {calibration.problem_class}"
@@ -565,6 +566,25 @@ def fit_neural(
             "history": trainer.history,
         },
     )
+
+
+def kept_apart(dataset: Dataset, share: float, labels: Sequence[str]) -> tuple[Dataset, Dataset]:
+    """Rows to learn from, and a share of them that is kept to calibrate on.
+
+    Raises InvalidInput where two rows of a label are not there, or one to calibrate on.
+    """
+    given = {label: len(getattr(dataset, label)) for label in ("feasible", "infeasible")}
+    counts = " and ".join(f"{count} {label}" for label, count in given.items())
+    if min(given[label] for label in labels) < 2:
+        wanted = "each label" if len(labels) > 1 else f"the label {labels[0]}"
+        raise InvalidInput(f"data set: expected two or more rows of {wanted}, got {counts}")
+    train, kept = dataset.split((1.0 - share, share))
+    if not len(kept.feasible):
+        raise InvalidInput(
+            f"data set: expected a feasible row or more to calibrate on, got a share of {share:g} "
+            f"of {counts}, which is none: more rows, a larger share, or a data set for it"
+        )
+    return train, kept
 
 
 def calibrated_room(

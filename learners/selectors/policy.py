@@ -27,7 +27,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import shown, validated
 from stancekit.planners.relaxation.envelope import Envelope
 
-from .network import read_tensors, write_tensors
+from .network import read_tensors, undisturbed, write_tensors
 
 FORMAT = "stancekit/policy/1"
 EnvironmentName = Literal["stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"]
@@ -223,6 +223,7 @@ class TrainedPolicy:
         self.steps = steps
         self.provenance = dict(provenance or {})
 
+    @undisturbed()
     def predict(
         self,
         observation: Observation,
@@ -251,6 +252,7 @@ class TrainedPolicy:
         write_tensors(path, FORMAT, header, tensors | {"base": torch.from_numpy(self.base)})
 
     @classmethod
+    @undisturbed(0)
     def load(cls, path: str | Path, *, problem: str | None = None) -> TrainedPolicy:
         """Read a policy.
 

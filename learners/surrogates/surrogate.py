@@ -32,6 +32,7 @@ from ..selectors.network import (
     AttentionBlock,
     load_weights,
     read_tensors,
+    undisturbed,
     write_tensors,
 )
 from ..zoo import shipped
@@ -335,6 +336,7 @@ class Surrogate:
         return cls.read(surrogate)
 
     @classmethod
+    @undisturbed()
     def read(cls, path: str | Path) -> Surrogate:
         """Read what ``save`` wrote.
 
@@ -425,6 +427,7 @@ def as_batch(problems: Sequence[Problem] | PostureBatch) -> PostureBatch:
     return PostureBatch.stacked(list(problems))
 
 
+@undisturbed()
 def _run(network: SurrogateNetwork, features: Features, dtype: torch.dtype) -> tuple[Array, Array]:
     """Scores and margins in this precision."""
     with torch.no_grad():

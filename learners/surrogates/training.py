@@ -23,7 +23,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import check_fields, parse_json
 from stancekit.planners.problem import PostureBatch
 
-from ..selectors.network import Architecture
+from ..selectors.network import Architecture, undisturbed
 from .calibration import CONFIDENCE, KINDS, Likeness
 from .features import Features, Seer
 from .surrogate import Surrogate, SurrogateNetwork, numbers
@@ -233,13 +233,14 @@ def fit_surrogate(
     )
     if not any(map(len, surrogate.calibration.values())):
         raise InvalidInput(
-            "calibration: expected rows as they are drawn, not screened ones, to calibrate on, got "
-            "none of "
-            f"{len(rows)}: a larger share, or a data set for it"
+            "calibration: expected rows as they are drawn, not screened ones, to calibrate on, got a "
+            f"share of {settings.calibration:g} of {len(rows)} rows, which has none: more rows, a "
+            "larger share, or a data set for it"
         )
     return surrogate
 
 
+@undisturbed()
 def fit_rows(
     rows: LabelledBatch,
     settings: SurrogateSettings,
@@ -268,8 +269,7 @@ def fit_rows(
         )
     seer = Seer.of(rows.batch.like)
     seen = seer.features(rows.batch)
-    with torch.random.fork_rng():
-        torch.manual_seed(settings.seed)
+    with undisturbed(settings.seed):
         sizes = {name: getattr(settings, name) for name in ("width", "layers", "heads")}
         network = SurrogateNetwork(Architecture(**sizes))
         _train(network, _part(seen, learned), rows.select(learned), settings, progress)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -18,7 +18,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import check_fields, shown, typed
-from stancekit.planners.plugins import Registry, takes
+from stancekit.planners.plugins import Registry, code_of, takes
 from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
@@ -363,6 +363,8 @@ def learn(
         run=run,
     )
     learned = _method(method)(request)
+    if isinstance(learned, EnvelopeSet) and (code := code_of(method)):
+        learned = replace(learned, provenance={**learned.provenance, "code": code})
     return (
         learned
         if isinstance(learned, Modes)

@@ -10,7 +10,7 @@ from stancekit.envs.data.dataset import scenes_of
 from stancekit.planners.files.documents import typed
 
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
-from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural
+from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural, kept_apart
 from ..selectors.policy import TrainedPolicy, bounds_of
 from .fitting import FitRequest, fit
 from .held_out import TrainingScenes
@@ -57,7 +57,9 @@ def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:
     """
     dataset, calibration, settings = request.dataset, request.calibration, request.settings
     learned, held_out = (
-        (dataset, calibration) if calibration is not None else dataset.split((0.85, 0.15))
+        (dataset, calibration)
+        if calibration is not None
+        else kept_apart(dataset, 0.15, ("feasible", "infeasible"))
     )
     count = {
         "feasible": len(learned.feasible),

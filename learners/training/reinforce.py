@@ -29,7 +29,7 @@ from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_text
 
-from ..selectors.network import read_tensors, write_tensors
+from ..selectors.network import read_tensors, undisturbed, write_tensors
 from ..selectors.policy import TrainedPolicy, check_shapes
 from .baselines import SelectionVecEnv, refinement_vec_env
 from .held_out import CurvePoint, Trained, TrainingScenes, evaluator
@@ -99,6 +99,7 @@ Progress = Callable[[int, int], None]
 _log = logging.getLogger(__name__)
 
 
+@undisturbed(0)
 def train(
     config: TrainConfig,
     folder: Path,
@@ -113,8 +114,6 @@ def train(
 
     Raises InvalidInput.
 
-    Uses one torch thread.
-
     Arguments:
         resume: go on from the folder's checkpoint; its configuration must be the same but for
             ``steps``.
@@ -122,7 +121,6 @@ def train(
         progress: told steps done and in all.
         labelling: which data set, its rows done and in all.
     """
-    torch.set_num_threads(1)
     checkpoint = folder / NAME
     if checkpoint.exists() and not resume:
         raise InvalidInput(f"{folder}: holds a run already: resume it, or choose another folder")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -524,8 +524,12 @@ def observe(scaled: Scaled) -> dict[str, NDArray[np.float32]]:
     return {name: values[0] for name, values in observe_batch([scaled]).items()}
 
 
-def observe_batch(scaled: Sequence[Scaled]) -> dict[str, NDArray[np.float32]]:
-    """The observations of several scenes of one size, a row each."""
+def observe_batch(scaled: Sequence[Scaled | Any]) -> dict[str, NDArray[np.float32]]:
+    """The observations of several scenes of one size, a row each.
+
+    Arguments:
+        scaled: problems, or whatever has their patches, frames, friction, shoulders and reach.
+    """
 
     def seen(name: str, room: float) -> NDArray[np.float32]:
         values = np.stack(

@@ -354,3 +354,10 @@ class Leap:
                     "stand, got another "
                     f"of {one[0]} in phase {one[1]}"
                 )
+        for j, foothold in enumerate(self.footholds):
+            for name in ("force_min", "force_max"):
+                if getattr(foothold, name) is not None:
+                    raise InvalidInput(
+                        f"{where}footholds[{j}].{name}: expected None in a leap, whose forces "
+                        "limits.force_share bounds, got bounds of its own"
+                    )

@@ -27,6 +27,7 @@ BODY = (
     "com_nominal_m",
     "com_radius_m",
     "tilt_limit_rad",
+    "push_n",
 )
 """The numbers of a posture problem beside its contacts."""
 
@@ -36,7 +37,11 @@ _Positive = Annotated[float, Within(above=0.0)]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PostureKeys:
-    """The keys of ``stancekit/posture/1``, see ``Problem.posture``."""
+    """The keys of ``stancekit/posture/1``, see ``Problem.posture``.
+
+    Arguments:
+        push_n: horizontal push at the centre of mass, in any direction, that it has to bear [N].
+    """
 
     FORMAT: ClassVar = FORMAT
 
@@ -48,6 +53,7 @@ class PostureKeys:
     com_radius_m: Annotated[float, Within(least=0.0)]
     tilt_limit_rad: Annotated[float, Within(least=0.0, most=0.5 * np.pi)]
     robot: str = field(default="", metadata=LATER)
+    push_n: Annotated[float, Within(least=0.0)] = field(default=0.0, metadata=LATER)
     wrench: Array | None = field(default=None, metadata=LATER)
     contacts: tuple[Contact, ...]
 
@@ -70,6 +76,7 @@ def checked_body(*, wrench: Any = None, **values: Any) -> dict[str, Any]:
             com_nominal_m=read_only(values["com_nominal_m"], (3,), "com_nominal_m")
         ),
         lambda: number("com_radius_m", least=0.0),
+        lambda: number("push_n", least=0.0),
         lambda: number("tilt_limit_rad", least=0.0, most=0.5 * np.pi),
         lambda: None if values["force_scale_n"] is None else number("force_scale_n", above=0.0),
     )

@@ -58,6 +58,10 @@ class PostureBatch:
             raise InvalidInput(
                 "like: expected point feet in a batch of posture problems, got soles"
             )
+        if self.like.push_n:
+            raise InvalidInput(
+                f"push_n: expected 0 N in a batch of posture problems, got {self.like.push_n:g} N"
+            )
         set_field = object.__setattr__
         set_field(
             self, "vertices_m", read_only(self.vertices_m, (None, count, None, 3), "vertices_m")

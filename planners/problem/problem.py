@@ -33,7 +33,7 @@ from ..files.arrays import (
     locked,
     read_only,
 )
-from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json
+from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
@@ -267,6 +267,7 @@ class Problem:
         length_scale_m: float = 0.6,
         tilt_limit_rad: float = TILT_LIMIT_RAD,
         robot: str = "",
+        push_n: float = 0.0,
         wrench: Array | Sequence[float] | None = None,
     ) -> Problem:
         """Can the robot hold still with these limbs on these patches, and how?
@@ -283,6 +284,7 @@ class Problem:
             com_radius_m: largest distance from there [m].
             gravity_m_s2, force_scale_n, length_scale_m, tilt_limit_rad: as in ``Problem``.
             robot: identity of the model that the limbs belong to, see ``Robot``; empty without one.
+            push_n: horizontal push that the posture has to bear where it is, as in ``Problem`` [N].
             wrench: force [N] and moment about the centre of mass [Nm] on the body in addition to
                 its weight, shape (6,).
 
@@ -309,6 +311,7 @@ class Problem:
             com_nominal_m=com_nominal_m,
             com_radius_m=com_radius_m,
             tilt_limit_rad=tilt_limit_rad,
+            push_n=push_n,
             wrench=wrench,
         )
         return _posture(contacts, robot, **body)
@@ -389,6 +392,7 @@ class Problem:
         ``from_json`` gives it back to the last bit.
         """
         if not self.is_posture:
+            self.check_whole()
             return fields_to_json(self, ("force_scale_n",) if self.force_n == self.weight_n else ())
         keys = PostureKeys(
             com_nominal_m=self.com_nominal_m[0],
@@ -668,6 +672,7 @@ class Problem:
             length_scale_m=self.length_scale_m,
             tilt_limit_rad=self.tilt_limit_rad,
             robot=self.robot.identity,
+            push_n=self.push_n,
             wrench=None if self.wrench is None else self.wrench[stance.frame],
         )
 
@@ -772,6 +777,27 @@ class Problem:
                 "weights: expected the weights of an objective, got none: a posture problem has "
                 "one frame, after which "
                 "nobody moves, and one candidate for every toe"
+            )
+        usual: dict[str, Any] = {
+            "name": "posture",
+            "terrain": [foothold.candidates[0] for foothold in self.footholds],
+            "goal_m": self.com_nominal_m[0],
+            "steps": _STEPS,
+            "modes": None,
+            "standing_m": None,
+            "sides": None,
+        }
+        if all(foothold.force_min is not None for foothold in self.footholds):
+            usual |= {"force_min": _LOW, "force_max": _HIGH}
+        for name, value in usual.items():
+            if to_json(getattr(self, name)) != to_json(value):
+                raise InvalidInput(
+                    f"{name}: expected that of a posture problem, which says nothing beside its "
+                    "contacts and body, got another: posture_with changes one as a whole"
+                )
+        if self.robot.relative_reach:
+            raise InvalidInput(
+                "robot: expected one without relative_reach in a posture problem, got one with it"
             )
 
     def _check_schedule(self) -> None:
@@ -906,7 +932,6 @@ def _posture(contacts: tuple[Contact, ...], robot: str, **body: Any) -> Problem:
         force_min=_LOW,
         force_max=_HIGH,
         modes=None,
-        push_n=0.0,
         standing_m=None,
         contacts=contacts,
         holds=holds,

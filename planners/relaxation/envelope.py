@@ -65,6 +65,8 @@ def check_learned(it: _LearnedFor, problem: Problem, learned: str) -> None:
         raise InvalidInput(
             f"contacts: expected legs {list(it.legs)} for {learned}, got {list(problem.legs)}"
         )
+    if problem.push_n:
+        raise InvalidInput(f"push_n: expected 0 N for {learned}, got {problem.push_n:g} N")
     for name in ("force_scale_n", "length_scale_m"):
         mine, theirs = getattr(it, name), float(getattr(problem, name))
         if abs(mine - theirs) > 1e-6 * mine:

@@ -162,8 +162,8 @@ def check_plan(
             a posture contacts alone are judged.
         between: recompute points between the frames; without them, what convexity proves of the way
             is taken as proved.
-        margins: measure what every stance bears beyond its weight; of a course that asks for a push
-            they always are, and those of a rejected posture never.
+        margins: measure what every stance bears beyond its weight; where a push is asked for they
+            always are, and those of a rejected posture never.
         deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
             by then is not checked.
     """
@@ -172,7 +172,7 @@ def check_plan(
         return refused(plan, tolerance, defect, frame=frame, limb=limb)
     if plan.problem.is_posture:
         report = posture_report(plan, tolerance)
-        if not (margins and report.accepted):
+        if not (report.accepted and (margins or plan.problem.push_n > 0.0)):
             return report
         from .margins import margin_group  # Clarabel, of this alone
 

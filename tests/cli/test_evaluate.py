@@ -46,6 +46,16 @@ def test_the_rows_are_shares_with_their_intervals(stancekit, labelled, envelopes
     assert ran.records[1]["p1_feasible"] == 1.0
 
 
+def test_a_comparison_is_a_markdown_table_and_a_picture(stancekit, labelled, envelopes, tmp_path):
+    asked = ("evaluate", labelled, "--envelope", envelopes, "--projection", "fix-p", "--markdown")
+    ran = stancekit(*asked, "--picture", tmp_path / "shares.png")
+    rows = [line for line in ran.out.splitlines() if line.startswith("|")]
+    assert {row.split("|")[2].strip() for row in rows} >= {"selector", "heuristic", "lift"}
+    assert len({row.count("|") for row in rows}) == 1
+    assert (tmp_path / "shares.png").read_bytes().startswith(b"\x89PNG")
+    assert stancekit(*asked, "--picture", "shares.txt").code == 2
+
+
 def test_shares_agree_with_solve(stancekit, labelled, envelopes, write):
     from stancekit.envs.data.dataset import Dataset
 

@@ -182,6 +182,59 @@ def test_weights_and_settings_go_through_json_as_mappings():
     assert same(again.step(whole), env.step(whole))
 
 
+TERMS = """
+def tenth(judged):
+    return 0.1
+
+
+def fails(judged):
+    return judged.nothing
+
+
+def endless(judged):
+    return float("inf")
+"""
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_reward_term_of_ones_own_counts_in_every_environment(name, tmp_path):
+    path, usual = tmp_path / "terms.py", QUICK[name].get("weights", {})
+    path.write_text(TERMS)
+
+    def rewarded(weights):
+        env = gym.make(name, **QUICK[name] | {"weights": usual | weights})
+        _, before = env.reset(seed=3)
+        env.action_space.seed(3)
+        _, reward, *_, info = env.step(env.action_space.sample())
+        assert list(before) == list(info)
+        return reward, info
+
+    (plain, _), (reward, info) = rewarded({}), rewarded({f"{path}:tenth": 0.5})
+    assert (reward - plain, info["reward_tenth"]) == (pytest.approx(0.05), pytest.approx(0.05))
+    for wrong in ("absent", "fails", "endless"):
+        with refuses(f"weights.{path}:{wrong}"):
+            gym.make(name, **QUICK[name] | {"weights": {f"{path}:{wrong}": 1.0}})
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_keyword_that_none_takes_is_a_type_error_in_pythons_words(name):
+    """TorchRL tries ``frameskip``, and reads what is said of it."""
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
+        gym.make(name, **QUICK[name], frameskip=1)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_actions_of_no_space_are_refused_alike(name):
+    env = gym.make(name, **QUICK[name]).unwrapped
+    env.reset(seed=0)
+    shape = env.action_space.shape
+    wrong = [np.full(shape, each) for each in (0.5, 1e30, -2, np.nan, True, None, "a")]
+    fits = [1, 2, 3, 4, 5, 6] if isinstance(env.action_space, gym.spaces.Box) else range(7)
+    for action in [*(wrong[k] for k in fits), np.zeros((*shape, 2), dtype=int)]:
+        with refuses("action"):
+            env.step(action)
+
+
 def test_what_label_takes_make_takes(tmp_path):
     assert len(stancekit.label(Mine(), tmp_path / "rows", rows=(2, 2))) == 4
     for name in ("stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"):
@@ -299,7 +352,7 @@ def test_a_page_has_all_sections_in_their_order(name, kind):
 
 @pytest.mark.parametrize(("name", "kind"), pages())
 def test_the_arguments_are_the_real_ones_with_their_defaults(name, kind):
-    known = {**vars(selection), **vars(traverse), **vars(warped_gait)}
+    known = {**vars(selection), **vars(refinement), **vars(traverse), **vars(warped_gait)}
     message = {
         argument: eval(default, known)
         for argument, default in table(inspect.getdoc(kind), "Arguments")

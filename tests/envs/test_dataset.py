@@ -348,6 +348,8 @@ def test_indices_count_from_either_end_and_end(folder: Path) -> None:
         np.testing.assert_array_equal(first, last)
     with refuses("row 2", kind=IndexError):
         _ = data[2]
+    with refuses("index", "select"):
+        _ = data[0:1]
 
 
 SELECTION = "stancekit.envs:stancekit/EnvelopeSelection-v0"
@@ -414,9 +416,9 @@ def keys(problems) -> set[str]:
 
 def test_the_parts_share_no_row_and_miss_none(balanced):
     dataset = Dataset.open(balanced)
-    train, test = dataset.only("train"), dataset.only("test")
+    train, test, held = (dataset.only(part) for part in ("train", "test", "calibration"))
     assert len(train) > len(test) > 0
-    assert sorted([*train.chosen, *test.chosen]) == list(range(len(dataset)))
+    assert sorted([*train.chosen, *test.chosen, *held.chosen]) == list(range(len(dataset)))
     assert dataset.only("all") is dataset
     picked = dataset.select(np.arange(10)).only("test")
     assert set(picked.chosen) == {k for k in test.chosen if k < 10}
@@ -437,13 +439,15 @@ def test_a_row_is_of_the_same_part_in_whatever_folder_it_is(balanced, tmp_path):
         )
 
 
-def test_a_folder_gives_the_scenes_of_its_part_train(balanced):
+@pytest.mark.parametrize("part", ["", ":test", "as rows"])
+def test_a_folder_gives_the_scenes_of_its_part_train_or_of_the_part_it_names(balanced, part):
+    rows = Dataset.open(balanced).only("test" if part == ":test" else "train")
     env = gymnasium.make(
-        "stancekit.envs:stancekit/EnvelopeSelection-v0", scenes=str(balanced)
+        "stancekit.envs:stancekit/EnvelopeSelection-v0",
+        scenes=rows if part == "as rows" else f"{balanced}{part}",
     ).unwrapped
-    train = Dataset.open(balanced).only("train")
     expected = {
-        scene.observation["vertices"].tobytes(): scene.feasible for scene in scenes_of(train)
+        scene.observation["vertices"].tobytes(): scene.feasible for scene in scenes_of(rows)
     }
     seen = Counter()
     for k in range(400):
@@ -508,23 +512,14 @@ def test_what_is_no_pool_is_refused_in_one_line(balanced, natural, tmp_path):
     other = Path(shutil.copytree(balanced, tmp_path / "other"))
     header, named = json.loads((other / "header.json").read_text()), other / "header.json"
     named.write_text(json.dumps(header | {"format": "stancekit/dataset/2"}))
-    legs = "expected scenes of ground-3 on the legs RF, RR, LM, got some of wall-3 on the legs RF, RR, LM"
-    cases = {
-        f"{natural}: part train: expected labelled rows, got {undecided} undecided of {kept}": {
-            "scenes": natural
-        },
-        f"{balanced}: {legs}": {"scenes": balanced, "problem": "ground-3"},
-        f"{tmp_path}/none: expected the folder of a data set, found nothing": {
-            "scenes": tmp_path / "none"
-        },
-        f"{named}: format: expected 'stancekit/dataset/1', got 'stancekit/dataset/2'": {
-            "scenes": other
-        },
-    }
-    for message, given in cases.items():
-        with pytest.raises(InvalidInput) as told:
+    for names, given in (
+        ((natural, "train", undecided, kept), {"scenes": natural}),
+        ((balanced, "ground-3", "wall-3"), {"scenes": balanced, "problem": "ground-3"}),
+        ((tmp_path / "none",), {"scenes": tmp_path / "none"}),
+        ((named, "format"), {"scenes": other}),
+    ):
+        with refuses(*map(str, names)):
             EnvelopeSelectionEnv(**given)
-        assert str(told.value) == message
     dataset = Dataset.open(balanced)
     with refuses("set", "infeasible"):
         ScenePool(dataset.select(dataset.feasible))
@@ -534,7 +529,12 @@ def test_what_is_no_pool_is_refused_in_one_line(balanced, natural, tmp_path):
 
 def test_rows_that_were_learned_from_are_refused(balanced):
     dataset = Dataset.open(balanced)
-    train, test = dataset.only("train"), dataset.only("test")
+    train, test, held = (dataset.only(part) for part in ("train", "test", "calibration"))
+    first, second = dataset.split((0.5, 0.5))
+    check_unseen(second, first.origin, "me")
+    check_unseen(held, train.origin, "me")
+    with refuses("me"):
+        check_unseen(first, dataset.split((0.7,))[0].origin, "me")
     for seen, asked in ((dataset, dataset), (dataset, test), (train, dataset), (train, train)):
         with refuses("me"):
             check_unseen(asked, seen.origin, "me")

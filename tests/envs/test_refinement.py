@@ -186,9 +186,6 @@ def test_rules_answer_batches():
     assert set(drawn.ravel()) == set(range(12))
 
 
-def test_misuse_is_told(env, scenes):
-    env.reset(seed=0)
-    with refuses("action"):
-        env.step(np.int64(18))
+def test_misuse_is_told(scenes):
     with refuses("scene"):
         EnvelopeRefinementEnv(scenes=ListedScenes(scenes["wall-5"])).reset(seed=0)

@@ -58,7 +58,7 @@ def history(ours):
 
 def test_make_vec_gives_the_batched_environment_by_default(ours):
     assert isinstance(ours, EnvelopeSelectionVectorEnv)
-    assert ours.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert ours.autoreset_mode is ours.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert isinstance(
         gymnasium.make_vec(NAME, num_envs=1, vectorization_mode="vector_entry_point"),
         EnvelopeSelectionVectorEnv,

@@ -13,8 +13,6 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 from stancekit.envs.distributions.courses import SampledTasks
 from stancekit.envs.warped_gait import (
-    HEIGHTS,
-    NOISES,
     PATCH,
     PATCH_M,
     GaitRewardWeights,
@@ -28,7 +26,6 @@ from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
-from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
 
 PLAIN = HeightField.from_function(lambda x, y: 0.1 * x - 0.05 * y, 3.0, 0.25, name="plain")
@@ -88,16 +85,6 @@ def test_reset_is_needed_first():
     for use in (lambda: env.step(np.zeros(3, dtype=int)), env.render):
         with pytest.raises(gymnasium.error.ResetNeeded):
             use()
-
-
-@pytest.mark.parametrize(
-    "action", [[0, 0], [2, 0, 0], [0, len(HEIGHTS), 0], [0, 0, len(NOISES)], [-1, 0, 0], 1]
-)
-def test_a_bad_action_is_refused(action):
-    env = made()
-    env.reset(seed=0)
-    with refuses("action"):
-        env.step(np.array(action))
 
 
 def test_terrains_have_names():
@@ -200,23 +187,6 @@ def test_the_observation_does_not_depend_on_where_north_is():
         assert np.allclose(here[name], there[name], atol=1e-6), name
 
 
-def test_a_robot_is_named_as_everywhere(tmp_path):
-    (tmp_path / "dog.urdf").write_text(quadruped())
-    (tmp_path / "dog.yaml").write_text(
-        "urdf: dog.urdf\nname: dog\nfeet: [LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT]\n"
-    )
-    drawn = {}
-    for robot in ("hexapod", tmp_path / "dog.urdf", str(tmp_path / "dog.yaml"), None):
-        env = WarpedGaitEnv("waves", robot=robot, charts=("decoupled",))
-        observation, _ = env.reset(seed=0)
-        drawn[robot and str(robot).rpartition("/")[2]] = observation["adhesive"].shape
-    assert drawn == {"hexapod": (6,), "dog.urdf": (4,), "dog.yaml": (4,), None: (4,)}
-    with refuses("robot"):
-        made(robot="hexapod")
-    with refuses("robot"):
-        WarpedGaitEnv(robot="table")
-
-
 def test_walks_on_reference_terrains_are_the_papers():
     rng = np.random.default_rng(3)
     task = SampledTasks(terrain="hill")(rng)
@@ -261,17 +231,6 @@ def test_a_robot_that_can_stand_nowhere_is_said_so():
 
 # ------------------------------------------------------------------------------------------------
 # what is shown
-
-
-def test_the_picture_shows_the_guess_and_then_the_motion(stepped):
-    env = made(render_mode="rgb_array")
-    env.reset(seed=4)
-    before = env.render()
-    env.step(np.array([0, 0, 0]))
-    after = env.render()
-    assert before.shape == after.shape == (900, 1200, 3)
-    assert before.dtype == np.uint8
-    assert not np.array_equal(before, after)
 
 
 # --------------------------------------------------------------------------------------------------------

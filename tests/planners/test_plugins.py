@@ -5,6 +5,7 @@ file.
 from __future__ import annotations
 
 import multiprocessing
+import shutil
 import sys
 import threading
 import time
@@ -16,7 +17,7 @@ from zipfile import ZipFile
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.plugins import Registry, entry_points_of
+from stancekit.planners.plugins import Registry, code_of, entry_points_of
 from tests.refusals import refuses
 
 SHAPES = {
@@ -143,6 +144,31 @@ def test_a_file_that_failed_is_run_again_when_it_was_mended(tmp_path: Path) -> N
         numbers().get(f"{path}:Mine")
     path.write_text("class Mine: ...\n")
     assert numbers().get(f"{path}:Mine").__name__ == "Mine"
+
+
+def test_own_code_is_a_file_and_what_it_imports_from_its_folder_as_it_was_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    package = tmp_path / "own_parts"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "size.py").write_text("from .unit import HALF\n")
+    (package / "unit.py").write_text("HALF = 0.5\n")
+    (tmp_path / "unused.py").touch()
+    own = tmp_path / "own.py"
+    own.write_text("import numpy\nfrom own_parts import size\nclass Own: half = size.HALF\n")
+    assert numbers().get(f"{own}:Own").half == 0.5  # type: ignore[attr-defined]
+    parts = [f"own_parts/{name}.py" for name in ("__init__", "size", "unit")]
+    assert list(code_of(f"{own}:Own", "wall-3")) == ["own.py", *parts]
+    assert code_of("wall-3") == {}
+    (package / "unit.py").write_text("HALF = 0.25\n")
+    with refuses("own.py", "own_parts/unit.py"):
+        code_of(f"{own}:Own")
+    other = tmp_path / "elsewhere"
+    shutil.copytree(package, other / "own_parts")
+    with refuses("own_parts/size.py"):
+        numbers().get(f"{shutil.copy(own, other)}:Own")
 
 
 def test_a_child_is_forked_off_when_a_file_has_run(tmp_path: Path) -> None:

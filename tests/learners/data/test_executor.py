@@ -2,19 +2,15 @@
 
 import importlib.util
 import os
-import pickle
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from importlib.metadata import version
-from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
-import cloudpickle
 import pytest
 
 from stancekit.envs.data.ledger import LabelPlan, TryPlan
@@ -178,45 +174,6 @@ def test_a_cluster_that_goes_away_is_noticed(clock: list[float]) -> None:
         watch.processors()
 
 
-def test_nodes_that_the_head_still_counts_and_that_do_not_answer_are_no_processors(
-    clock: list[float],
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as head:
-        ray = FakeRay(f"127.0.0.1:{head.getsockname()[1]}")
-        with socket.create_server(("127.0.0.1", 0)) as closed:
-            ray.raylet = f"127.0.0.1:{closed.getsockname()[1]}"
-        watch = ray_driver.Watch(ray)
-        clock[0] = 4.0
-        assert watch.processors() == 2
-        clock[0] = 5.5
-        assert watch.processors(seen=True) == 2  # an answer came
-        clock[0] = 10.0
-        assert watch.processors() == 2
-        clock[0] = 11.5
-        with refuses(kind=ray_driver.Gone):
-            watch.processors()
-
-
-def test_that_a_cluster_is_gone_is_said_before_the_farewell(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    ours, theirs = Pipe()
-    said = list[tuple[str, ...]]()
-
-    class DeafRay:
-        def shutdown(self) -> None:
-            said.append(ours.recv() if ours.poll() else ("nothing",))
-
-    def work(*_: object) -> None:
-        raise ray_driver.Gone("does not answer any more")
-
-    monkeypatch.setattr(ray_driver, "joined", lambda *_: DeafRay())
-    monkeypatch.setattr(ray_driver, "work", work)
-    ours.send({})
-    ray_driver.main(theirs, "10.0.0.1:1")
-    assert said == [("gone", "does not answer any more")]
-
-
 @pytest.mark.parametrize(
     ("text", "line"),
     [
@@ -235,22 +192,6 @@ def test_that_a_cluster_is_gone_is_said_before_the_farewell(
 )
 def test_what_ray_says_becomes_one_line(text: str, line: str) -> None:
     assert ray_driver.reason(ValueError(text)) == line
-
-
-def test_a_node_without_the_package_or_with_another_version_says_so() -> None:
-    node = socket.gethostname()
-    assert ray_driver.call({"nosuch-package": "1.0"})(b"") == (
-        f"has a node, {node}, without nosuch-package: expected 1.0, as here"
-    )
-    here = version("numpy")
-    assert ray_driver.call({"numpy": "0.1"})(b"") == (
-        f"has a node, {node}, with another numpy: expected 0.1, as here, got {here}"
-    )
-    run = ray_driver.call({"numpy": here})
-    assert pickle.loads(run(cloudpickle.dumps(partial(square, 5)))) == ("answer", 25)
-    kind, error = pickle.loads(run(cloudpickle.dumps(partial(fail, 3))))
-    assert (kind, str(error)) == ("raised", "x: expected another number than 3")
-    assert "tasks.py" in error.__notes__[0]
 
 
 def _driver_that(says: str) -> str:

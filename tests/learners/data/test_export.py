@@ -100,17 +100,15 @@ def test_bad_input_is_refused_and_leaves_nothing(dataset: Dataset, tmp_path: Pat
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").touch()
     (tmp_path / "file").touch()
-    for out, message in (
-        ("full", "full"),
-        ("file", "file"),
-        ("file/where", "file/where"),
+    for name, rows, out, how in (
+        ("full", dataset, "full", {}),
+        ("file", dataset, "file", {}),
+        ("file/where", dataset, "file/where", {}),
+        ("room", dataset, "out", {"room": 0.0}),
+        ("data set", dataset.select([]), "out", {}),
     ):
-        with refuses(f"{tmp_path}/", message):
-            export(dataset, tmp_path / out)
-    with refuses("room"):
-        export(dataset, tmp_path / "out", room=0.0)
-    with refuses("data set"):
-        export(dataset.select([]), tmp_path / "out")
+        with refuses(name):
+            export(rows, tmp_path / out, **how)
     with refuses("full"):
         load_exported(tmp_path / "full")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "full"]

@@ -410,15 +410,22 @@ def test_a_distribution_that_draws_something_else_now_is_refused(balanced: Path)
         label(PLAN, balanced, source=changed)
 
 
-def test_other_software_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    plan = replace(PLAN, feasible=1, infeasible=0)
-    label(plan, tmp_path)
-    header = json.loads((tmp_path / "header.json").read_text())
-    header["software"]["clarabel"] = "0.1"
-    (tmp_path / "header.json").write_text(json.dumps(header))
-    with caplog.at_level(logging.WARNING):
-        label(plan, tmp_path)
-    assert "goes on with" in caplog.text
+def test_rows_of_own_code_are_not_gone_on_with_by_other_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = replace(PLAN, distribution="drawn.py:Mine", feasible=1, infeasible=0)
+    for name, note in (("one", ""), ("other", "# draws the same\n")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "drawn.py").write_text(
+            "from stancekit.envs.distributions.postures import WALL_3\n"
+            f"class Mine:\n    def sample(self, rng):\n        return WALL_3.sample(rng)\n{note}"
+        )
+    monkeypatch.chdir(tmp_path / "one")
+    label(plan, tmp_path / "rows")
+    label(plan, tmp_path / "rows")
+    monkeypatch.chdir(tmp_path / "other")
+    with refuses("header.json", "code", "drawn.py"):
+        label(plan, tmp_path / "rows")
 
 
 @pytest.mark.parametrize(
@@ -456,16 +463,6 @@ def test_shards_without_their_header_are_not_continued(tmp_path: Path) -> None:
     (tmp_path / "header.json").unlink()
     with refuses(f"{tmp_path}/header.json"):
         label(PLAN, tmp_path)
-
-
-def test_a_distribution_without_a_label_does_not_spin_forever(tmp_path: Path) -> None:
-    slippery = PostureDistribution(
-        name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01)
-    )
-    plan = replace(PLAN, distribution="slippery", feasible=2, infeasible=0)
-    with pytest.raises(StancekitError) as error:
-        label(plan, tmp_path, source=slippery, draws_per_row=3)
-    assert str(error.value) == "slippery: shard 0 lacks 2 feasible rows after 6 draws: 6 trivial"
 
 
 def test_a_shard_whose_label_never_comes_gives_up_early_and_one_whose_label_came_goes_on(

@@ -14,7 +14,6 @@ from stancekit.learners.evaluation.gait_bench import (
     GaitBenchSettings,
     GaitCell,
     cells,
-    draw,
     gait_task,
     kept,
     quartiles,
@@ -22,7 +21,7 @@ from stancekit.learners.evaluation.gait_bench import (
     run,
     table,
 )
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.walk_table import GaitSettings
 from tests.refusals import refuses
 
@@ -121,41 +120,6 @@ def test_another_protocol_measures_anew(tmp_path, measured):
     assert len(measured) == 2 * count
 
 
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda cell: [], "expected an object with protocol and row, got list"),
-        (lambda cell: {**cell, "row": None}, "row: expected an object, got NoneType"),
-        (lambda cell: without(cell, "cpu_s"), "row: cpu_s: expected this key, got nothing"),
-        (lambda cell: without(cell, "success"), "row: success: expected this key, got nothing"),
-        (
-            lambda cell: {**cell, "row": {**cell["row"], "task": 8}},
-            "row: task: expected 0 by the file's name, got 8",
-        ),
-        (
-            lambda cell: {**cell, "row": {**cell["row"], "before": {}}},
-            "row: before.peak_acceleration_g: expected this key, got nothing",
-        ),
-        (
-            lambda cell: {**cell, "row": {**cell["row"], "force_rms": "much"}},
-            "row: force_rms: expected a valid number, got 'much'",
-        ),
-    ],
-)
-def test_a_file_that_is_no_cell_is_refused_by_its_path(spoil, message, tmp_path, measured):
-    list(run(FAST, tmp_path))
-    path = tmp_path / cells(FAST)[0].file
-    path.write_text(json.dumps(spoil(json.loads(path.read_text()))))
-    for read in (kept, lambda *where: list(run(*where))):
-        with pytest.raises(InvalidInput) as caught:
-            read(FAST, tmp_path)
-        assert str(caught.value) == f"{path}: {message}"
-
-
-def without(cell, name):
-    return {**cell, "row": {key: value for key, value in cell["row"].items() if key != name}}
-
-
 def test_a_cell_without_a_solve_is_a_row(tmp_path, monkeypatch):
     monkeypatch.setattr(
         gait_bench, "measure", lambda *_: {"success": False, "verified": False, "status": "folds"}
@@ -238,53 +202,6 @@ def test_the_share_of_cells_that_leave_the_cone_is_of_those_that_succeeded():
     assert record["verified_cpu_s"] == [1.0, 1.0, 1.0]
     (record,) = table([{**row("warped"), "success": False}])
     assert record["left_cone"] is None
-
-
-def test_pictures_are_of_what_has_iterates_and_of_directions_where_tasks_go_all_around(tmp_path):
-    solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
-    rows = [
-        row(name, terrain, **solved)
-        for name in ("ambient", "warped")
-        for terrain in ("cone", "hill")
-    ]
-    rows.append(row("decoupled", "cone", violations=[None, 0.2], cpu_s=1.0))
-    rows += [row("portfolio", "pit", cpu_s=1.0), {**row("warped", "pit"), "success": False}]
-    names = [path.name for path in draw(rows, tmp_path)]
-    assert names == [
-        "convergence-cone.png",
-        "directions-cone.png",
-        "times-cone.png",
-        "convergence-hill.png",
-    ]
-    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
-
-
-def test_a_picture_says_how_many_guesses_there_may_be_and_a_method_has_one_colour_in_all(
-    tmp_path, monkeypatch
-):
-    drawn = {}
-    monkeypatch.setattr(
-        "stancekit.views.sheet.save", lambda figure, path: drawn.update({path.stem: figure})
-    )
-    solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
-    names = ("ambient-lbfgs", "warped", "decoupled")
-    rows = [row(name, "cone", **solved) for name in names] + [
-        row("decoupled", "cone", seed=1, **solved)
-    ]
-    draw([*rows, row("decoupled", "pit", **solved)], tmp_path)
-    for name in ("directions-cone", "times-cone"):
-        assert drawn[name].texts[0].get_text().endswith("on cone, up to 2 guesses a direction")
-        assert "0° = +y, clockwise" in drawn[name].texts[1].get_text()
-    assert drawn["directions-pit"].texts[0].get_text().endswith("on pit, one guess a direction")
-    label = METHODS["decoupled"].label
-    keys = [
-        line.get_color()
-        for name in ("convergence-cone", "times-cone", "convergence-pit", "times-pit")
-        for line in drawn[name].axes[0].lines
-        if str(line.get_label()).startswith(label)
-    ]
-    assert len(keys) == 4
-    assert len(set(keys)) == 1
 
 
 def test_ratios_compare_cells_in_which_both_succeeded():

@@ -10,10 +10,7 @@ import pytest
 
 from stancekit.cli.bench import speed_ups, table
 from stancekit.learners.evaluation.planner_bench import (
-    FORMS,
-    MICP,
     PlannerBenchSettings,
-    cells,
     growth,
     run,
 )
@@ -28,30 +25,6 @@ SMALL = PlannerBenchSettings(
 def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
     return folder, list(run(SMALL, folder))
-
-
-def test_every_cell_is_measured_and_written(measured):
-    folder, rows = measured
-    assert [row["method"] for row in rows] == list(FORMS.values())
-    assert {path.name for path in folder.iterdir()} == {cell.file for cell in cells(SMALL)} | {
-        "envelope.json"
-    }
-    by_method = {row["method"]: row for row in rows}
-    for form in MICP:
-        row, intervals = by_method[FORMS[form]], int(form[-1])
-        assert row["binaries"] == 3 * 6 * {4: 2, 2: 1}[intervals]
-        assert row["claim"] == "feasible"
-        assert not row["capped"]
-    assert by_method["MICP, K = 4"]["cell_error"] == pytest.approx(0.5 * 0.5 / 4.0)
-    assert (
-        by_method["MICP, K = 4, shrunk grid"]["cell_error"]
-        < by_method["MICP, K = 2, shrunk grid"]["cell_error"]
-    )
-    assert (
-        by_method["MICP, K = 4, envelope rows"]["constraints"]
-        > by_method["MICP, K = 4"]["constraints"]
-    )
-    assert by_method["two-stage, lift"]["status"] == "feasible"
 
 
 def test_a_run_goes_on_with_what_is_missing(measured):

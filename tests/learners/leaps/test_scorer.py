@@ -4,6 +4,7 @@ and files.
 
 import hashlib
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -268,6 +269,7 @@ def test_before_it_learns_it_plays_the_scores_it_began_with_and_never_a_masked_c
 
 
 def test_what_it_learned_is_given_back_and_saved(begun, tmp_path):
+    begun = shutil.copy(begun, tmp_path)
     trained = agent(begun, learning_rate=1e-2)
     trained.learn(8)
     scorer = trained.policy.scorer()
@@ -276,13 +278,19 @@ def test_what_it_learned_is_given_back_and_saved(begun, tmp_path):
     before, after = (each.network.state_dict() for each in (LeapScorer.read(begun), again))
     assert not torch.equal(before["linear.weight"], after["linear.weight"])
     trained.save(tmp_path / "agent")
-    loaded = MaskablePPO.load(tmp_path / "agent")
-    observation, _ = trained.env.envs[0].reset(seed=1)
-    for each in (loaded, again):
-        np.testing.assert_array_equal(
-            each.predict(observation, deterministic=True)[0],
-            trained.predict(observation, deterministic=True)[0],
-        )
+    trained.policy.save(tmp_path / "policy")
+    origin, (observation, _) = scorer.origin, trained.env.envs[0].reset(seed=1)
+    wider = LeapScorer(network=ScoreNetwork("set", width=8), origin={"seed": 99})
+    for change in (lambda: None, lambda: wider.write(begun), lambda: Path(begun).unlink()):
+        change()
+        loaded = MaskablePPO.load(tmp_path / "agent")
+        for each in (loaded, ScorePolicy.load(tmp_path / "policy"), again):
+            np.testing.assert_array_equal(
+                each.predict(observation, deterministic=True)[0],
+                trained.predict(observation, deterministic=True)[0],
+            )
+        assert loaded.policy.scorer().origin == origin
+    assert ScorePolicy.load(tmp_path / "policy").scorer().origin == origin
 
 
 def test_another_environment_and_another_kind_are_refused():

@@ -121,6 +121,15 @@ def test_settings_that_make_no_sense_are_told_by_key(
     assert str(error.value).startswith(message)
 
 
+@pytest.mark.parametrize(("feasible", "infeasible"), [(3, 20), (20, 1), (1, 1)])
+def test_too_few_rows_are_refused_with_the_count_that_was_given(
+    dataset: Dataset, feasible: int, infeasible: int
+) -> None:
+    some = np.concatenate([dataset.feasible[:feasible], dataset.infeasible[:infeasible]])
+    with refuses(f"{feasible} feasible and {infeasible} infeasible"):
+        learn("neural", dataset.select(some), SETTINGS)
+
+
 def test_a_mapping_becomes_typed_settings() -> None:
     assert typed(GeneticSettings, {"population": 7}, "genetic") == GeneticSettings(population=7)
 

@@ -139,17 +139,6 @@ def test_the_built_in_courses_come_back_to_the_last_bit(name):
     assert same(Problem.from_json(json.loads(json.dumps(course.to_json()))), course)
 
 
-def test_every_field_of_a_course_is_in_the_file(data):
-    written_as = {"footholds": "placements"}  # what files have called them since course/1
-    optional = {"push_n", "standing_m", "wrench", "sides"}  # where asked for
-    known = {written_as.get(f.name, f.name) for f in fields(Problem)} - optional
-    assert known - {"force_scale_n"} | {"format"} == set(
-        data
-    )  # it is the weight, where files say no other
-    scaled = replace(read_course("walls", frames=2), force_scale_n=50.0).to_json()
-    assert known | {"format"} == set(scaled)
-
-
 def test_a_course_file_is_read_by_its_name(written, tmp_path):
     path = tmp_path / "course.json"
     path.write_text(written)

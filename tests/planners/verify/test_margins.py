@@ -224,13 +224,6 @@ def test_a_push_that_no_stance_bears_is_undecided_and_one_beyond_all_feet_is_ref
         stancekit.plan("stairs", "nlp", frames=2, settings=stancekit.PlanSettings(push_n=5.0))
 
 
-def test_files_say_what_a_plan_has_to_bear(climb: Plan) -> None:
-
-    assert "push_n" not in climb.problem.to_json()
-    course = replace(climb.problem, push_n=12.0)
-    assert Problem.from_json(course.to_json()).push_n == 12.0
-
-
 def test_verify_measures_the_margins_of_a_posture_and_none_of_a_refused_one() -> None:
     """Toes on patches of 1 mm: w d = F (h + y) about the nearest side, d and h of the posture."""
     problem = four_feet(np.array([0.06, 0.0, HEIGHT_M]), friction=5.0, patch_m=0.0005)
