@@ -27,7 +27,7 @@ from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course,
 from stancekit.planners.search.two_stage import TwoStagePlanner
 from stancekit.planners.verify import Report, check_certificate, check_plan
 from tests.planners.robot.small_urdfs import quadruped
-from tests.refusals import assert_names, refuses
+from tests.refusals import assert_names
 
 pytest.importorskip("pinocchio")
 HIGH = """
@@ -171,26 +171,6 @@ def test_the_library_and_a_loaded_course_say_the_same_as_the_function(
             is stancekit.plan(stancekit.load(path, Problem)).status
             is status
         )
-
-
-def test_built_in_courses_are_loaded_by_name_and_explained() -> None:
-    course = stancekit.load("walls", Problem)
-    slick = replace(
-        course,
-        footholds=tuple(
-            replace(put, candidates=tuple(patch.with_friction(0.05) for patch in put.candidates))
-            for put in course.footholds
-        ),
-        terrain=tuple(patch.with_friction(0.05) for patch in course.terrain),
-    )
-    outcome = stancekit.plan(slick)
-    assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, None)
-    assert (
-        stancekit.explain(outcome.certificate.of(slick)).message
-        == stancekit.explain(outcome).message
-    )
-    with refuses():
-        stancekit.explain(stancekit.plan("walls", frames=2))
 
 
 class Walked:
