@@ -34,6 +34,9 @@ class Alternative:
             then.
         gait: "wave" moves one limb after the other, along one side and then the other, each from
             the rear to the front; None keeps the gait.
+        striding: whether legs step over what is in their way, as for ``guide_path``: footholds may be
+            farther from where toes like to be, and contacts are searched anew with room for legs
+            beside walls.
     """
 
     spread: float = 1.0
@@ -42,6 +45,7 @@ class Alternative:
     near_toes: bool = True
     level: bool = False
     gait: Literal["wave"] | None = None
+    striding: bool = False
 
     def of(self, spec: CourseSpec, robot: Robot, *, mirrored: bool = False) -> CourseSpec:
         """The description with these changes.
@@ -53,10 +57,11 @@ class Alternative:
         update: dict[str, object] = {}
         if (self.spread, self.height) != (1.0, 1.0):
             scale = np.array([self.spread, self.spread, self.height])
-            limbs = {}
-            for limb in robot.limbs:
-                toe = limb.shoulder_m + toe_offset(limb, spec.stance)
-                limbs[limb.name] = tuple((scale * toe - limb.shoulder_m).tolist())
+            limbs = {
+                limb.name: tuple((scale * toe - limb.shoulder_m).tolist())
+                for limb in robot.limbs
+                for toe in [limb.shoulder_m + toe_offset(limb, spec.stance)]
+            }
             update["stance"] = StanceSpec(limbs=limbs)
         if self.candidates:
             count = min(spec.candidates.count + self.candidates, 16)
@@ -83,6 +88,7 @@ class Alternative:
             "" if self.near_toes else "toes wherever they may be",
             "body level" if self.level else "",
             "one limb after the other, side by side" if self.gait else "",
+            "legs step over what the trunk gets over" if self.striding else "",
         ]
         return ", ".join(filter(None, parts))
 
@@ -94,6 +100,9 @@ lift it."""
 KNEES_BENT = Alternative(height=0.92)
 """The layout that is tried first after that which was asked for where feet are soles: knees that are
 bent more have room for soles that lean."""
+STRIDING = Alternative(striding=True)
+"""The layout that is tried last between two places, and first where there are walls and legs that
+go through something."""
 ALTERNATIVES = (
     AS_ASKED,
     Alternative(spread=1.15, height=0.85),

@@ -42,7 +42,8 @@ _SWAY = 1.2
 """Distance of the body from its nominal path, in distances of toes from it, of two and three feet."""
 _APART = 0.6
 """Width of their candidates, in distances of toes from each other, so that legs do not cross."""
-_CANDIDATES = 3
+_CANDIDATES, _WINDOWS = 3, (0.8, 1.2)
+"""Candidates of a foothold, and their width in reaches, the second where legs stride."""
 _LOPSIDED = 0.02
 """A share of what there is by which two sides of a way differ, or they are alike."""
 
@@ -107,7 +108,15 @@ def course_between(
         way = np.column_stack([ends, [_body_height(terrain_along, toes, end) for end in ends]])
     else:
         shape = Footprint.of(body, toes)
-        found = guide_path(terrain_along, shape, ends, avoid_m, standing, mirrored=mirrored)
+        found = guide_path(
+            terrain_along,
+            shape,
+            ends,
+            avoid_m,
+            standing,
+            mirrored=mirrored,
+            striding=alternative.striding,
+        )
         way = found.points_m
     gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
     if alternative.gait is None:
@@ -136,7 +145,7 @@ def course_between(
         "via_m": [tuple(point) for point in way[1:-1].tolist()],
         "candidates": {
             "count": _CANDIDATES + alternative.candidates,
-            "window_m": max(0.8 * reach, 0.01),
+            "window_m": max(_WINDOWS[alternative.striding] * reach, 0.01),
             "margin_m": terrain.footholds.inset_m,
         },
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * _STRIDE * reach * last},

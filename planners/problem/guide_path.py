@@ -40,6 +40,8 @@ _ASIDE = 0.35
 _APART = (0.3, 0.5)
 """Height by which a foothold may be above or below the mean of all, in reaches: the second where
 the first leaves no way."""
+_STRIDES = (0.3, 0.5, 0.75)
+"""The same where legs step over what is in their way."""
 _STRAIGHT_M = 0.03
 """Points of the way this close to a straight line are left out [m]."""
 _RARE = 3.0
@@ -59,6 +61,9 @@ _LEANS = 0.85
 _BELLY, _TOP = 0.4, 0.5
 """Solids are in the way from so far below the centre of mass on, in heights of the body over its
 toes, and up to so far above it, where nobody knows the robot's links."""
+_OVER, _FARTHER = 0.08, 0.6
+"""So far the trunk stays above what legs step over, in heights of the body over its toes, and what
+``_ASIDE`` is then."""
 _NEXT_TO_M = 0.06
 """The ground that a solid stands on begins so near to it [m]."""
 _ALIKE_M = 5e-3
@@ -91,6 +96,8 @@ class Footprint:
         reach_m: mean reach of the limbs [m].
         size: that of the robot, which the lengths of this page follow.
         belly_m: height of the trunk's lowest point over the centre of mass, where it is known [m].
+        trunk_m: convex hull of the trunk, as ``hull_m``, where it is known.
+        aside: distance that a toe's foothold may have from where it likes to be, in reaches.
     """
 
     toes_m: Array
@@ -101,6 +108,8 @@ class Footprint:
     reach_m: float
     belly_m: float = -np.inf
     size: float = 1.0
+    trunk_m: Array | None = None
+    aside: float = _ASIDE
 
     @classmethod
     def of(cls, robot: Robot, toes_m: Array) -> Footprint:
@@ -109,7 +118,7 @@ class Footprint:
         """
         reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
         down = float(np.abs(toes_m[:, 2]).mean())
-        points, belly, high = [toes_m], -np.inf, _TOP * down
+        points, belly, high, under = [toes_m], -np.inf, _TOP * down, None
         try:
             from ..robot.bodies import link_shapes
             from ..robot.kinematics import Kinematics
@@ -125,7 +134,8 @@ class Footprint:
             points.append(np.vstack([chains, trunk]) - robot.source.origin_m)
             high = float(points[1][:, 2].max())
             if len(trunk):
-                belly = float(points[1][len(chains) :, 2].min())
+                own = points[1][len(chains) :]
+                belly, under = float(own[:, 2].min()), _hull(own[:, :2])
         except InvalidInput:  # nobody knows its legs, or pinocchio is not there
             pass
         flat = np.concatenate(points)[:, :2]
@@ -138,6 +148,7 @@ class Footprint:
             reach_m=reach,
             belly_m=belly,
             size=robot.size,
+            trunk_m=under,
         )
 
     @classmethod
@@ -178,6 +189,13 @@ class Footprint:
         trunk alone.
         """
         return replace(self, low_m=max(self.low_m, min(self.belly_m, step_m - self.down_m)))
+
+    def striding(self) -> Footprint:
+        """The footprint of a robot whose legs step over whatever its trunk gets over, to footholds
+        that are farther away; as it is where nobody knows the trunk.
+        """
+        hull, low = self.trunk_m, self.belly_m - _OVER * self.down_m
+        return self if hull is None else replace(self, hull_m=hull, low_m=low, aside=_FARTHER)
 
     def level(self, z: Array, slope: Array) -> Array:
         """Height of the body over the plane of the ground through the middle of all toes, moved
@@ -232,10 +250,12 @@ def guide_path(
     standing: StandingMap | None = None,
     *,
     mirrored: bool = False,
+    striding: bool = False,
 ) -> GuidePath:
     """The best way between two places, shape (2, 2) [m].
 
     Arguments:
+        striding: legs step over what is in their way: surfaces are in that of the trunk alone.
         mirrored: whether the lattice begins at the terrain's left border, not at its right one.
         avoid_m: places (x, y) where a plan along another way failed.
         standing: map of where the robot can stand when it faces along x: a way costs more where it is
@@ -250,7 +270,8 @@ def guide_path(
     start, goal = ends_m
     surfaces = [patch for _, patch in terrain.standing]
     first: InvalidInput | PlanningFailed | None = None
-    for apart in _APART:
+    footprint = footprint.striding() if striding else footprint
+    for apart in _STRIDES if striding else _APART:
         for lowest in (False, True):
             lattice = _Lattice.over(
                 terrain.patches, surfaces, footprint, apart, lowest=lowest, mirrored=mirrored
@@ -284,11 +305,9 @@ def guide_over(
     for apart in _APART:
         lattice = _Lattice.on(heights, footprint, apart, friction)
         try:
-            path = lattice.way(ends_m[0], ends_m[1], avoid_m)
+            return lattice.way(ends_m[0], ends_m[1], avoid_m), lattice.clear(ends_m)
         except (NoPlace, PlanningFailed) as error:
             first = first or error
-            continue
-        return path, lattice.clear(ends_m)
     assert first is not None
     raise first
 
@@ -344,7 +363,7 @@ class _Lattice:
         reach, toes = footprint.reach_m, footprint.toes_m
         footprint = footprint.stepping(apart * reach)
         corners = np.concatenate([patch.vertices_m for patch in standing])[:, :2]
-        room = float(np.abs(toes[:, :2]).max()) + _ASIDE * reach
+        room = float(np.abs(toes[:, :2]).max()) + footprint.aside * reach
         low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
         spacing = max(LATTICE_M * footprint.size, float(np.sqrt(np.prod(high - low) / _MOST_NODES)))
         shape = np.ceil((high - low) / spacing).astype(int) + 1
@@ -353,7 +372,9 @@ class _Lattice:
         heights, slopes = _rastered(standing, low, spacing, shape)
         layered = bool(np.nanmax(heights[0] - heights[1], initial=0.0) > apart * reach)
         k = int(lowest)
-        heights[k][_pits(heights[k], int(_ASIDE * reach / spacing), apart * reach)] = np.nan
+        heights[k][_pits(heights[k], int(footprint.aside * reach / spacing), apart * reach)] = (
+            np.nan
+        )
         stood = cls._stood(heights[k], slopes[k], low, spacing, footprint, apart)
         rooms = [footprint.size * room for room, _ in _ROOMS]
         blocked, by = _room(surfaces, footprint, stood["z_m"], stood["slope"], low, spacing, rooms)
@@ -410,7 +431,7 @@ class _Lattice:
 
         reach, toes = footprint.reach_m, footprint.toes_m
         away, nearest = distance_transform_edt(np.isnan(heights), return_indices=True)
-        aside = spacing * away / (_ASIDE * reach)
+        aside = spacing * away / (footprint.aside * reach)
         close = np.where(aside <= 1.0, heights[tuple(nearest)], np.nan)
         shifts = np.round(toes[:, :2] / spacing).astype(int)
         each, costs = [], []
@@ -618,17 +639,14 @@ class _Lattice:
         if not over:
             return None
         top, number = max(over)
-        for other in self.surfaces:  # a bar's underside: one may stand below it
-            flat = other.vertices_m[:, :2]
-            if (
-                other.normal[2] > -_UPRIGHT
-                or np.any(place < flat.min(axis=0))
-                or np.any(place > flat.max(axis=0))
-            ):
-                continue
-            if ground + 1e-3 < float(other.vertices_m[:, 2].min()) < top:
-                return None
-        return top - ground
+        bar = any(  # a bar's underside: one may stand below it
+            other.normal[2] <= -_UPRIGHT
+            and np.all((place >= flat.min(axis=0)) & (place <= flat.max(axis=0)))
+            and ground + 1e-3 < float(other.vertices_m[:, 2].min()) < top
+            for other in self.surfaces
+            for flat in [other.vertices_m[:, :2]]
+        )
+        return None if bar else top - ground
 
     def _ground(self, place: Array, at: Array) -> float:
         """Height of the ground at a place, as its slope goes on from the node that is nearest to

@@ -31,12 +31,15 @@ from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
 from ..motion.path import PathMoments, PlanPath
+from ..problem import Problem
 from ..robot.bodies import Bodies
 from ..robot.chain import rotations_of
 from ..robot.inverse_kinematics import Near
 from ..robot.kinematics import Kinematics
 from ..robot.leg import turning
 from ..terrain.obstacles import Obstacles
+from ..terrain.patch import Patch
+from ..terrain.polygon import clipped, half_planes
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -350,6 +353,100 @@ class _Slopes:
         self._rows.append(rows.ravel())
         self._columns.append(np.broadcast_to(columns, values.shape).ravel())
         self._values.append(values.ravel())
+
+
+_STEEP = 0.5
+"""Surfaces whose normals rise less are walls (60°)."""
+_SHARES = np.linspace(0.0, 1.0, 12)[:, None]
+"""Points of a link, as shares of its length."""
+_THICK = 1.5
+"""Half the thickness of a link, in radii of its foot."""
+_LEFT_M = 0.01
+"""So much of a toe's only patch is left [m]."""
+
+
+def walls_of(course: Problem) -> list[Patch]:
+    """The surfaces of a course's terrain that nobody stands on as on ground."""
+    return [patch for patch in course.terrain if abs(patch.normal[2]) < _STEEP]
+
+
+def with_room_for_legs(course: Problem, plan: Plan, clearance_m: float) -> Problem:
+    """The course whose toes keep so far from walls that the legs of a plan over it would be clear;
+    the course itself where no foothold is left to change.
+
+    A leg stands before a wall with unit normal n, lifts off there or comes down, and a point x of it
+    is behind the wall, where its links would have to be farther out by d = room − n · (x − c), with c
+    on the wall and room half the thickness of a link. The knee goes with the toe p, so that
+    n · p ≥ n · p̄ + d is asked of the next search for contacts: a half-plane of the patch that the toe
+    stands on. It is no proof: the body is where that plan had it.
+
+    Arguments:
+        plan: over the course.
+        clearance_m: distance that links are to keep [m].
+    """
+    if plan.joints_rad is None:
+        return course
+    points, owner = _legs(plan)
+    rooms_m = _THICK * course.robot.source.foot_radii_m + clearance_m
+    cuts, footholds = dict[int, list[Array]](), list(course.footholds)
+    for wall in walls_of(course):
+        axes, low_m = wall.frame[:, 1:], wall.vertices_m[:, 2].min() - rooms_m.max()
+        normals, offsets = half_planes((wall.vertices_m - wall.centre_m) @ axes)
+        about = points - wall.centre_m
+        away = about @ wall.normal
+        near = np.flatnonzero((away.min(axis=2) < rooms_m).any(axis=1))
+        behind = np.all(about[near] @ axes @ normals.T <= offsets, axis=3)
+        short_m = np.where(behind, rooms_m[:, None] - away[near], 0.0).max(axis=2)
+        short_m *= away[near][:, :, -1] > 0.0  # of feet that are before it
+        for p in np.unique(owner[near][short_m > 0.0]).tolist():
+            toe, up = plan.toes_m[p], plan.problem.patch(p, plan.choice).normal
+            before = toe[2] > low_m and wall.normal @ (toe - wall.centre_m) > 0.0
+            if before and abs(wall.normal @ up) < _STEEP:
+                cuts.setdefault(p, []).append(short_m[owner[near] == p].max() * wall.normal)
+    for p, moves in cuts.items():
+        patch, candidates = plan.problem.patch(p, plan.choice), footholds[p].candidates
+        candidates = _without(candidates, patch, plan.toes_m[p], np.array(moves))
+        footholds[p] = replace(footholds[p], candidates=candidates)
+    if [each.candidates for each in footholds] == [each.candidates for each in course.footholds]:
+        return course
+    return replace(course, footholds=tuple(footholds))
+
+
+def _without(
+    candidates: tuple[Patch, ...], patch: Patch, toe: Array, moves: Array
+) -> tuple[Patch, ...]:
+    """The candidates of a toe, of which one is cut so that it moves out of walls: that one is left
+    out where nothing is left of it and there are others, and cut as far as it goes where there are
+    none.
+
+    Arguments:
+        moves: by which it has to move along their normals, shape (K, 3) [m].
+    """
+    flat, far = patch.frame[:, 1:], np.vecdot(moves, moves)
+    along, corners = moves @ flat, (patch.vertices_m - toe) @ flat
+    if len(candidates) == 1:
+        spare = _LEFT_M * np.linalg.norm(along, axis=1)
+        far = np.minimum(far, (corners @ along.T).max(axis=0) - spare)
+    left = clipped(corners, -along, -far)
+    cut = (patch.with_vertices(toe + left @ flat.T),) if len(left) else ()
+    result = (*(each for each in candidates if each is not patch), *cut)
+    return result or candidates
+
+
+def _legs(plan: Plan) -> tuple[Array, NDArray[np.int_]]:
+    """Points of every leg along the path of a plan, shape (T, N, K, 3) [m], and the foothold that
+    it stands on, lifts off or comes down to, shape (T, N).
+    """
+    solver = Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
+    moments, at = JointPath(PlanPath(plan), solver).judged()
+    chains = np.array([solver.chains(angles) for angles in at.angles])
+    ends = at.origins_m[:, None, None] + np.einsum("tij,tnkj->tnki", at.rotations, chains)
+    first, last = ends[:, :, :-1, None], ends[:, :, 1:, None]
+    points = (first + _SHARES * (last - first)).reshape(*ends.shape[:2], -1, 3)
+    comes = (moments.part == 2) | ((moments.part == 1) & (moments.passed > 0.5))
+    frame = np.where(comes, moments.after, moments.before)
+    moved = np.asarray(plan.problem.holds)[frame]
+    return points, np.where(moments.foothold >= 0, moments.foothold, moved)
 
 
 _DECREMENT = 1e-12

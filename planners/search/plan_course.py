@@ -21,11 +21,20 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
 from ..problem import Problem
-from ..problem.alternatives import AS_ASKED, HIGHER, KNEES_BENT, LEANING, Alternative, ordered
+from ..problem.alternatives import (
+    AS_ASKED,
+    HIGHER,
+    KNEES_BENT,
+    LEANING,
+    STRIDING,
+    Alternative,
+    ordered,
+)
 from ..problem.candidates import NoPlace
 from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
-from ..projection.held import PRESSES
+from ..projection.centre import walls_of, with_room_for_legs
+from ..projection.held import PRESSES, PUSHES, pushed
 from ..projection.whole_body import WholeBodyLimits
 from ..robot.model import hexapod
 from .answer import Planner
@@ -63,6 +72,9 @@ _SEARCH = 0.75
 judged."""
 _ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
+_CUTS, _FIRM = 5, 0.25
+"""So often contacts are searched anew with room for legs that went through walls, at most, and the
+fraction of the time for contacts that bear a push."""
 _PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
@@ -207,7 +219,8 @@ class _CourseSearch:
         """The answer over one course, piece by piece where it is long."""
         course, limits = self._bearing_pushes(course), self.limits
         so_far: Answer[Plan] | None = None
-        if limits is not None and in_pieces(course) and self.start_rad is None:
+        whole = alternative.striding or self.start_rad is not None
+        if limits is not None and in_pieces(course) and not whole:
             pieces = plan_pieces(
                 course,
                 self._piece,
@@ -224,14 +237,17 @@ class _CourseSearch:
             if pieces.plan is None:
                 so_far = None  # which says no more than the whole does
         search_end = end if limits is None else _search_end(end)
-        outcome = self._contacts(course, search_end)
+        striding = alternative.striding and limits is not None and not course.has_soles
+        outcome = self._firmly(course, end) if striding else self._contacts(course, search_end)
         if outcome.certificate is not None and not self.stated:
             outcome = _undecided(outcome, _LAID + _slipping(outcome, alternative))
         elif (
             outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer"
         ):
             outcome = _refuted(outcome, self.question, self.planner, self.shares[-1], end)
-        if limits is not None and outcome.solution is not None:
+        if striding and outcome.solution is not None:
+            outcome = self._striding(course, outcome, end)
+        elif limits is not None and outcome.solution is not None:
             from .witness import with_whole_body  # slow to import
 
             unbent = replace(limits, steps=0)
@@ -263,6 +279,36 @@ class _CourseSearch:
             outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
         assert self.limits is not None
         return with_whole_body(outcome, self.limits, angles, margins=False, deadline=end)
+
+    def _striding(self, course: Problem, outcome: Answer[Plan], end: float) -> Answer[Plan]:
+        """The answer over a course, from a plan of contacts: where legs go through walls contacts are
+        searched anew with room for them, and the last plan is bent.
+        """
+        from .witness import with_whole_body  # slow to import
+
+        assert self.limits is not None
+        unbent = replace(self.limits, steps=0)
+        for _ in range(_CUTS):
+            judged = with_whole_body(outcome, unbent, self.start_rad, deadline=end)
+            if judged.status is Status.FEASIBLE or judged.solution is None:
+                return judged
+            cut = with_room_for_legs(course, judged.solution, self.limits.clearance_m)
+            found = outcome if cut is course else self._firmly(cut, end)
+            if cut is course or found.solution is None:
+                break
+            course, outcome = cut, found
+        return with_whole_body(outcome, self.limits, self.start_rad, deadline=end)
+
+    def _firmly(self, course: Problem, end: float) -> Answer[Plan]:
+        """Contacts whose stances bear a push, and any where none do."""
+        if self.presses:
+            firm, search = pushed(course, PUSHES[0]), quick(self.planner)
+            firm_end = _search_end(end, _FIRM)
+            found = plan_with_reserve(search, firm, self.shares[:1], (), deadline=firm_end)
+            if found.solution is not None:
+                plan = replace(found.solution, problem=course)
+                return replace(found, problem=course, solution=plan)
+        return self._contacts(course, _search_end(end))
 
     def _contacts(self, course: Problem, end: float) -> Answer[Plan]:
         return plan_with_reserve(self.planner, course, self.shares, self.presses, deadline=end)
@@ -444,6 +490,8 @@ def _laid_out(
     refusal: InvalidInput | PlanningFailed | None = None
     began = time.perf_counter(), time.process_time()
     left, laid_s, tried = list(layouts), 0.0, 0
+    if not stated and len(layouts) > 1:
+        left.append(STRIDING)
     while left:
         alternative, now = left.pop(0), time.perf_counter()
         if alternative is not layouts[0] and now + laid_s >= deadline:
@@ -472,6 +520,8 @@ def _laid_out(
                 left.sort(key=lambda each: each is not HIGHER)
             if left and course.has_soles:
                 left.insert(0, KNEES_BENT)
+            elif outcome.solution is not None and not stated and walls_of(course):
+                left.sort(key=lambda each: each is not STRIDING)
     if first is None:
         assert refusal is not None
         raise refusal

@@ -152,16 +152,6 @@ def test_a_file_may_be_renamed(written):
     assert read_motion(written.with_name("other.json"))[1]["verified"]
 
 
-def test_a_trajectory_that_the_verifier_refuses_is_marked_so(tmp_path):
-    falling = replace(still(), forces_n=0.5 * still().forces_n)
-    report = check_trajectory(falling)
-    write_motion(tmp_path / "fall.json", falling, report)
-    _, content = read_motion(tmp_path / "fall.json")
-    assert not content["verified"]
-    assert content["verdict"]["message"] == report.message
-    assert not check_file(tmp_path / "fall.json").accepted
-
-
 def test_a_verdict_on_another_trajectory_is_refused(tmp_path):
     falling = replace(still(), forces_n=0.5 * still().forces_n)
     with refuses("report"):
@@ -276,24 +266,6 @@ def test_names_that_cannot_be_written_are_refused(tmp_path, monkeypatch, name):
     with refuses(name):
         write_motion(name, trajectory, check_trajectory(trajectory))
     assert os.listdir(tmp_path) == []
-
-
-def test_a_plan_is_a_line_and_so_is_its_report() -> None:
-    answer = stancekit.plan("walls", frames=2)
-    assert (
-        repr(answer)
-        == f"Answer(feasible by {answer.method}: {answer.message or answer.report.message})"
-    )
-    assert repr(answer.solution) == "Plan(walls: 2 key frames of LF, LM, LR, RF, RM, RR)"
-    assert repr(answer.report) == f"Report({answer.report.message})"
-
-
-def test_a_walk_and_a_leap_are_lines() -> None:
-    level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-    walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled")
-    assert repr(walk.solution).startswith("Trajectory(anymal")
-    leap = stancekit.plan("leap-given:0")
-    assert repr(leap.solution).startswith("LeapPlan(")
 
 
 def test_an_answer_without_a_solution_has_a_line() -> None:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -135,6 +136,18 @@ def test_bars_are_gone_under_where_they_are_high_and_walls_where_they_are_low():
     assert high.length_m == pytest.approx(4.0)
     with refuses("bar", "0.2 to 0.3 m", kind=PlanningFailed):
         path(over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.2, 0.3)), (0, 0), (4, 0))
+
+
+def test_legs_that_stride_leave_the_way_of_the_trunk_alone():
+    trunk = replace(footprint(), trunk_m=0.5 * SQUARE_M, belly_m=-0.01)
+    low, high = (over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.0, top)) for top in (0.17, 0.2))
+    ends = np.array([[0.0, 0.0], [4.0, 0.0]])
+    for ground in (low, over([floor(-1, 1.7, -2.5, 2.5), floor(2.25, 5, -2.5, 2.5)])):
+        with pytest.raises(PlanningFailed):
+            guide_path(ground, footprint(), ends)
+        assert guide_path(ground, trunk, ends, striding=True).length_m == pytest.approx(4, rel=0.01)
+    with refuses("wall", "0.2 m high", kind=PlanningFailed):  # which the trunk does not get over
+        guide_path(high, trunk, ends, striding=True)
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,9 @@ import pytest
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.scaled import skew
-from stancekit.planners.projection.centre import centred
+from stancekit.planners.projection.centre import _without, centred
 from stancekit.planners.search.witness import witnesses
+from stancekit.planners.terrain.polygon import surface_patch
 from stancekit.planners.verify import check_plan
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
@@ -112,3 +113,13 @@ def test_it_does_not_depend_on_who_else_is_asked(name):
         alone = centred(scaled.select(np.array([k])), points.select(np.array([k])))
         for part in ("com", "rotation", "forces"):
             np.testing.assert_array_equal(getattr(alone, part)[0], getattr(together, part)[k])
+
+
+def test_a_toe_is_moved_out_of_a_wall_as_far_as_its_patch_goes_or_to_another_patch() -> None:
+    corners = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.3, 0.2, 0.0], [0.0, 0.2, 0.0]]
+    one = surface_patch(np.array(corners), 0.7, towards_m=np.array([0.1, 0.1, 1.0]))
+    beside, toe = one.vertices_m + np.array([0.5, 0.0, 0.0]), np.array([0.05, 0.1, 0.0])
+    for far, alone, both in ((0.1, 0.15, 0.15), (0.4, 0.29, 0.5)):
+        for candidates, least in (((one,), alone), ((one, one.with_vertices(beside)), both)):
+            left = _without(candidates, one, toe, np.array([[far, 0.0, 0.0]]))
+            assert min(each.vertices_m[:, 0].min() for each in left) == pytest.approx(least)

@@ -365,10 +365,8 @@ def test_torques_are_worked_out_where_the_file_says_none_or_zeros(moved: Moved) 
             ),
         ),
     )
-    nothing = np.zeros_like(moved.table.known()["torques_nm"])
-    for torques in (None, nothing):
-        table = replace(moved.table, torques_nm=torques)
-        report = check_motion(table, weak, moved.terrain)
+    for torques in (None, np.zeros_like(moved.table.known()["torques_nm"])):
+        report = check_motion(replace(moved.table, torques_nm=torques), weak, moved.terrain)
         assert report.group("torque").value > 3.0
         assert not report.accepted
 
