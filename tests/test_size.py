@@ -35,9 +35,9 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3167, 43722),
     "learners": (5513, 80005),
-    "planners": (34952, 560843),
+    "planners": (35022, 562124),
     "runner": (7163, 95548),
-    "views": (4519, 70388),
+    "views": (4522, 70427),
 }
 CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
@@ -47,9 +47,9 @@ ALLOWANCES: dict[str, int] = {
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 82,
-    "promises": 199,
+    "promises": 164,
     "worlds": 195,
-    "formats": 38,
+    "formats": 0,
     "stepping over": 0,
     "sequences": 300,
     "pictures": 94,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from pathlib import Path
 
@@ -75,10 +76,13 @@ def _shifted(found: ElevationMap, options: ImportOptions) -> ElevationMap:
 
 
 def table(content: bytes, path: Path) -> Array:
-    """Rows of numbers with commas, semicolons or blanks between them; an empty field is a hole."""
+    """Rows of numbers with commas, semicolons or blanks between them; an empty field is a hole.
+
+    A first line of names that has x, y and z puts these columns first.
+    """
     if sum(map(content.count, (b",", b";", b"\t", b" ", b"\n"))) > 4 * MOST_POINTS:
         raise InvalidInput(f"{path}: expected {MOST_POINTS} numbers or fewer, got more")
-    rows: list[list[float]] = []
+    rows, columns = list[list[float]](), list[int]()
     for number, line in enumerate(decoded(content, str(path)).splitlines(), 1):
         text = line.strip()
         if not text or text.startswith("#"):
@@ -88,16 +92,23 @@ def table(content: bytes, path: Path) -> Array:
         try:
             rows.append([float(field) if field else float("nan") for field in fields])
         except ValueError:
+            names = [re.sub(r"[^a-z_].*", "", field.strip("/\"' ").lower()) for field in fields]
+            if rows or columns or not {"x", "y", "z"} <= set(names):
+                raise InvalidInput(
+                    f"{path} line {number}: expected numbers, or first the names x, y and z, got "
+                    f"{shown(text)}"
+                ) from None
+            places = [names.index(axis) for axis in "xyz"]
+            columns = places + [k for k in range(len(names)) if k not in places]
+            continue
+        wanted = len(columns) or len(rows[0])
+        if len(rows[-1]) != wanted:
             raise InvalidInput(
-                f"{path} line {number}: expected numbers, got {shown(text)}"
-            ) from None
-        if len(rows[-1]) != len(rows[0]):
-            raise InvalidInput(
-                f"{path} line {number}: expected {len(rows[0])} numbers, got {len(rows[-1])}"
+                f"{path} line {number}: expected {wanted} numbers, got {len(rows[-1])}"
             )
     if not rows:
         raise InvalidInput(f"{path}: expected rows of numbers, got none")
-    return np.array(rows)
+    return np.array(rows)[:, columns] if columns else np.array(rows)
 
 
 def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -> Array:

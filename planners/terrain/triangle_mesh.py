@@ -254,11 +254,11 @@ def _cropped(
         for sign, at in ((1.0, box[0, axis]), (-1.0, box[1, axis])):
             if not np.isfinite(at) or not len(triangles):
                 continue
-            normal, origin = sign * np.eye(3)[axis], at * np.eye(3)[axis]
+            # what lies on the border belongs to it, of which trimesh keeps what faces inside alone
+            normal, origin = sign * np.eye(3)[axis], (at - sign * _WELD_M) * np.eye(3)[axis]
             corners, triangles, *_ = sliced(corners, triangles, normal, origin)
-    return _welded(
-        np.asarray(corners, dtype=np.float64), np.asarray(triangles, dtype=np.int_).reshape(-1, 3)
-    )
+    inside = np.clip(np.asarray(corners, dtype=np.float64), *box)
+    return _welded(inside, np.asarray(triangles, dtype=np.int_).reshape(-1, 3))
 
 
 def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:

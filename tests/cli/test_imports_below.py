@@ -69,6 +69,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.evaluation.bench",
             "learners.evaluation.evaluate",
         ),
+        DRAWS: ("views.sheet",),
     },
     "export": {TOOL: ("learners.data.export",)},
     "gait": {

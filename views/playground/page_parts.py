@@ -7,6 +7,7 @@ from __future__ import annotations
 import html
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -125,17 +126,17 @@ def _planned(
     scenario: Scenario, plan: Callable[[LayOut], Answer[Plan]], *, patient: bool = False
 ) -> SceneAnswer:
     """The answer that a way to plan gives, with the time that it took."""
-    begin = time.process_time()
+    begin, course = time.process_time(), None
+    between = isinstance(scenario, BetweenScenario)
     try:
-        course = scenario.course()
+        with suppress(*((NoPlace, PlanningFailed) if patient and between else ())):
+            course = scenario.course()  # where this layout has no place another one may have
         laid = time.process_time()
         outcome = plan(
             scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
         )
     except StancekitError as error:
-        nowhere = isinstance(scenario, BetweenScenario) and isinstance(
-            error, NoPlace | PlanningFailed
-        )
+        nowhere = between and isinstance(error, NoPlace | PlanningFailed)
         return SceneAnswer(
             status=Status.UNDECIDED if nowhere else None,
             message=str(error),
@@ -147,7 +148,11 @@ def _planned(
 
 
 def _answer(
-    outcome: Answer[Plan], asked: Problem, seconds: tuple[float, float], *, patient: bool = False
+    outcome: Answer[Plan],
+    asked: Problem | None,
+    seconds: tuple[float, float],
+    *,
+    patient: bool = False,
 ) -> SceneAnswer:
     """The answer that an outcome is.
 

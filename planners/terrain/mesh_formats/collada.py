@@ -1,7 +1,8 @@
 """COLLADA files (.dae): triangles and polygons of all geometries where the scene's nodes place
 them.
 
-The file's unit and its axis up are left to whoever asks: numbers are taken as they are written.
+Corners are in metres by the unit that the file states. Its axis up is left to whoever asks, as
+readers of robots' files leave it.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from .numbers import (
     check_count,
     fans,
     joined,
+    polygons,
     reals_of,
     strip,
     wholes_of,
@@ -41,7 +43,20 @@ def read_collada(content: bytes, most: int) -> Surface:
     root = parse_xml(content, "COLLADA", deepest=_DEEPEST)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
-    return _Scene(root, most).surface()
+    corners, triangles = _Scene(root, most).surface()
+    return _metres(root) * corners, triangles
+
+
+def _metres(root: Element) -> float:
+    """Metres of the file's unit, 1 where it says none.
+
+    Raises InvalidInput for what is no length.
+    """
+    unit = root.find("asset/unit")
+    (metres,) = reals_of(((unit is not None and unit.get("meter")) or "1").encode())[:1].tolist()
+    if not 0.0 < metres < np.inf:
+        raise broken(f"unit: expected a length above 0 m, got {metres:g}")
+    return float(metres)
 
 
 class _Scene:
@@ -130,10 +145,14 @@ class _Scene:
         every = np.concatenate([np.zeros(0, dtype=np.int64), *lists])
         if len(every) and not (every.min() >= 0 and every.max() < len(corners)):
             raise broken(f"its polygons are not all of its {len(corners)} corners")
-        return corners, self._triangles(part, lists, every)
+        return corners, self._triangles(part, lists, every, corners)
 
     def _triangles(
-        self, part: Element, lists: list[NDArray[np.int64]], every: NDArray[np.int64]
+        self,
+        part: Element,
+        lists: list[NDArray[np.int64]],
+        every: NDArray[np.int64],
+        corners: Array,
     ) -> Triangles:
         if part.tag == "triangles":
             check_count(len(every) // 3, self._left)
@@ -145,13 +164,16 @@ class _Scene:
                 left -= len(pieces[-1])
             return np.concatenate(pieces)
         if part.tag != "polylist":
-            return fans(np.array([len(each) for each in lists], dtype=np.int64), every, self._left)
+            sizes = np.array([len(each) for each in lists], dtype=np.int64)
+            if part.tag == "trifans":
+                return fans(sizes, every, self._left)
+            return polygons(sizes, every, corners, self._left)
         counts = wholes_of((part.findtext("vcount") or "").encode())
         if (len(counts) and (counts.min() < 0 or counts.max() > len(every))) or int(
             counts.sum()
         ) != len(every):
             raise broken("expected as many corners as vcount declares")
-        return fans(counts, every, self._left)
+        return polygons(counts, every, corners, self._left)
 
     def _corners(self, mesh: Element, given: Element) -> Array:
         """The positions that an input VERTEX names, shape (V, 3)."""

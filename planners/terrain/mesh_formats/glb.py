@@ -20,6 +20,16 @@ from .ply import checked_matrix, moved, turn_of
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
 _MOST_NODES = 20_000
+_HARMLESS = (
+    "KHR_materials_",
+    "KHR_texture_",
+    "KHR_lights_",
+    "KHR_xmp",
+    "KHR_mesh_quantization",
+    "EXT_texture_",
+    "MSFT_texture_",
+)
+"""Beginnings of extensions that a file may require without a corner being elsewhere."""
 _PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 """Extensions that keep corners as no reader here has them."""
 
@@ -32,6 +42,11 @@ def read_glb(content: bytes, most: int) -> Surface:
     compressed.
     """
     tree, binary = _chunks(content)
+    needed = tree.get("extensionsRequired", [])
+    if odd := [name for name in needed if not str(name).startswith(_HARMLESS)]:
+        raise broken(
+            f"extensionsRequired: expected none that places or packs corners, got {odd[0]}"
+        )
     if any("uri" in item for name in ("buffers", "images") for item in _objects(tree, name)):
         raise broken("expected a file that is complete, got one that names others")
     return _Scene(tree, binary, most).surface()

@@ -27,6 +27,11 @@ BLOCK = 1 << 20
 """Bytes of text that become objects of Python at once."""
 _LONGEST = 400
 """Letters of a number at most."""
+_TURNED = 1e-9
+"""A triangle of a face that turns the other way by more than this share of the face's area shows
+that the face is not convex."""
+_MOST_BENT, _MOST_ALL = 1000, 50_000
+"""Most corners of such a face, which take the square of their number, and of all of them."""
 
 
 class TooMany(InvalidInput):
@@ -89,11 +94,11 @@ def wholes_of(text: bytes) -> NDArray[np.int64]:
 
 
 def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Triangles:
-    """Polygons as triangles about their first corners, shape (T, 3).
+    """Fans as triangles about their first corners, shape (T, 3).
 
     Arguments:
-        counts: corners per polygon, shape (F,).
-        corners: of all polygons in a row, shape (sum of counts,).
+        counts: corners per fan, shape (F,).
+        corners: of all fans in a row, shape (sum of counts,).
     """
     pieces = np.maximum(counts - 2, 0)
     check_count(int(pieces.sum()), most)
@@ -103,6 +108,68 @@ def fans(counts: NDArray[np.int64], corners: NDArray[np.int64], most: int) -> Tr
     return np.asarray(
         corners[np.stack([first, first + step + 1, first + step + 2], axis=1)], dtype=np.int_
     )
+
+
+def polygons(
+    counts: NDArray[np.int64], corners: NDArray[np.int64], places: Array, most: int
+) -> Triangles:
+    """Polygons as triangles in their planes, shape (T, 3): fans, where all of a fan's triangles turn
+    as the polygon does, else ears that are cut off one after the other.
+
+    Arguments:
+        counts: corners per polygon, shape (F,).
+        corners: of all polygons in a row, shape (sum of counts,).
+        places: where corners are, shape (V, 3).
+    """
+    triangles = fans(counts, corners, most)
+    if not (counts > 3).any() or not np.all((triangles >= 0) & (triangles < len(places))):
+        return triangles  # whoever reads the file refuses corners that it does not have
+    face = np.repeat(np.arange(len(counts)), np.maximum(counts - 2, 0))
+    a, b, c = (places[triangles[:, k]] for k in range(3))
+    normals, whole = np.cross(b - a, c - a), np.zeros((len(counts), 3))
+    np.add.at(whole, face, normals)
+    bent = np.vecdot(normals, whole[face]) < -_TURNED * np.vecdot(whole, whole)[face]
+    ends = np.cumsum(counts)
+    faces = np.unique(face[bent])
+    if counts[faces].max(initial=0) > _MOST_BENT or counts[faces].sum() > _MOST_ALL:
+        raise broken(
+            f"expected {_MOST_BENT} corners or fewer of a face that is not convex, and {_MOST_ALL} "
+            f"of all, got {counts[faces].sum()}; give triangles"
+        )
+    for k in faces.tolist():
+        mine = corners[ends[k] - counts[k] : ends[k]]
+        triangles[face == k] = mine[_ears(places[mine], whole[k])]
+    return triangles
+
+
+def _ears(places: Array, normal: Array) -> Triangles:
+    """A simple polygon as triangles of its corners' numbers, shape (n − 2, 3); where rounding leaves
+    no ear, the widest corner is cut off.
+    """
+    axis = np.eye(3)[np.abs(normal).argmin()]
+    along = np.cross(normal, axis)
+    flat = places @ np.stack([along, np.cross(normal, along)], axis=1)
+    left, found = list(range(len(places))), list[tuple[int, int, int]]()
+    while len(left) > 3:
+        at = np.array(left)
+        before, after = np.roll(at, 1), np.roll(at, -1)
+        turns = _turn(flat[before], flat[at], flat[after])
+        ear = int(turns.argmax())
+        for k in np.argsort(turns)[np.count_nonzero(turns <= 0.0) :].tolist():  # least ears first
+            one, two, three = (flat[each[k]] for each in (before, at, after))
+            rest = flat[at][~(flat[at][:, None] == np.stack([one, two, three])).all(2).any(1)]
+            inside = (_turn(one, two, rest) >= 0.0) & (_turn(two, three, rest) >= 0.0)
+            if not (inside & (_turn(three, one, rest) >= 0.0)).any():
+                ear = k
+                break
+        found.append((int(before[ear]), left.pop(ear), int(after[ear])))
+    return np.array([*found, tuple(left)], dtype=np.int_)
+
+
+def _turn(one: Array, two: Array, three: Array) -> Array:
+    """Twice the area of triangles in a plane, above 0 where they turn to the left."""
+    a, b = two - one, three - one
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def strip(corners: NDArray[np.int64], most: int) -> Triangles:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...files.arrays import Array
 from ...files.documents import shown
-from .numbers import MOST_TRIANGLES, Surface, blocks, broken, check_count, fans, reals, wholes
+from .numbers import MOST_TRIANGLES, Surface, blocks, broken, check_count, polygons, reals, wholes
 
 _STL_HEAD, _FACET = 84, 50
 """Bytes of a binary file's header, count included, and of one facet."""
@@ -94,21 +94,19 @@ def read_off(content: bytes, most: int) -> Surface:
     points = [line.split(None, 3)[:3] for line in lines[1 : 1 + vertices]]
     if any(len(point) < 3 for point in points):
         raise broken("expected three coordinates per vertex")
-    polygons = [line.split() for line in lines[1 + vertices : 1 + vertices + faces]]
-    counts = wholes(polygon[0] for polygon in polygons)
+    given = [line.split() for line in lines[1 + vertices : 1 + vertices + faces]]
+    counts = wholes(polygon[0] for polygon in given)
     if any(
-        not 0 <= count < len(polygon)
-        for count, polygon in zip(counts.tolist(), polygons, strict=True)
+        not 0 <= count < len(polygon) for count, polygon in zip(counts.tolist(), given, strict=True)
     ):
         raise broken("expected as many corners per face as its line declares")
     corners = wholes(
         number
-        for count, polygon in zip(counts.tolist(), polygons, strict=True)
+        for count, polygon in zip(counts.tolist(), given, strict=True)
         for number in polygon[1 : 1 + count]
     )
-    return reals(number for point in points for number in point).reshape(-1, 3), fans(
-        counts, corners, most
-    )
+    places = reals(number for point in points for number in point).reshape(-1, 3)
+    return places, polygons(counts, corners, places, most)
 
 
 def read_obj(content: bytes, most: int) -> Surface:
@@ -118,8 +116,8 @@ def read_obj(content: bytes, most: int) -> Surface:
     """
     if b"\\" in content:
         content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
-    corners, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int_)]
-    before, left = 0, most
+    corners, sizes = [np.zeros((0, 3))], [np.zeros(0, dtype=np.int64)]
+    named, before, left = [np.zeros(0, dtype=np.int64)], 0, most
     for block in blocks(content, rb"[\r\n]"):
         lines = [
             parts
@@ -135,10 +133,13 @@ def read_obj(content: bytes, most: int) -> Surface:
         counts = np.array([len(lines[k]) - 1 for k in faces], dtype=np.int64)
         numbers = wholes(corner.partition(b"/")[0] for k in faces for corner in lines[k][1:])
         back = np.repeat(known[faces], counts) if faces else numbers
-        triangles.append(fans(counts, np.where(numbers < 0, back + numbers, numbers - 1), left))
+        sizes.append(counts)
+        named.append(np.where(numbers < 0, back + numbers, numbers - 1))
         before += len(points)
-        left -= len(triangles[-1])
-    return np.concatenate(corners), np.concatenate(triangles)
+        left -= int(np.maximum(counts - 2, 0).sum())
+        check_count(most - left, most)
+    places = np.concatenate(corners)
+    return places, polygons(np.concatenate(sizes), np.concatenate(named), places, most)
 
 
 def checked_matrix(values: Any) -> Array:
@@ -261,7 +262,8 @@ def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
     order, elements, start = _header(content)
     check_count(sum(element.count for element in elements if element.name == b"face"), most)
     lines = [line for line in content[start:].splitlines() if line.strip()] if not order else []
-    corners, triangles, at = None, np.zeros((0, 3), dtype=np.int_), 0 if not order else start
+    corners, at = None, 0 if not order else start
+    counts = numbers = np.zeros(0, dtype=np.int64)
     for element in elements:
         if (
             element.count > (len(content) - at) // max(element.least, 1)
@@ -284,14 +286,13 @@ def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
                 counts, numbers, at = _lists(content, at, element, order, wanted)
             else:
                 counts, numbers = _text_lists(lines[at : at + element.count], element, wanted)
-            triangles = fans(counts, numbers, most)
         elif order:
             at = _after(content, at, element, order)
         if not order:
             at += element.count
     if corners is None:
         raise broken("expected an element vertex in its header")
-    return corners, triangles
+    return corners, polygons(counts, numbers, corners, most)
 
 
 def _header(content: bytes) -> tuple[str, list[_Element], int]:

@@ -18,7 +18,6 @@ from stancekit.planners.answer.motion import seal
 from stancekit.planners.answer.trajectory import SAMPLES, Trajectory, robot_from_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import (
-    check_file,
     read_motion,
     write_motion,
 )
@@ -81,13 +80,6 @@ def test_arrays_are_read_only_copies():
         trajectory.feet_m[0] = 1.0
 
 
-def test_length_and_spacing_are_those_of_the_samples():
-    trajectory = still(41)
-    assert (trajectory.samples, trajectory.duration_s) == (41, pytest.approx(0.2))
-    assert trajectory.step_s == pytest.approx(0.005)
-    assert replace(trajectory, times_s=[]).duration_s == 0.0
-
-
 def test_what_is_no_array_of_numbers_is_refused_at_once():
     with refuses("torso_m"):
         replace(still(), torso_m=[[1], [1, 2]])
@@ -147,45 +139,6 @@ def test_a_file_gives_back_what_was_written(written):
     assert os.listdir(written.parent) == ["walk.json"]
 
 
-def test_a_file_may_be_renamed(written):
-    written.rename(written.with_name("other.json"))
-    assert read_motion(written.with_name("other.json"))[1]["verified"]
-
-
-def test_a_verdict_on_another_trajectory_is_refused(tmp_path):
-    falling = replace(still(), forces_n=0.5 * still().forces_n)
-    with refuses("report"):
-        write_motion(tmp_path / "a.json", falling, check_trajectory(still()))
-    assert os.listdir(tmp_path) == []
-
-
-def test_a_file_is_verified_again_and_not_believed(written):
-    check = check_file(written)
-    assert check.accepted
-    assert check.report.digest == read_motion(written)[1]["verdict"]["digest"]
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ('"verified": true', '"verified": false'),
-        ('"friction": 0.75', '"friction": 0.95'),
-        ('"seed": 3', '"seed": 5'),
-        ('"accepted": true', '"accepted": false'),
-    ],
-)
-def test_a_header_changed_by_hand_is_refused(written, old, new):
-    text = written.read_text()
-    assert old in text
-    written.write_text(text.replace(old, new))
-    assert_names(refusal(written), "walk.json", "digest")
-
-
-def test_a_header_laid_out_anew_is_still_the_same(written):
-    written.write_text(json.dumps(json.loads(written.read_text())))
-    assert read_motion(written)[1]["verified"]
-
-
 def _stored(path):
     archive = json.loads(path.read_text())["columns"]["npz"]
     with np.load(io.BytesIO(base64.b64decode(archive))) as packed:
@@ -237,26 +190,6 @@ def test_samples_with_holes_or_objects_are_refused(written):
     assert_names(refusal(written), "walk.json", "torso_m")
     _packed(written, torso_m=np.array([{"a": 1}], dtype=object))
     assert_names(refusal(written), "walk.json", "columns")
-
-
-def test_samples_that_are_missing_cut_or_no_archive_are_refused(written):
-    whole = base64.b64decode(json.loads(written.read_text())["columns"]["npz"])
-    middle = len(whole) // 3
-    turned = whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :]
-    for content in (whole[: len(whole) // 2], b"", b"no archive", whole[:-200], turned):
-        _put(written, content)
-        assert_names(refusal(written), "walk.json", "columns")
-
-
-def test_headers_that_are_none_are_refused_in_one_line(written):
-    assert_names(refusal(written.with_name("none.json")), "none.json")
-    for text in ("[]", '{"format": "stancekit/posture/1"}', '{"format": "stancekit/gait/3"}'):
-        written.write_text(text)
-        assert_names(refusal(written), "walk.json", "stancekit/motion/1")
-    for text in ('{"format": ', '{"format": "stancekit/motion/1", "wheels": 4}'):
-        written.write_text(text)
-        assert_names(refusal(written), "walk.json")
-    assert_names(refusal(written), "wheels")
 
 
 @pytest.mark.parametrize("name", ["walk.npz", "walk", "none/walk.json"])

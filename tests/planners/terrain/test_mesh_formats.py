@@ -4,10 +4,11 @@ never believed.
 
 from __future__ import annotations
 
+import json
 import re
 import zlib
 from collections import Counter
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -143,11 +144,52 @@ def test_what_is_wrong_with_a_mesh_is_said(
         read_corners(tmp_path / f"mesh.{kind}")
 
 
-def test_a_name_that_is_no_text_is_said_as_it_can_be(tmp_path: Path) -> None:
-    head = b"ply\nformat binary_little_endian 1.0\nelement ver\x80\x1b 99\nproperty float x\nend_header\n"
-    (tmp_path / "mesh.ply").write_bytes(head)
-    with refuses("mesh.ply", "99"):
-        read_corners(tmp_path / "mesh.ply")
+L = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+PLY = "element vertex 6\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+HEADS = {
+    "off": "OFF\n6 1 0\n",
+    "ply": f"ply\nformat ascii 1.0\n{PLY}property list uchar int vertex_indices\nend_header\n",
+    "obj": "",
+}
+
+
+@pytest.mark.parametrize("kind", HEADS)
+@pytest.mark.parametrize("turns", [1, -1])
+def test_a_face_that_is_not_convex_is_cut_within_it(kind: str, turns: int) -> None:
+    obj = kind == "obj"
+    for first in range(6):
+        order = [(first + turns * k) % 6 + obj for k in range(6)]
+        lines = [f"{'v ' * obj}{x} {0.5 * x} {y}" for x, y in L]
+        text = "\n".join([*lines, " ".join(map(str, ["f" if obj else 6, *order]))])
+        corners, triangles = read((HEADS[kind] + text + "\n").encode(), kind)
+        a, b, c = np.moveaxis(corners[triangles][:, :, [0, 2]], 1, 0)
+        (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+        areas = 0.5 * (ux * vy - uy * vx)
+        assert np.sign(areas).tolist() == [turns] * 4
+        assert abs(areas).sum() == pytest.approx(3.0)
+
+
+def test_a_dae_is_in_the_unit_that_it_states() -> None:
+    pytest.importorskip("collada")
+    text = content(trimesh.creation.box([1.0, 2.0, 3.0]), "dae").decode()
+    for unit, size in (("", 3.0), ('<unit meter="0.01" name="x"/>', 0.03), ("<unit/>", 3.0)):
+        stated = text.replace("<up_axis>", f"{unit}<up_axis>").encode()
+        assert np.ptp(read(stated, "dae")[0]) == pytest.approx(size)
+    with refuses("unit", "0"):
+        read(text.replace("<up_axis>", '<unit meter="0"/><up_axis>').encode(), "dae")
+
+
+def test_a_glb_that_requires_what_moves_corners_is_refused() -> None:
+    whole = content(trimesh.creation.box(), "glb")
+    for name, taken in (("KHR_materials_unlit", True), ("EXT_mesh_gpu_instancing", False)):
+        size = int.from_bytes(whole[12:16], "little")
+        tree = json.loads(whole[20 : 20 + size]) | {"extensionsRequired": [name]}
+        text = json.dumps(tree).encode()
+        text += b" " * (-len(text) % 4)
+        head = whole[:8] + (len(whole) - size + len(text)).to_bytes(4, "little")
+        data = head + len(text).to_bytes(4, "little") + whole[16:20] + text + whole[20 + size :]
+        with nullcontext() if taken else refuses("extensionsRequired", name):
+            assert len(read(data, "glb")[1]) == 12
 
 
 def test_a_node_within_itself_ends() -> None:

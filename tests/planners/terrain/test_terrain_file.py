@@ -59,6 +59,15 @@ def test_unit_axis_and_offset_bring_a_cloud_back(up, turned, tmp_path):
     np.testing.assert_allclose(read_terrain(path, options).heights_m, plain.heights_m, atol=1e-9)
 
 
+def test_a_first_line_of_names_says_which_column_is_which(tmp_path):
+    np.save(tmp_path / "c.npy", POINTS)
+    rows = "\n".join(f"7,{z},{x},{y}" for x, y, z in POINTS.tolist())
+    (tmp_path / "c.csv").write_text(f'"//r","Z [m]",X,y\n{rows}\n')
+    options = ImportOptions(kind="cloud", spacing_m=0.1)
+    named, plain = (read_terrain(tmp_path / name, options) for name in ("c.csv", "c.npy"))
+    np.testing.assert_array_equal(named.heights_m, plain.heights_m)
+
+
 def test_points_in_three_columns_are_never_taken_for_heights(tmp_path):
     np.save(tmp_path / "c.npy", POINTS)
     with refuses("kind", "cloud", "grid"):
@@ -72,6 +81,9 @@ def test_a_crop_cuts_meshes_maps_and_clouds_alike(tmp_path):
     limits = FootholdLimits(margin_m=0.0)
     mesh = read_footholds(tmp_path / "box.stl", ImportOptions(crop_m=crop), limits)
     assert mesh.area_m2 == pytest.approx(0.5, rel=1e-6)
+    for low, high in ((0.1, 0.2), (0.0, 0.1)):  # what lies on the border belongs to it
+        flat = ImportOptions(crop_m=(*crop, low, high))
+        assert read_footholds(tmp_path / "box.stl", flat, limits).area_m2 == pytest.approx(0.5)
     grid = read_terrain(tmp_path / "grid.npy", ImportOptions(crop_m=crop, spacing_m=0.025))
     assert (grid.x_m.min(), grid.x_m.max(), grid.y_m.min(), grid.y_m.max()) == pytest.approx(crop)
     np.save(tmp_path / "cloud.npy", POINTS)
