@@ -8,13 +8,15 @@ Each file keeps its name, in FOLDER or in its own place; its motion is judged an
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
+from _bench import Options, launch
 
 from stancekit.planners.files.codec import embedded
 from stancekit.planners.formats.motion_file import (
@@ -64,12 +66,16 @@ def _archive(arrays: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, str
     return {"npz": embedded({name: np.array(arrays[name], dtype=kinds[name]) for name in names})}
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Files, and the folder where they go."""
+
+    files: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    out: Path | None = None
+
+
+def main(asked: Asked) -> None:
     """Convert every file that is named."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("files", nargs="+", type=Path)
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
     for path in asked.files:
         content = content_of(json.loads(path.read_text("utf-8")))
         to = path if asked.out is None else asked.out / path.name
@@ -79,8 +85,8 @@ def main() -> None:
         motion = motion_from(content, str(path))
         report = judge(motion)
         write_motion(to, motion, report)
-        print(f"{to}: {report.message}")
+        asked.say({"file": str(to), "verdict": report.message})
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)
