@@ -193,7 +193,7 @@ def no_numbers(kind: Any, data: Any) -> Iterator[str]:
         _reader(kind).validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
         for item in error.errors(include_url=False):
-            if item["type"] in ("int_type", "float_type"):
+            if item["type"] in ("int_type", "float_type") and isinstance(item["input"], bool | str):
                 key = "".join(
                     f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]
                 )

@@ -536,6 +536,8 @@ def _check_asked(
     if not isinstance(motion, Plan):
         return
     problem, legs = motion.problem, motion.problem.robot.source
+    if course is not None and problem.is_posture:
+        raise InvalidInput(f"{path}: expected a plan of that course, got a posture")
     model = None if robot is None else named_robot(robot)
     if model is not None and (
         legs.digest != model.digest or legs.own_model().disabled_pairs != model.disabled_pairs

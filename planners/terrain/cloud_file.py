@@ -36,7 +36,9 @@ def read_points(path: Path) -> Array:
     elif suffix == ".pcd":
         points = _of_pcd(content, path)
     else:
-        points = array_of(content, str(path)) if suffix == ".npy" else table(content, path)
+        points = (
+            array_of(content, str(path)) if suffix == ".npy" else table(content, path, points=True)
+        )
     if points.dtype.kind not in "fiu" or points.ndim != 2 or points.shape[1] < 3:
         raise InvalidInput(
             f"{path}: expected points of shape (K, 3), got {points.dtype} of shape {points.shape}"

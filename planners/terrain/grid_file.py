@@ -75,10 +75,18 @@ def _shifted(found: ElevationMap, options: ImportOptions) -> ElevationMap:
     return moved.cropped(options.box_m)
 
 
-def table(content: bytes, path: Path) -> Array:
+def _axis(name: str) -> str:
+    """The axis that a column's name means, as ``x``, ``X [m]`` and ``x_m`` do; else the name."""
+    word = name.strip("/\"' ").lower()
+    found = re.fullmatch(r"([xyz])(_m)?(\s*[\[(].*)?", word)
+    return word if found is None else found[1]
+
+
+def table(content: bytes, path: Path, *, points: bool = False) -> Array:
     """Rows of numbers with commas, semicolons or blanks between them; an empty field is a hole.
 
-    A first line of names that has x, y and z puts these columns first.
+    Arguments:
+        points: a first line of names may say which columns are x, y and z, which then come first.
     """
     if sum(map(content.count, (b",", b";", b"\t", b" ", b"\n"))) > 4 * MOST_POINTS:
         raise InvalidInput(f"{path}: expected {MOST_POINTS} numbers or fewer, got more")
@@ -92,13 +100,13 @@ def table(content: bytes, path: Path) -> Array:
         try:
             rows.append([float(field) if field else float("nan") for field in fields])
         except ValueError:
-            names = [re.sub(r"[^a-z_].*", "", field.strip("/\"' ").lower()) for field in fields]
-            if rows or columns or not {"x", "y", "z"} <= set(names):
+            names = [_axis(field) for field in fields]
+            places = [names.index(axis) for axis in "xyz" if names.count(axis) == 1]
+            if rows or columns or len(places) < 3 or not points:
+                told = "numbers, or first the names x, y and z" if points else "numbers of a grid"
                 raise InvalidInput(
-                    f"{path} line {number}: expected numbers, or first the names x, y and z, got "
-                    f"{shown(text)}"
+                    f"{path} line {number}: expected {told}, got {shown(text)}"
                 ) from None
-            places = [names.index(axis) for axis in "xyz"]
             columns = places + [k for k in range(len(names)) if k not in places]
             continue
         wanted = len(columns) or len(rows[0])

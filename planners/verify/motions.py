@@ -43,6 +43,8 @@ _STILL_M_S = 0.02
 _SLIDES_M_S = 0.15
 """Nor along it, where the file does not say that it stands: a foot that skims over the ground
 swings."""
+_LIFT_S = 0.05
+"""A foot that leaves the ground does so for longer."""
 _WINDOW_S = 0.2
 """Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
 _EDGES = 8
@@ -273,6 +275,10 @@ class _Measured:
             )
             if "com_m" not in self.known:
                 self.missing["com_velocity"] = lost
+        if len(self.times_s) < 3:
+            few = "fewer than three rows"
+            for name in ("balance", "forces", "rates", "com_velocity", "turning", "effort"):
+                self.missing[name] = few
         if "quaternion" in self.known:
             _ = table.rotation  # what is none is refused, whatever asks for it
         if "contact" not in self.known:
@@ -391,7 +397,8 @@ class _Measured:
         both = np.stack([moved - radii * cross(turned, normals[1:]), moved])  # (2, T − 1, N, 3)
         both = both - np.sum(both * normals[1:], axis=-1, keepdims=True) * normals[1:]
         far, total = np.zeros((2, *self.stands.shape)), np.zeros((2, *centres.shape[1:]))
-        stays = self.stands[1:] & self.stands[:-1]
+        held = self._held
+        stays = held[1:] & held[:-1]
         for k in range(both.shape[1]):
             total = np.where(stays[k][:, None], total + both[:, k], 0.0)
             far[:, k + 1] = np.linalg.norm(total, axis=-1)
@@ -531,6 +538,19 @@ class _Measured:
         speed, normals = np.gradient(self._feet[0], self.step_s, axis=0), self.surface[1]
         along = speed - np.sum(speed * normals, axis=-1, keepdims=True) * normals
         return np.asarray((gap <= _GAP_M) & slow & (np.linalg.norm(along, axis=-1) <= _SLIDES_M_S))
+
+    @cached_property
+    def _held(self) -> NDArray[np.bool_]:
+        """Which feet stand, or are said to be off for less than ``_LIFT_S`` and never leave the
+        ground meanwhile, shape (T, N).
+        """
+        held, near = self.stands.copy(), self.surface[0] <= _GAP_M
+        for foot in range(held.shape[1]):
+            rows = np.flatnonzero(held[:, foot])
+            for first, last in pairwise(rows.tolist()):
+                if (last - first) * self.step_s <= _LIFT_S:
+                    held[first:last, foot] |= near[first:last, foot].all()
+        return held
 
     @cached_property
     def _points(self) -> Array:

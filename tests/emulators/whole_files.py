@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-VERIFIED = ("stancekit/plan/", "stancekit/gait/", "stancekit/no-plan/")
+VERIFIED = ("stancekit/motion/", "stancekit/certificate/")
 
 
 def broken(path: Path, run: Callable[..., int]) -> str:

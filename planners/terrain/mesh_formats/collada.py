@@ -53,10 +53,10 @@ def _metres(root: Element) -> float:
     Raises InvalidInput for what is no length.
     """
     unit = root.find("asset/unit")
-    (metres,) = reals_of(((unit is not None and unit.get("meter")) or "1").encode())[:1].tolist()
-    if not 0.0 < metres < np.inf:
-        raise broken(f"unit: expected a length above 0 m, got {metres:g}")
-    return float(metres)
+    metres = reals_of(("1" if unit is None else unit.get("meter", "1")).encode())
+    if metres.shape != (1,) or not 0.0 < metres[0] < np.inf:
+        raise broken(f"unit: expected a length above 0 m, got {shown(metres.tolist())}")
+    return float(metres[0])
 
 
 class _Scene:

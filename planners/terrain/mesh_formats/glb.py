@@ -24,6 +24,7 @@ _HARMLESS = (
     "KHR_materials_",
     "KHR_texture_",
     "KHR_lights_",
+    "EXT_lights_",
     "KHR_xmp",
     "KHR_mesh_quantization",
     "EXT_texture_",
@@ -43,10 +44,10 @@ def read_glb(content: bytes, most: int) -> Surface:
     """
     tree, binary = _chunks(content)
     needed = tree.get("extensionsRequired", [])
-    if odd := [name for name in needed if not str(name).startswith(_HARMLESS)]:
-        raise broken(
-            f"extensionsRequired: expected none that places or packs corners, got {odd[0]}"
-        )
+    if not isinstance(needed, list) or not all(isinstance(name, str) for name in needed):
+        raise broken(f"extensionsRequired: expected a list of names, got {shown(needed)}")
+    if odd := [name for name in needed if not name.startswith(_HARMLESS)]:
+        raise broken(f"extensionsRequired: expected ones that are known here, got {odd[0]}")
     if any("uri" in item for name in ("buffers", "images") for item in _objects(tree, name)):
         raise broken("expected a file that is complete, got one that names others")
     return _Scene(tree, binary, most).surface()

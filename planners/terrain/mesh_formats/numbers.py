@@ -146,6 +146,11 @@ def _ears(places: Array, normal: Array) -> Triangles:
     """A simple polygon as triangles of its corners' numbers, shape (n − 2, 3); where rounding leaves
     no ear, the widest corner is cut off.
     """
+    apart = np.any(places != np.roll(places, 1, axis=0), axis=1)
+    if not apart.all() and apart.sum() > 2:  # corners that are given twice in a row
+        kept = np.flatnonzero(apart)
+        empty = np.full((len(places) - len(kept), 3), kept[0])
+        return np.concatenate([kept[_ears(places[kept], normal)], empty])
     axis = np.eye(3)[np.abs(normal).argmin()]
     along = np.cross(normal, axis)
     flat = places @ np.stack([along, np.cross(normal, along)], axis=1)

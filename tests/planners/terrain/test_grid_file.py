@@ -127,7 +127,7 @@ def written(path, content):
             "h.csv",
             b"x,y\n1,2\n",
             {},
-            "line 1: expected numbers, or first the names x, y and z, got 'x,y'",
+            "line 1: expected numbers of a grid, got 'x,y'",
         ),
         ("h.csv", b"1,2,3,4\n", {}, "h.csv: x_m: expected 4 or more grid lines, got 1"),
         ("h.csv", b"# nothing\n", {}, "expected rows of numbers, got none"),
