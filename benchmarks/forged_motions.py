@@ -22,18 +22,9 @@ from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.verify.motions import check_motion
+from stancekit.planners.verify.motions import COLUMNS, check_motion
 from stancekit.runner.export.formats import moved_of
 
-COLUMNS = {
-    "rates": "rates_rad_s",
-    "com": "com_m",
-    "com_velocity": "velocity_m_s",
-    "turning": "turning_rad_s",
-    "feet": "feet_m",
-    "effort": "torques_nm",
-}
-"""Groups, and the columns that they judge."""
 ABOVE, BELOW = (2.0, 5.0, 100.0, 1e6), (0.01, 0.5)
 """Errors in units of what is left to the width."""
 

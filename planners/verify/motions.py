@@ -73,7 +73,7 @@ _UNITS = {
     "effort": "1",
 }
 """The groups in the order of a report, and the unit of what is measured."""
-_COLUMNS = {
+COLUMNS = {
     "rates": "rates_rad_s",
     "com": "com_m",
     "com_velocity": "velocity_m_s",
@@ -152,7 +152,7 @@ def check_motion(
     most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
     groups = []
     for name, unit in _UNITS.items():
-        if _COLUMNS.get(name, "time_s") not in measured.known:
+        if COLUMNS.get(name, "time_s") not in measured.known:
             continue
         why, worst = measured.missing.get(name, ""), _Worst()
         if not why:
