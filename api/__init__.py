@@ -66,11 +66,11 @@ if TYPE_CHECKING:
     from .planners.robot.model import Robot as Robot
     from .planners.robot.model import hexapod as hexapod
     from .planners.search.answer import PlanSettings as PlanSettings
-    from .planners.search.methods import Decoupled as Decoupled
-    from .planners.search.methods import Exact as Exact
-    from .planners.search.methods import Micp as Micp
-    from .planners.search.methods import Nlp as Nlp
-    from .planners.search.methods import TwoStage as TwoStage
+    from .planners.search.exact import Exact as Exact
+    from .planners.search.micp import Decoupled as Decoupled
+    from .planners.search.micp import Micp as Micp
+    from .planners.search.micp import Nlp as Nlp
+    from .planners.search.two_stage import TwoStage as TwoStage
     from .planners.terrain.footholds import FootholdLimits as FootholdLimits
     from .planners.terrain.footholds import Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
@@ -165,13 +165,9 @@ _HOMES = {
         "hexapod",
     ),
     "planners.search.answer": ("PlanSettings",),
-    "planners.search.methods": (
-        "Decoupled",
-        "Exact",
-        "Micp",
-        "Nlp",
-        "TwoStage",
-    ),
+    "planners.search.exact": ("Exact",),
+    "planners.search.micp": ("Decoupled", "Micp", "Nlp"),
+    "planners.search.two_stage": ("TwoStage",),
     "planners.terrain.footholds": (
         "FootholdLimits",
         "Footholds",

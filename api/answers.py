@@ -9,7 +9,7 @@ from typing import Any, TypeVar, overload
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.learners.data.labelling import RecheckReport
-from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.motion import Evidence
 from stancekit.planners.answer.report import Report
@@ -38,8 +38,9 @@ def explain(subject: Answer[Any] | Certificate, *, tolerance: float | None = Non
     relative to what it is first. Of a leap: friction under every toe, and reach of every limb.
 
     Arguments:
-        subject: an infeasible answer of ``solve`` or ``plan``, or its certificate, which knows its
-            problem.
+        subject: an answer of ``solve``, ``plan`` or ``walk`` that is not feasible; or a certificate,
+            which knows its problem. Of what is undecided, the message is the answer's own, and there
+            are no relaxations: nothing is proved.
         tolerance: largest moment residual that a proof leaves open, non-dimensional; the verifier's
             own where None.
 
@@ -49,8 +50,8 @@ def explain(subject: Answer[Any] | Certificate, *, tolerance: float | None = Non
         relaxations, and the message says why.
 
     Raises:
-        InvalidInput: for an answer that is not infeasible, and a certificate that does not know
-            its problem. A bad certificate is refused in the message.
+        InvalidInput: for an answer that is feasible, and a certificate that does not know its
+            problem. A bad certificate is refused in the message.
     Source:
         Lagrangian bounds of E1-E11.
 
@@ -62,9 +63,11 @@ def explain(subject: Answer[Any] | Certificate, *, tolerance: float | None = Non
     """
     if isinstance(subject, Answer):
         certificate = _proof(subject)
+        if certificate is None and subject.status is Status.UNDECIDED:
+            return Explanation(relaxations=(), message=subject.message or subject.claim)
         if certificate is None:
             raise InvalidInput(
-                f"explain: expected an answer that is infeasible, got one that is {subject.status}"
+                f"explain: expected an answer that is infeasible or undecided, got one that is {subject.status}"
             )
     else:
         certificate = subject

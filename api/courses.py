@@ -14,7 +14,7 @@ from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.files.documents import shown
@@ -22,15 +22,14 @@ from stancekit.planners.formats.motion_file import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
-from stancekit.planners.problem.candidates import NoPlace
 from stancekit.planners.problem.contact import wrench_of
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap, is_leap_file
 from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
-from stancekit.planners.search.answer import Planner, PlanSettings
-from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
+from stancekit.planners.search.answer import Method, Planner, PlanSettings
+from stancekit.planners.search.methods import PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
@@ -47,8 +46,8 @@ def plan(
     course: Problem | Footholds | str | Path,
     method: str | Method | Planner = "two-stage",
     *,
-    start_xy_m: Array | Sequence[float] | None = None,
-    goal_xy_m: Array | Sequence[float] | None = None,
+    start: Array | Sequence[float] | None = None,
+    goal: Array | Sequence[float] | None = None,
     frames: int | None = None,
     robot: Robot | str | Path | None = None,
     settings: PlanSettings = PlanSettings(),
@@ -72,8 +71,8 @@ def plan(
     course: Problem | Footholds | Leap | str | Path,
     method: str | Method | Planner | LeapFinder = "two-stage",
     *,
-    start_xy_m: Array | Sequence[float] | None = None,
-    goal_xy_m: Array | Sequence[float] | None = None,
+    start: Array | Sequence[float] | None = None,
+    goal: Array | Sequence[float] | None = None,
     frames: int | None = None,
     robot: Robot | str | Path | None = None,
     settings: PlanSettings = PlanSettings(),
@@ -94,7 +93,7 @@ def plan(
             the best plan of a short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline
             that fails on ice). Or text: "two-stage", ..., a name that a package registered under
             ``stancekit.planners``, "FILE.py:NAME". Or a planner that was made before.
-        start_xy_m, goal_xy_m: places over a terrain where the centre of mass starts and ends, shape
+        start, goal: places over a terrain where the centre of mass starts and ends, shape
             (2,) [m]; frames, gait and candidates are laid out between them.
         frames: number of key frames M, in place of the course's own.
         robot: robot in place of the course's: a ``Robot``, a name, or a ``.urdf`` or ``.yaml`` file
@@ -138,15 +137,32 @@ def plan(
     if isinstance(course, str | Path) and is_leap_file(course):
         course, robot = _read_leap(course, robot), None
     if isinstance(course, Leap):
-        places = {"start_xy_m": start_xy_m, "goal_xy_m": goal_xy_m}
+        places = {"start": start, "goal": goal}
         others = {**places, "frames": frames, "robot": robot}
         return _leap(course, method, settings, others, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(
             f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}"
         )
-    question = _question(course, frames, robot, start_xy_m, goal_xy_m, settings.standing)
     planner = _planner(method, time_limit_s)
+    try:
+        question = _question(course, frames, robot, start, goal, settings.standing)
+        return _answer(question, planner, settings, deadline, progress)
+    except (NoPlace, PlanningFailed) as error:  # of a ground or a layout with nothing to stand on
+        return Answer(status=Status.UNDECIDED, method=planner.name, message=str(error))
+
+
+def _answer(
+    question: Problem | LayOut,
+    planner: Planner,
+    settings: PlanSettings,
+    deadline: float,
+    progress: Callable[[int, int], object] | None,
+) -> Answer[Plan] | Answer[Crossing]:
+    """The answer to a course, or to what lays it out.
+
+    Raises NoPlace or PlanningFailed where nothing can be laid out between no two places.
+    """
     by_frames = partial(
         plan_course,
         question,
@@ -161,7 +177,11 @@ def plan(
     from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
 
     if isinstance(question, LaidBetween):
-        return _between_places(by_frames, question, planner, settings, deadline)
+        given, answer = (
+            question.terrain.given,
+            _between_places(by_frames, question, planner, settings, deadline),
+        )
+        return replace(answer, ground_doubts=() if given is None else given.doubts)
     return by_frames(deadline=deadline)
 
 
@@ -277,14 +297,7 @@ def _planner(method: str | Method | Planner, time_limit_s: float) -> Planner:
     """
     if not isinstance(method, str | Method):
         return through_verifier(method, "courses")
-    options = PlannerOptions(time_limit_s=time_limit_s, programs=programs_of_this_thread())
-    try:
-        return make_planner(method, options, of="courses")
-    except InvalidInput as error:
-        message = str(error)
-        if message.startswith("planner:"):
-            message = f"method{message.removeprefix('planner')}"
-        raise InvalidInput(message) from None
+    return make_planner(method, PlannerOptions(time_limit_s=time_limit_s), of="courses")
 
 
 def _question(
@@ -297,13 +310,13 @@ def _question(
 ) -> Problem | LayOut:
     """A course, or what lays it out."""
     if (start is None) != (goal is None):
-        raise InvalidInput("start_xy_m, goal_xy_m: expected both or none, got one of them")
+        raise InvalidInput("start, goal: expected both or none, got one of them")
     frames = None if frames is None else int(frames)
     who = str(robot) if isinstance(robot, Path) else robot
     if start is not None and goal is not None:
         if isinstance(course, Problem):
             raise InvalidInput(
-                f"start_xy_m: expected none with a {type(course).__name__}, which has its own"
+                f"start: expected none with a {type(course).__name__}, which has its own"
             )
         from stancekit.planners.problem.course_between import laid_between  # loads scipy's graphs
 
@@ -313,7 +326,7 @@ def _question(
             _check_map(standing, course)
         return laid_between(course, start, goal, robot=who, frames=frames, standing=standing)
     if isinstance(course, Footholds):
-        raise InvalidInput("start_xy_m, goal_xy_m: expected both with a terrain, got none")
+        raise InvalidInput("start, goal: expected both with a terrain, got none")
     if standing is not None:
         raise InvalidInput("standing: expected a start and a goal over a terrain with it, got none")
     if isinstance(course, Problem):
@@ -350,9 +363,7 @@ def _of_file(name: str, frames: int | None, robot: Robot | str | None) -> Proble
     if is_leap_file(name):
         raise InvalidInput(f"{name}: expected a course, got a leap: plan(load({name!r}))")
     if Path(name).suffix.lower() in SUFFIXES:
-        raise InvalidInput(
-            f"start_xy_m, goal_xy_m: expected both with the terrain {name}, got none"
-        )
+        raise InvalidInput(f"start, goal: expected both with the terrain {name}, got none")
     if Path(name).suffix in (".json", ".jsonl"):
         return read_course(name, frames, robot)
 

@@ -222,7 +222,7 @@ def export_scenes(
     """
     from stancekit.learners.data import leap_tries
     from stancekit.planners.plugins import split_name
-    from stancekit.planners.search.two_stage import TwoStagePlanner
+    from stancekit.planners.search.two_stage import TwoStage
     from stancekit.planners.terrain.families import drawn_name
 
     name, numbers = split_name(family)
@@ -237,7 +237,7 @@ def export_scenes(
         name,
         level,
         count=count,
-        planner=TwoStagePlanner(),
+        planner=TwoStage(),
         seed=seed,
         progress=progress,
     )

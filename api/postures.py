@@ -14,8 +14,8 @@ from stancekit.planners.formats.question_file import read_problems as read_probl
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import robot_of
-from stancekit.planners.search.answer import Kind, Planner, kind_of
-from stancekit.planners.search.methods import Method, PlannerOptions, make_planner, through_verifier
+from stancekit.planners.search.answer import Kind, Method, Planner, kind_of
+from stancekit.planners.search.methods import PlannerOptions, make_planner, through_verifier
 
 
 @checked
@@ -120,10 +120,4 @@ def planner_of(
     if isinstance(settings.get("envelopes"), Path):
         settings["envelopes"] = read_envelopes(settings["envelopes"])
     options = PlannerOptions(of=of, time_limit_s=time_limit_s, programs=programs_of_this_thread())
-    try:
-        return make_planner(method, options, **settings)
-    except InvalidInput as error:  # planners of courses are called so elsewhere
-        message = str(error)
-        raise InvalidInput(
-            f"method{message.removeprefix('planner')}" if message.startswith("planner") else message
-        ) from None
+    return make_planner(method, options, **settings)

@@ -53,9 +53,9 @@ _MOST_SEEDS = 1000
 @checked
 def walk(
     terrain: Walk | Terrain | HeightField | str | Path,
-    goal_xy_m: Array | Sequence[float] | None = None,
+    goal: Array | Sequence[float] | None = None,
     *,
-    start_xy_m: Array | Sequence[float] = (0.0, 0.0),
+    start: Array | Sequence[float] = (0.0, 0.0),
     robot: Robot | str | Path = "anymal",
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] | None = None,
     duration_s: float = 10.0,
@@ -70,7 +70,7 @@ def walk(
             family's ground as "rough:0.5:7" (family, level, seed), a file of heights, or a function
             of x and y as "FILE.py:NAME". Or a ``Walk``, which says all of it: then nothing goes
             beside it but chart, limits and settings of the solves.
-        goal_xy_m, start_xy_m: places where the torso ends and starts, shape (2,) [m].
+        goal, start: places where the torso ends and starts, shape (2,) [m].
         robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a
             walker's numbers, a ``Robot`` with legs of its own, or what ``load`` gives of such a
             file.
@@ -116,8 +116,8 @@ def walk(
     """
     beside: tuple[str, ...] = (
         "terrain",
-        "goal_xy_m",
-        "start_xy_m",
+        "goal",
+        "start",
         "robot",
         "gait",
         "duration_s",
@@ -128,17 +128,17 @@ def walk(
     fields = {name: value for name, value in task.items() if name in _OF_WALK}
     options = {name: value for name, value in task.items() if name in _OF_SEARCH}
     if isinstance(terrain, Walk):
-        unsaid = {"goal_xy_m": goal_xy_m is None, "start_xy_m": tuple(start_xy_m) == (0.0, 0.0)}
+        unsaid = {"goal": goal is None, "start": tuple(start) == (0.0, 0.0)}
         unsaid |= {"robot": robot == "anymal", "gait": gait is None, "duration_s": duration_s == 10}
         for name in (*(name for name, usual in unsaid.items() if not usual), *fields):
             raise InvalidInput(f"{name}: expected none with a Walk, which has its own")
         asked = terrain
-    elif goal_xy_m is None:
-        missing = "stancekit.walk: missing a required argument: 'goal_xy_m'; it takes "
+    elif goal is None:
+        missing = "stancekit.walk: missing a required argument: 'goal'; it takes "
         raise TypeError(missing + ", ".join(beside))
     else:
-        fields |= {"start_xy_m": start_xy_m, "robot": robot, "gait": gait}
-        asked = Walk.over(terrain, goal_xy_m, duration_s=duration_s, **fields)
+        fields |= {"start": start, "robot": robot, "gait": gait}
+        asked = Walk.over(terrain, goal, duration_s=duration_s, **fields)
     return walked(
         asked, *search_of(asked, chart=chart, time_limit_s=time_limit_s, **options)
     ).answer

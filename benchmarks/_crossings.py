@@ -109,8 +109,8 @@ def crossed(robot: str, terrain: str | Path, limit_s: float) -> Row:
         answer = stancekit.plan(
             terrain,
             robot=robot,
-            start_xy_m=START,
-            goal_xy_m=GOAL,
+            start=START,
+            goal=GOAL,
             time_limit_s=limit_s,
         )
         row |= {"status": answer.status.value, "says": answer.message}

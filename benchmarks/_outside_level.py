@@ -59,8 +59,8 @@ def level(
     walk.head |= {
         "friction": friction,
         "terrain": "level",
-        "start_xy_m": torso[0, :2].tolist(),
-        "goal_xy_m": torso[-1, :2].tolist(),
+        "start": torso[0, :2].tolist(),
+        "goal": torso[-1, :2].tolist(),
     }
 
 

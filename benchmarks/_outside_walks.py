@@ -59,7 +59,7 @@ def tall(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """
     walk.robot["stand_height_m"] *= 4.0 + 20.0 * size
     shift = 0.02 + 0.02 * size
-    for name in ("start_xy_m", "goal_xy_m"):
+    for name in ("start", "goal"):
         walk.head["question"][name][1] += shift
     walk.arrays["torso_m"][:, 1] += shift
     return more(
@@ -112,7 +112,7 @@ def short(walk: Opened, size: float, rng: np.random.Generator) -> str:
     """Three samples, and the goal elsewhere."""
     walk.cut(slice(0, 3))
     walk.arrays["torso_m"][2, 0] += 0.01 + size
-    walk.head["question"]["goal_xy_m"] = walk.arrays["torso_m"][2, :2].tolist()
+    walk.head["question"]["goal"] = walk.arrays["torso_m"][2, :2].tolist()
     return more("speed between two samples", (0.01 + size) / 0.005, 0.9, "m/s")
 
 
@@ -265,7 +265,7 @@ def _slide(walk: Opened, metres: float) -> None:
     walk.arrays["terrain_heights_m"] = np.zeros(
         (walk.arrays["terrain_x_m"].size, walk.arrays["terrain_y_m"].size)
     )
-    walk.head["question"]["goal_xy_m"] = walk.arrays["torso_m"][-1, :2].tolist()
+    walk.head["question"]["goal"] = walk.arrays["torso_m"][-1, :2].tolist()
 
 
 def _inside(walk: Opened) -> Array:

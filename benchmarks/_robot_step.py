@@ -35,7 +35,7 @@ from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.urdf_reader import pinocchio
 from stancekit.planners.robot.walker import contact_robot
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import make_planner
 from stancekit.planners.terrain.patch import Patch
@@ -98,7 +98,7 @@ def decided(model: RobotModel, natural: int) -> dict[str, int]:
     """How many natural postures are found over inner sets (yes), refuted over outer ones (no), or
     neither (open).
     """
-    planner, count = ExactPlanner(time_limit_s=LIMIT_S), {"yes": 0, "no": 0, "open": 0}
+    planner, count = Exact(time_limit_s=LIMIT_S), {"yes": 0, "no": 0, "open": 0}
     inner, outer = (contact_robot(model, sets=sets) for sets in ("inner", "outer"))
     for seed in range(natural):
         within, around = (

@@ -50,7 +50,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve, slippery
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
@@ -137,7 +137,7 @@ def main(arguments: Arguments) -> None:
 def first_plan(course: Problem, arguments: Arguments) -> Accepted | str:
     """What is begun with, the same for all that is wrong; why there is none."""
     shares = SHARES if arguments.reserve else (1.0,)
-    outcome = plan_with_reserve(TwoStagePlanner(), course, shares, presses=())
+    outcome = plan_with_reserve(TwoStage(), course, shares, presses=())
     if outcome.solution is None:
         return f"not begun: {outcome.message or outcome.status.value}"
     why = ""
@@ -206,7 +206,7 @@ def settings_of(mode: str, replan_m: float, shares: tuple[float, ...]) -> LoopSe
 
 def solved(course: Problem) -> bool:
     """Whether the planner finds a plan."""
-    return TwoStagePlanner().solve(course).solution is not None
+    return TwoStage().solve(course).solution is not None
 
 
 def losing(course: Problem, share: float, at_s: float) -> World:

@@ -52,7 +52,7 @@ from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.frame import Frame
 from stancekit.views.playground.page_parts import patient_answer
 from stancekit.views.playground.scenario import BetweenScenario
@@ -310,8 +310,8 @@ def mesh_of(ground: Ground) -> trimesh.Trimesh:
 def plan(ground: Ground, path: Any, robot: stancekit.Robot | str | None) -> Row:
     """The answer of the library."""
     asked: dict[str, Any] = {
-        "start_xy_m": ground.start,
-        "goal_xy_m": ground.goal,
+        "start": ground.start,
+        "goal": ground.goal,
         "robot": robot,
         "time_limit_s": LIMIT_S,
     }
@@ -461,7 +461,7 @@ def laid(ground: Ground, robot: str | None, folder: Path) -> Problem | Row:
     footholds = written(ground, robot, folder)
     if isinstance(footholds, dict):
         return footholds
-    asked = {"start_xy_m": ground.start, "goal_xy_m": ground.goal, "robot": robot}
+    asked = {"start": ground.start, "goal": ground.goal, "robot": robot}
     try:
         answer = stancekit.plan(footholds, **asked, time_limit_s=LIMIT_S)
     except stancekit.StancekitError as error:
@@ -484,7 +484,7 @@ def by_loop(ground: Ground, robot: str | None, folder: Path) -> Row:
     course = laid(ground, robot, folder)
     if isinstance(course, dict):
         return course
-    planner = TwoStagePlanner(time_limit_s=LIMIT_S)
+    planner = TwoStage(time_limit_s=LIMIT_S)
     given = {"shares": SHARES, "presses": PRESSES, "limits": stancekit.WholeBodyLimits()}
     deadline = time.perf_counter() + LIMIT_S
     return row_of(lambda: replan(None, course, planner=planner, deadline=deadline, **given))
@@ -834,7 +834,7 @@ def slopes(asked: ClothesOptions) -> Iterator[Row]:
         for each in names:
             row = cloth.ask(over[each], who[name], asked.folder)
             yield _times(each, name, cloth.name, row, least)
-    asks = {"start_xy_m": (0.0, 0.0), "goal_xy_m": (0.6, 0.0), "time_limit_s": LIMIT_S}
+    asks = {"start": (0.0, 0.0), "goal": (0.6, 0.0), "time_limit_s": LIMIT_S}
     ways = [partial(stancekit.plan, f"slopes:{level:g}:4", **asks) for level in (0.0, 0.3, 0.6)]
     first, *others = [row_of(way) for way in (ways[0], *ways)][1:]
     for level, row in zip((0.3, 0.6), others, strict=True):

@@ -44,10 +44,10 @@ from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.plan_course import replan
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate
 
 ICE, CANDIDATES = 0.55, 3
@@ -153,7 +153,7 @@ def _reached(plan: Any) -> Standing:
 def ice(options: Arguments) -> Iterator[dict[str, Any]]:
     """Walls of panels that are ice by a chance of .55, three candidates a toe."""
     planner, rows = (
-        TwoStagePlanner(time_limit_s=options.time_limit_s),
+        TwoStage(time_limit_s=options.time_limit_s),
         list[tuple[str, float]](),
     )
     for index in range(options.count):
@@ -182,7 +182,7 @@ def ice(options: Arguments) -> Iterator[dict[str, Any]]:
 
 def refuted(name: str, seed: int) -> Iterator[Problem]:
     """Natural draws whose infeasibility takes cuts in space."""
-    rng, exact, source = np.random.default_rng(seed), ExactPlanner(), distribution(name)
+    rng, exact, source = np.random.default_rng(seed), Exact(), distribution(name)
     while True:
         problem = source.sample(rng)
         outcome = exact.solve(problem)
@@ -200,7 +200,7 @@ def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[st
     """
     for name in DISTRIBUTIONS:
         for copies in frames:
-            exact, planner = ExactPlanner(), TwoStagePlanner()
+            exact, planner = Exact(), TwoStage()
             statuses, accepted, posture_s, course_s = (
                 Counter[str](),
                 0,
@@ -246,7 +246,7 @@ def foreign(options: Arguments) -> Iterator[dict[str, Any]]:
     that were changed.
     """
     for name in DISTRIBUTIONS:
-        rng, exact, source = np.random.default_rng(options.seed), ExactPlanner(), distribution(name)
+        rng, exact, source = np.random.default_rng(options.seed), Exact(), distribution(name)
         feasible, proofs = list[Problem](), list[Certificate]()
         while len(feasible) < 60 or len(proofs) < 20:
             problem = source.sample(rng)

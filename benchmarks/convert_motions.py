@@ -40,7 +40,7 @@ def content_of(old: Mapping[str, Any]) -> dict[str, Any]:
     if kind == "plan":
         return {"question": old["course"], "columns": old["arrays"], "provenance": told}
     if kind == "gait":
-        names = ("robot", "terrain", "friction", "adhesive", "start_xy_m", "goal_xy_m")
+        names = ("robot", "terrain", "friction", "adhesive", "start", "goal")
         asked = {**ASKED, **old.get("asked", {})}
         walk = {"format": "stancekit/walk/1", **{name: old[name] for name in names}, **asked}
         return {"question": walk, "columns": {"npz": old["samples"]}, "provenance": told}

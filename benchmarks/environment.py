@@ -40,7 +40,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem import PostureBatch
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 
 TURN = 250
 """Steps of one way before it is the next one's turn."""
@@ -228,7 +228,7 @@ class Bare:
 
     def __init__(self) -> None:
         self._programs, self.seconds = Programs(), defaultdict[str, float](float)
-        self._expert = ExactPlanner(programs=self._programs)
+        self._expert = Exact(programs=self._programs)
 
     def search(self, name: str, scenes: Sequence[Any]) -> None:
         """The exact search of each, to its end."""

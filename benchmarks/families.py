@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 from stancekit.learners.data.leap_tries import judged
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.families import SCENES
 from stancekit.views.sheet import (
     ACCENT,
@@ -64,7 +64,7 @@ class FamilyOptions(Options):
 
 def main(options: FamilyOptions) -> None:
     """A row a level, and whether the shares fall."""
-    planner = TwoStagePlanner(programs=Programs(), time_limit_s=options.time_limit_s)
+    planner = TwoStage(programs=Programs(), time_limit_s=options.time_limit_s)
     rows = []
     for family in options.families:
         for level in options.levels:
@@ -80,7 +80,7 @@ def main(options: FamilyOptions) -> None:
         save(difficulty_curves(rows), options.picture)
 
 
-def of_level(planner: TwoStagePlanner, options: FamilyOptions, family: str, level: float) -> Row:
+def of_level(planner: TwoStage, options: FamilyOptions, family: str, level: float) -> Row:
     """The shares of a level."""
     counts, seconds, done = (
         dict.fromkeys(("feasible", "infeasible", "no footing", "undecided"), 0),
@@ -113,7 +113,7 @@ def of_level(planner: TwoStagePlanner, options: FamilyOptions, family: str, leve
     return row
 
 
-def measured(planner: TwoStagePlanner, family: str, level: float, seeds: range) -> Row:
+def measured(planner: TwoStage, family: str, level: float, seeds: range) -> Row:
     """What came of each of these scenes, and CPU seconds of all."""
     begun = time.process_time()
     verdicts = [judged(planner, f"{family}:{level:g}:{seed}") for seed in seeds]

@@ -42,7 +42,7 @@ from _stop_runs import STOPS, stopped
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 
@@ -65,7 +65,7 @@ def main(arguments: Arguments) -> None:
     done = finished(arguments.log)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.json"
-        plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
+        plan = TwoStage().solve(read_course("walls", frames=2)).solution
         assert plan is not None
         write_motion(path, plan, check_plan(plan))
         for kind in arguments.kinds:

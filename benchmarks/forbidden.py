@@ -51,7 +51,7 @@ def main(options: Options) -> None:
     rows = dict[tuple[str, bool, bool], list[tuple[bool, float, str]]]()
     for case in cases(options.seed):
         if case.possible and not (
-            stands(case.task, case.task.start_xy_m) and stands(case.task, case.task.goal_xy_m)
+            stands(case.task, case.task.start) and stands(case.task, case.task.goal)
         ):
             raise SystemExit(f"{case.kind}: expected forces that carry {robot.name}, found none")
         begin = process_time()
@@ -140,8 +140,8 @@ def cases(seed: int) -> Iterator[Case]:
 def task(terrain: HeightField, friction: float, start, goal, **more) -> Walk:  # type: ignore[no-untyped-def]
     """ANYmal's walk from here to there."""
     places = {
-        "start_xy_m": np.asarray(start, dtype=float),
-        "goal_xy_m": np.asarray(goal, dtype=float),
+        "start": np.asarray(start, dtype=float),
+        "goal": np.asarray(goal, dtype=float),
     }
     return Walk(robot=anymal(), terrain=terrain, friction=friction, **places, **more)
 

@@ -339,9 +339,7 @@ def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: b
     from stancekit.planners.motion.path import touch_downs_m
 
     try:
-        answer = stancekit.plan(
-            found, start_xy_m=[-0.3, 0.0], goal_xy_m=[0.3, 0.0], time_limit_s=TIME_S
-        )
+        answer = stancekit.plan(found, start=[-0.3, 0.0], goal=[0.3, 0.0], time_limit_s=TIME_S)
     except (InvalidInput, PlanningFailed) as error:
         return {"plan": "none", "why": str(error)}
     plan = answer.solution

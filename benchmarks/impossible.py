@@ -228,8 +228,8 @@ def asked(
         try:
             answer = stancekit.plan(
                 ground(words, Path(folder), room_m),
-                start_xy_m=(0.0, 0.0),
-                goal_xy_m=goal,
+                start=(0.0, 0.0),
+                goal=goal,
                 robot=robot,
                 time_limit_s=given.time_limit_s,
                 settings=stancekit.PlanSettings(leaps=False),

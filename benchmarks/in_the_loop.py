@@ -47,7 +47,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.envelope_choice import Observation, SelectorPolicy
 from stancekit.runner.run import Runner
@@ -102,7 +102,7 @@ class Way:
     name: str = "two-stage"
 
     def __post_init__(self) -> None:
-        self._lift = TwoStagePlanner()
+        self._lift = TwoStage()
         self.forget()
 
     def forget(self) -> None:

@@ -41,12 +41,12 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.nlp import NlpProgram
 from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.micp import GUROBI_LIMITS, SOLVERS, MicpGrid
+from stancekit.planners.relaxation.micp import GUROBI_LIMITS, SOLVERS
 from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
 from stancekit.planners.search.choice import nearest
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import MicpPlanner, starting_points
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.micp import Micp, starting_points
+from stancekit.planners.search.two_stage import TwoStage
 
 GAP = 1e-3
 """Relative, to which MICP is asked to go."""
@@ -83,8 +83,8 @@ def main(arguments: Arguments) -> None:
 def by_starts(course: Problem, arguments: Arguments) -> Iterator[Row]:
     """The two-stage planner, the exact one, and IPOPT."""
     programs, planners = Programs(), {}
-    planners["two-stage"] = TwoStagePlanner(programs=programs)
-    planners["exact"] = ExactPlanner(programs=programs, time_limit_s=arguments.cap_s)
+    planners["two-stage"] = TwoStage(programs=programs)
+    planners["exact"] = Exact(programs=programs, time_limit_s=arguments.cap_s)
     best, quick = np.inf, np.nan
     for name, planner in planners.items():
         planner.solve(course)  # compiles
@@ -165,8 +165,7 @@ def capped(row: Row) -> float:
 
 def optimum(course: Problem, solver: str, envelopes: EnvelopeSet | None, cap_s: float) -> Row:
     """One program, to GAP or until the cap."""
-    grid = MicpGrid(intervals=4, domain="unit")
-    planner = MicpPlanner(solver=solver, grid=grid, envelope=envelopes, gap=GAP)
+    planner = Micp(solver=solver, intervals=4, domain="unit", envelopes=envelopes, gap=GAP)
     program = planner.program(course)
     _, limit, gaps, options = SOLVERS[solver]
     data, chain, _ = program.problem.get_problem_data(getattr(cp, solver.upper()))

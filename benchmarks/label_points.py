@@ -48,7 +48,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch
 from stancekit.planners.search.batch import canonical, relaxed, solve_all, solved
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 
 Points = dict[int, Array]
 APART = 1e-5
@@ -111,7 +111,7 @@ def same(options: Arguments) -> Iterator[str]:
 def labelled(batch: PostureBatch, size: int) -> tuple[Points, Points]:
     """[p, f] of S and of S̄, labelled in blocks of this size."""
     feasible, infeasible = Points(), Points()
-    planner = ExactPlanner(time_limit_s=math.inf)
+    planner = Exact(time_limit_s=math.inf)
     for begin in range(0, len(batch), size):
         index = np.arange(begin, min(begin + size, len(batch)))
         block = batch.select(index)
@@ -134,8 +134,8 @@ def labelled(batch: PostureBatch, size: int) -> tuple[Points, Points]:
 
 
 def alone(batch: PostureBatch) -> Points:
-    """[p, f] of the postures that ``ExactPlanner`` happens to find."""
-    planner = ExactPlanner(time_limit_s=math.inf)
+    """[p, f] of the postures that ``Exact`` happens to find."""
+    planner = Exact(time_limit_s=math.inf)
     answers = {k: planner.solve(problem).solution for k, problem in enumerate(batch.problems)}
     return points(batch, {k: posture for k, posture in answers.items() if posture is not None})
 

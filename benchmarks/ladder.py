@@ -204,8 +204,8 @@ def asked(kind: str, size: float, robot: Robot, folder: Path, limit_s: float, ru
     try:
         answer = stancekit.plan(
             path,
-            start_xy_m=(0.0, 0.0),
-            goal_xy_m=goal,
+            start=(0.0, 0.0),
+            goal=goal,
             robot=robot.file,
             time_limit_s=limit_s,
             settings=stancekit.PlanSettings(leaps=False),

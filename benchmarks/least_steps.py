@@ -28,7 +28,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import StepLimits
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import lengths_of
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 
 LEAST = {"least_toe_m": 0.05, "least_rotation_rad": 0.05}
 TILT_RAD = 0.03
@@ -47,12 +47,12 @@ class Arguments(Options):
 
 def main(arguments: Arguments) -> None:
     """Measure and print."""
-    planner = TwoStagePlanner(time_limit_s=arguments.limit_s)
+    planner = TwoStage(time_limit_s=arguments.limit_s)
     for row in (*courses(planner, arguments), *limits(planner)):
         arguments.say(row)
 
 
-def courses(planner: TwoStagePlanner, its: Arguments) -> Iterator[Row]:
+def courses(planner: TwoStage, its: Arguments) -> Iterator[Row]:
     """Built-in courses with least steps, and without."""
     for name in its.courses:
         course = read_course(name, frames=its.frames)
@@ -79,7 +79,7 @@ def courses(planner: TwoStagePlanner, its: Arguments) -> Iterator[Row]:
         yield row
 
 
-def limits(planner: TwoStagePlanner) -> Iterator[Row]:
+def limits(planner: TwoStage) -> Iterator[Row]:
     """Verdicts on both sides of the farthest step that closed forms allow."""
     course = read_course("walls", frames=2)
     turn = 2.0 * math.sqrt(3.0) * TILT_RAD
@@ -115,7 +115,7 @@ def posed(course: Problem, kind: str, least: float) -> Problem:
     return replace(course, tilt_limit_rad=tilt, steps=steps)
 
 
-def timed(planner: TwoStagePlanner, course: Problem) -> tuple[Answer[Plan], float]:
+def timed(planner: TwoStage, course: Problem) -> tuple[Answer[Plan], float]:
     """An answer and its CPU seconds."""
     began = time.process_time()
     answer = planner.solve(course)

@@ -51,11 +51,10 @@ from stancekit.planners.projection.nlp import CONVERGED
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, domain_of
-from stancekit.planners.relaxation.micp import MicpGrid
 from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import MicpPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.micp import Micp
+from stancekit.planners.search.two_stage import TwoStage
 
 INTERVALS = 4
 """Of the grid, per p_j and f_k."""
@@ -100,17 +99,17 @@ def main(arguments: Arguments) -> None:
     if arguments.postures:
         draw = partial(DISTRIBUTIONS[arguments.problem].sample, rng)
         counts = (arguments.solved, arguments.postures)
-        exact, quick = ExactPlanner(), TwoStagePlanner()
+        exact, quick = Exact(), TwoStage()
         for row in measured(draw, counts, exact, quick, exact, arguments):
             arguments.say({"problems": arguments.problem, **row})
     for frames in arguments.frames:
         draw = partial(drawn_course, arguments.course, frames, rng)
         counts = (arguments.solved_courses, arguments.courses)
         exact, teacher = (
-            ExactPlanner(time_limit_s=arguments.limit_s),
-            TwoStagePlanner(),
+            Exact(time_limit_s=arguments.limit_s),
+            TwoStage(),
         )
-        for row in measured(draw, counts, exact, TwoStagePlanner(), teacher, arguments):
+        for row in measured(draw, counts, exact, TwoStage(), teacher, arguments):
             arguments.say({"problems": f"{arguments.course}, M = {frames}", **row})
 
 
@@ -146,7 +145,7 @@ def measured(
             exact_s.append(seconds)
     yield row("exact", [(True, s, 1.0) for s in exact_s])
     programs, solvers = Programs(), dict[Layout, Complementary]()
-    cold = MicpPlanner(grid=MicpGrid(intervals=INTERVALS), time_limit_s=its.limit_s)
+    cold = Micp(intervals=INTERVALS, time_limit_s=its.limit_s)
     ways: dict[str, Callable[[Problem], Answer[Plan] | None]] = {
         "two-stage": quick.solve,
         "micp": cold.solve,

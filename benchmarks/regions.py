@@ -35,8 +35,8 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
-from stancekit.planners.search.micp import DecoupledPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.micp import Decoupled
+from stancekit.planners.search.two_stage import TwoStage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,8 +124,8 @@ def main(options: Arguments) -> None:
     """Solve, print and keep."""
     programs = Programs()
     planners: dict[str, Any] = {
-        "two-stage": TwoStagePlanner(programs=programs, time_limit_s=options.time_limit_s),
-        "decoupled": DecoupledPlanner(programs=programs),
+        "two-stage": TwoStage(programs=programs, time_limit_s=options.time_limit_s),
+        "decoupled": Decoupled(programs=programs),
         **{name: Peer(name, programs, options.time_limit_s) for name in ("highs", "scip")},
     }
     for frames in options.frames:

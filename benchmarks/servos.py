@@ -33,7 +33,7 @@ from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.actuators import read_actuators
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.runner.report import RunReport
@@ -101,7 +101,7 @@ def planned(path: Path, torque_nm: float, folder: Path | None = None) -> Plan | 
         course = read_course(path)
     except InvalidInput as error:
         return str(error)
-    outcome = plan_with_reserve(TwoStagePlanner(), course)
+    outcome = plan_with_reserve(TwoStage(), course)
     outcome = with_whole_body(outcome, WholeBodyLimits(torque_nm=torque_nm))
     if outcome.solution is None:
         return outcome.message or outcome.status.value

@@ -24,7 +24,7 @@ from stancekit.learners.surrogates.surrogate import surrogate_of
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem import PostureBatch
 from stancekit.planners.search.batch import decide_all
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 
 SIZES = (64, 200)
 Shift = Callable[[PostureBatch], PostureBatch]
@@ -129,7 +129,7 @@ def main(options: Asked) -> None:
             of_all = " all" if size == count else f" {size}"
             noticed[f"noticed of{of_all}"] = f"{sum(asked)} of {len(asked)}"
         answers = surrogate.answered(problems, limits, options.error).answers
-        truth = decide_all(ExactPlanner(max_nodes=500, time_limit_s=math.inf), problems).outcomes
+        truth = decide_all(Exact(max_nodes=500, time_limit_s=math.inf), problems).outcomes
         line: dict[str, Any] = {
             "change": name,
             **noticed,

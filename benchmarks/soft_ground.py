@@ -32,7 +32,7 @@ from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
@@ -105,7 +105,7 @@ def planned(course: Problem, file: Path) -> str:
     """Write an accepted plan that can be run on hard ground; why there is none, empty where there
     is.
     """
-    outcome = with_whole_body(plan_with_reserve(TwoStagePlanner(), course))
+    outcome = with_whole_body(plan_with_reserve(TwoStage(), course))
     report = outcome.report
     if outcome.solution is None or report is None or not report.accepted:
         return outcome.message or outcome.status.value

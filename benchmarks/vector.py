@@ -44,7 +44,7 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
 ONE = "ours, 1 process"
@@ -148,7 +148,7 @@ class BareLoop:
 
     def __init__(self) -> None:
         self._programs = Programs()
-        self._expert = ExactPlanner(programs=self._programs)
+        self._expert = Exact(programs=self._programs)
         self._acceptance = Acceptance(tolerance=ADMITTED)
 
     def run(self, problems: list[Problem], scenes: list[LabelledScene], action: np.ndarray) -> None:

@@ -142,8 +142,7 @@ def as_options(*names: str) -> Iterator[None]:
         name, colon, rest = str(error).partition(":")
         if names and name not in names:
             raise
-        name = {"envelopes": "envelope"}.get(name, name)  # one file of several is one option
-        raise InvalidInput(f"--{name.replace('_', '-')}{colon}{rest}") from None
+        raise type(error)(f"--{name.replace('_', '-')}{colon}{rest}") from None
 
 
 class _Lines:

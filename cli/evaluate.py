@@ -46,7 +46,7 @@ class Evaluate:
     """Robot that the data set must be of; one of another is refused."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Terrain's file that the data set must be of."""
-    envelope: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    envelopes: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
     """Envelope files to compare."""
     selector: Annotated[
         tuple[str, ...],
@@ -86,14 +86,14 @@ class Evaluate:
             raise InvalidInput("--projection: expected one or more projections, got none")
         for name in self.projection:
             PROJECTIONS.get(name)
-        if not (self.envelope or self.selector or self.lift):
+        if not (self.envelopes or self.selector or self.lift):
             raise InvalidInput(
-                "--envelope, --selector: expected one or more files to compare, or the lift, got "
+                "--envelopes, --selector: expected one or more files to compare, or the lift, got "
                 "none"
             )
         rows = rows_of(self.dataset, self.part, self.robot, self.terrain)
         selectors: list[tuple[str, EnvelopeSet | str]] = [
-            (str(path), read_envelopes(path)) for path in self.envelope
+            (str(path), read_envelopes(path)) for path in self.envelopes
         ]
         selectors += [(name, name) for name in self.selector]
         compared: list[tuple[str, Learned | str]] = [

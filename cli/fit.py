@@ -42,7 +42,7 @@ class Fit:
       neural         a network from terrain to box
       joint          one to box and point, for P1 joined with the lift
       rl             a policy learned in the environment
-      modes          a box a terrain, between which `stancekit plan --envelope` switches
+      modes          a box a terrain, between which `stancekit plan --envelopes` switches
       surrogate      feasibility itself, for `stancekit map`, `label --screen` and `screen`
       additive, set  scores of candidates for `stancekit plan --policy`, of leaps' labelled tries
     """

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 import tyro
 
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.errors import InvalidInput
 
 from . import gait_options
-from .console import as_options, emit, err, out, watching
+from .console import as_options, complain, emit, err, out, watching
 from .options import (
     OF_FILE,
     OptionalFloat,
@@ -140,7 +140,10 @@ class PlanGait:
                 if plan.failures or checkpoint.path is None
                 else f"; remove {checkpoint.path} to try anew"
             )
-            raise PlanningFailed(plan.message + hint)
+            complain(f"stancekit: no walk: {plan.message}{hint}")
+            if self.json:
+                emit(gait_answer.refused(plan, self.terrain))
+            return 1
         written = self._write(best)
         gait_answer.draw(
             best,
@@ -203,7 +206,7 @@ class PlanGait:
             task = Walk.over(
                 self.file.read(self.terrain),
                 goal,
-                start_xy_m=start,
+                start=start,
                 robot=self.robot,
                 start_yaw_rad=gait_options.heading(self.heading, goal - start),
                 end_yaw_rad=None

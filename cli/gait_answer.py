@@ -85,6 +85,20 @@ def record(plan: Attempts, best: Attempted, terrain: str, written: Path | None) 
     }
 
 
+def refused(plan: Attempts, terrain: str) -> dict[str, Any]:
+    """The answer without any walk as one JSON object."""
+    answer = plan.answer
+    return {
+        "terrain": terrain,
+        "verified": False,
+        "status": answer.status.value,
+        "message": plan.message,
+        "cpu_seconds": plan.seconds,
+        "doubts": list(answer.doubts),
+        "failures": list(plan.failures),
+    }
+
+
 def _attempt_record(plan: Attempts, index: int) -> dict[str, Any]:
     one = plan.attempts[index]
     return {
@@ -172,10 +186,8 @@ def doubt(task: Walk, total_s: float) -> None:
     """
     import numpy as np
 
-    steps = max(2, int(np.linalg.norm(task.goal_xy_m - task.start_xy_m) / _WAY_M) + 2)
-    way = task.start_xy_m + np.linspace(0.0, 1.0, steps)[:, None] * (
-        task.goal_xy_m - task.start_xy_m
-    )
+    steps = max(2, int(np.linalg.norm(task.goal - task.start) / _WAY_M) + 2)
+    way = task.start + np.linspace(0.0, 1.0, steps)[:, None] * (task.goal - task.start)
     low, high = np.transpose(task.terrain.domain_m)
     feet = [np.clip(task.stance_m(xy)[:, :2], low, high) for xy in way]
     slope = float(np.linalg.norm(task.terrain.gradient(np.concatenate(feet)), axis=1).max())

@@ -46,8 +46,6 @@ def in_options(message: str) -> str:
     """A task's message with the names of its fields as the options that gave them."""
     names = {
         "time_limit_s": "total_s",
-        "start_xy_m": "start",
-        "goal_xy_m": "goal",
         "start_yaw_rad": "heading",
         "end_yaw_rad": "heading_end",
     }
@@ -55,6 +53,8 @@ def in_options(message: str) -> str:
     for part in message.split("; "):
         name, colon, rest = part.partition(":")
         same = (
+            "start",
+            "goal",
             "duration_s",
             "friction",
             "gait",

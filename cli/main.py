@@ -24,7 +24,7 @@ A session, from terrain to a picture:
   stancekit label wall-3 data/train
   stancekit label wall-3 data/test --seed 1
   stancekit fit data/train --method gmm --out envelope.json
-  stancekit evaluate data/test --envelope envelope.json
+  stancekit evaluate data/test --envelopes envelope.json
   stancekit picture postures.jsonl --out posture.png
 
 Key frames over a course, and a gait over curved ground:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache, partial
@@ -171,40 +171,74 @@ OptionalText: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="TEXT")
 LONGEST_S = 1e6
 
 
-def check_planner(command: Any, by: str, known: Sequence[str], of: Kind) -> None:
-    """Raise InvalidInput for a limit that is out of range, or an option that the planner does not
-    know.
+@dataclass
+class MethodOptions:
+    """Settings of methods, by their names in Python."""
 
-    Arguments:
-        command: has time_limit_s, intervals, and under ``by`` its planner.
-        known: the names of the package's own.
-        of: the kind of question that it will be asked.
-    """
-    from stancekit.planners.search.methods import MOST_INTERVALS, settings_of
+    relaxation: Annotated[
+        OptionalText, named("stancekit.planners.relaxation.relaxed:RELAXATIONS")
+    ] = None
+    """First stage of two-stage: lift needs nothing learned; p1, the paper's, and coned and joint,
+    which are tighter, are over --envelopes; the one that fits unless named."""
+    envelopes: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """File of envelopes for p1, two-stage and micp, as `stancekit fit` writes it; over courses for
+    two-stage also a file of modes."""
+    projection: Annotated[OptionalText, PROJECTION] = None
+    """Second stage of two-stage and micp, where scp unless another is named, and of p1 and lift.
+    fix-p: the paper's. fix-toes: frees body and forces. scp: frees all, in steps."""
+    solver: Literal["highs", "scip", "gurobi"] = "highs"
+    """Solver of micp."""
+    intervals: int = 4
+    """Pieces of each axis in micp's grid, a power of two."""
 
-    if command.time_limit_s is not None and not 0.0 < command.time_limit_s <= LONGEST_S:
-        got = f"got {command.time_limit_s:g}"
+    def settings(self, method: str, of: Kind, read: Callable[[Path], Any]) -> dict[str, Any]:
+        """The settings that a method takes, by name.
+
+        Raises InvalidInput for one that was given and that it has no use for.
+
+        Arguments:
+            of: the kind of question that it will be asked.
+            read: reader of a file of envelopes.
+        """
+        from stancekit.planners.search.methods import COURSE_METHODS, METHODS, settings_of
+
+        known = METHODS if of == "postures" else COURSE_METHODS
+        takes = {name: settings_of(name, of) for name in (*known, method)}
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        for each in fields(self) if method in known else ():
+            name, value = each.name, given[each.name]
+            if value != each.default and name not in takes[method]:
+                fitting = " or ".join(one for one in known if name in takes[one])
+                raise InvalidInput(
+                    f"--{name.replace('_', '-')}: expected --method {fitting} with it, got {method}"
+                )
+        if self.envelopes is not None:
+            given["envelopes"] = read(self.envelopes)
+        return {k: v for k, v in given.items() if k in takes[method] and v is not None}
+
+
+@dataclass
+class CourseMethodOptions(MethodOptions):
+    """Settings of methods for courses."""
+
+    reserve: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
+    """Plan with all of the friction at once. Without --no-reserve, with 80 % of it where that has a
+    plan, else with 90 %, else with all of it: what is executed then has something in hand.
+    Two-stage only; there is a bound only of plans with all of it."""
+    max_solves: OptionalInt = None
+    """Limit of convex solves of each search for contacts, beside the time: with a time that is
+    never met, a plan is the same on a busy computer. two-stage and exact."""
+
+
+OF_METHOD = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="method"))
+"""How ``MethodOptions`` are shown."""
+
+
+def check_limit(time_limit_s: float | None) -> None:
+    """Raise InvalidInput for a limit of time that is out of range."""
+    if time_limit_s is not None and not 0.0 < time_limit_s <= LONGEST_S:
+        got = f"got {time_limit_s:g}"
         raise InvalidInput(f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, {got}")
-    if command.intervals > MOST_INTERVALS:
-        raise InvalidInput(
-            f"--intervals: expected {MOST_INTERVALS} or less, got {command.intervals}"
-        )
-    chosen = getattr(command, by)
-    if chosen not in known:
-        return
-    takes = {name: settings_of(name, of) for name in known}
-    every = {one for names in takes.values() for one in names}
-    for field in fields(command):
-        setting = "envelopes" if field.name == "envelope" else field.name
-        if (
-            setting in every
-            and setting not in takes[chosen]
-            and getattr(command, field.name) != field.default
-        ):
-            fitting = " or ".join(name for name in known if setting in takes[name])
-            raise InvalidInput(
-                f"--{field.name.replace('_', '-')}: expected --{by} {fitting} with it, got {chosen}"
-            )
 
 
 def check_drawn(
@@ -400,7 +434,7 @@ def in_options() -> Iterator[None]:
             )
         )
         text = re.sub(rf"(?<![-\w])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
-        raise InvalidInput(text) from None
+        raise type(error)(text) from None
 
 
 def _as_option(found: re.Match[str]) -> str:

@@ -29,7 +29,7 @@ class Picture:
     """Which problem of the file, from 0."""
     method: Literal["exact", "lift", "two-stage", "nlp", "none"] = "exact"
     """How to solve it; none draws the scene alone."""
-    envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    envelopes: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file: drawn, and used by two-stage."""
     projection: Annotated[str, PROJECTION] = "scp"
     """Projection of two-stage."""
@@ -52,7 +52,7 @@ class Picture:
         where, problem = problems[self.index]
         if isinstance(problem, InvalidInput):
             raise problem
-        envelopes = None if self.envelope is None else read_envelopes(self.envelope)
+        envelopes = None if self.envelopes is None else read_envelopes(self.envelopes)
         if envelopes is not None:
             try:
                 envelopes.check_fits(problem)

@@ -7,24 +7,25 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import tyro
 from rich.table import Table
 from rich.text import Text
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, NoPlace
 
 from .console import as_options, complain, emit, out, progress
 from .options import (
-    PROJECTION,
+    OF_METHOD,
+    CourseMethodOptions,
     OptionalFloat,
     OptionalInt,
     OptionalPath,
     OptionalText,
     OptionalWrench,
     check_drawn,
-    check_planner,
+    check_limit,
     named,
     wrench_numbers,
 )
@@ -38,13 +39,13 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.certificate import Crossing
     from stancekit.planners.answer.plan import LeapPlan, Plan
     from stancekit.planners.leap.finder import LeapFinder
-    from stancekit.planners.problem import Problem
     from stancekit.planners.problem.leap import Leap
     from stancekit.planners.search.answer import Planner, PlanSettings
 
 
 def _deliver(
     answer: Answer[Plan] | Answer[LeapPlan] | Answer[Crossing],
+    course: str,
     *,
     plan_file: Path | None,
     proof: Path | None,
@@ -55,23 +56,27 @@ def _deliver(
     """Write the files that were asked for, and say what there is; exit code 1 without a plan.
 
     Arguments:
+        course: name of what was asked, where the answer has none.
         pictures: the files of ``show``, by its names.
         time_limit_s: the limit that there was [s].
     """
     solution, report = answer.solution, answer.report
     accepted = answer.status.value == "feasible" and report is not None and report.accepted
-    name, reason = _name_of(answer), _reason_of(answer)
+    reason = _reason_of(answer)
+    name = str(getattr(solution, "name", "") or getattr(answer.problem, "name", "") or course)
     written = _write(answer, plan_file, proof, pictures)
     if json:
-        emit({**_record(answer, reason), "files": [str(path) for path in written]})
+        emit({"course": name, **_record(answer, reason), "files": [str(path) for path in written]})
     else:
-        out.print(_table_of(answer))
+        out.print(_table_of(answer, name))
         if solution is not None and report is not None:
             for line in (*_lines(answer), *_doubts(answer, time_limit_s)):
                 out.print(line, highlight=False)
         refused = (
             "" if report is None or report.accepted else ", of a plan that the verifier refuses"
         )
+        for line in answer.doubts:
+            out.print(f"doubt: {line}", highlight=False)
         for path in written:
             out.print(f"wrote {path}{'' if path == proof else refused}", highlight=False)
     if not accepted:
@@ -103,17 +108,12 @@ def _write(
     return written
 
 
-def _name_of(answer: Answer[Any]) -> str:
-    """The name of the course, or of the leap."""
-    return str(getattr(answer.solution, "name", "") or cast("Problem | Leap", answer.problem).name)
-
-
-def _table_of(answer: Answer[Any]) -> Table:
+def _table_of(answer: Answer[Any], name: str) -> Table:
     """One row: what was planned, how, and what came of it."""
     table = Table(box=None, header_style="bold")
     for column in (
         "course",
-        "planner",
+        "method",
         "frames",
         "status",
         "objective",
@@ -121,7 +121,7 @@ def _table_of(answer: Answer[Any]) -> Table:
         "compile",
         "solve",
     ):
-        left = column in ("course", "planner", "status")
+        left = column in ("course", "method", "status")
         table.add_column(
             column, justify="left" if left else "right", overflow="fold", no_wrap=column != "course"
         )
@@ -129,7 +129,7 @@ def _table_of(answer: Answer[Any]) -> Table:
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow"}[status]
     frames = _frames(answer)
     table.add_row(
-        _name_of(answer),
+        name,
         answer.method,
         "–" if frames is None else str(frames),
         Text(status, style=colour),
@@ -238,7 +238,6 @@ def _course_lines(answer: Answer[Plan], plan: Plan) -> Iterator[str]:
     yield report.body_message
     yield report.margin_message
     yield from (f"cannot be run: {line}" for line in plan.problem.robot.source.unrunnable)
-    yield from (f"doubt: {line}" for line in plan.problem.robot.source.doubts)
     if plan.modes is not None:
         terrain = (
             "" if plan.problem.modes is None else f"; of the terrain: {_row(plan.problem.modes)}"
@@ -326,9 +325,8 @@ def _record(answer: Answer[Any], reason: str) -> dict[str, Any]:
         "solver_seconds": effort.solver_s,
     }
     record: dict[str, Any] = {
-        "course": _name_of(answer),
         "frames": _frames(answer),
-        "planner": answer.method,
+        "method": answer.method,
         "status": answer.status.value,
         **{key: or_null(value) for key, value in numbers.items()},
         "solves": effort.solves,
@@ -336,6 +334,7 @@ def _record(answer: Answer[Any], reason: str) -> dict[str, Any]:
         "sets": answer.sets,
         "claim": answer.claim,
         "message": reason,
+        "doubts": list(answer.doubts),
         "details": {key: or_null(float(value)) for key, value in answer.details.items()},
     }
     if answer.certificate is not None:
@@ -363,27 +362,12 @@ def _solution_record(solution: Plan | LeapPlan | Crossing) -> dict[str, Any]:
     return {
         **record,
         "cannot_run": list(solution.robot.source.unrunnable),
-        "doubts": list(solution.robot.source.doubts),
     }
 
 
-_SETTINGS = (
-    "planner",
-    "relaxation",
-    "envelope",
-    "envelopes",
-    "projection",
-    "solver",
-    "intervals",
-    "max_solves",
-    "push_n",
-    "wrench",
-    "time_limit_s",
-)
-"""What a planner's complaint may begin with that is an option here."""
 OF_LEAP = (
     "course",
-    "planner",
+    "method",
     "policy",
     "robot",
     "reserve",
@@ -434,16 +418,15 @@ class PlanCourse:
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
     """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, or a terrain's file or name."""
-    planner: Annotated[str, named("stancekit.planners.search.methods:COURSE_METHODS")] = "two-stage"
+    method: Annotated[str, named("stancekit.planners.search.methods:COURSE_METHODS")] = "two-stage"
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for
     short courses. micp: piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces
     after, a baseline that fails on ice. One of your own counts as far as the verifier accepts its
     plans and certificates."""
-    relaxation: Annotated[
-        OptionalText, named("stancekit.planners.relaxation.relaxed:RELAXATIONS")
-    ] = None
-    """First stage of two-stage: lift needs nothing learned; p1, the paper's, and coned, which is
-    tighter, are over --envelope; the one that fits unless named."""
+    of_method: Annotated[CourseMethodOptions, *OF_METHOD] = field(
+        default_factory=CourseMethodOptions
+    )
+    """Settings of the planner."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
     """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names
     one (extra robots). Plans use what its legs reach, and joint angles are found for every key
@@ -451,23 +434,9 @@ class PlanCourse:
     reach: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Folder of reach polytopes (OBJ, as kinematic planners publish them) in place of the limbs'
     own reach."""
-    envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file
-    of modes."""
     policy: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Policy of a leap: learned scores of candidates, as `stancekit fit` writes them, in place of
     the hand rule's."""
-    projection: Annotated[str, PROJECTION] = "scp"
-    """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp:
-    frees all, in steps."""
-    solver: Literal["highs", "scip", "gurobi"] = "highs"
-    """Solver of micp."""
-    intervals: int = 4
-    """Pieces of each axis in micp's grid, a power of two."""
-    reserve: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
-    """Plan with all of the friction at once. Without --no-reserve, with 80 % of it where that has a
-    plan, else with 90 %, else with all of it: what is executed then has something in hand.
-    Two-stage only; there is a bound only of plans with all of it."""
     torque_nm: Annotated[OptionalFloat, tyro.conf.arg(metavar="NM")] = None
     """Plan so that no joint takes more torque, whatever it has [Nm] (extra robots). The plan says
     so, and verify holds it to that. Without it, a plan for a robot's file keeps to the file's
@@ -494,9 +463,6 @@ class PlanCourse:
     time_limit_s: float = 60.0
     """Limit for all of it, bending and judging included; what is not decided by then is undecided,
     and what there is so far is said and written [s]."""
-    max_solves: OptionalInt = None
-    """Limit of convex solves of each search for contacts, beside the time: with a time that is
-    never met, a plan is the same on a busy computer. two-stage and exact."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
     proof: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
@@ -521,6 +487,7 @@ class PlanCourse:
         pictures = {name: getattr(self, name) for name in ("picture", "video", "html")}
         return _deliver(
             answer,
+            Path(self.course).stem,
             plan_file=self.out,
             proof=self.proof,
             pictures=pictures,
@@ -530,14 +497,18 @@ class PlanCourse:
 
     def _course(self) -> Answer[Plan] | Answer[Crossing]:
         """The answer to a course."""
+        from stancekit import Answer, Status
         from stancekit.courses import plan
 
         begin = time.perf_counter()
         self._check()
         planner = self._planner()
-        title = f"plan {Path(self.course).stem} by {self.planner}"
+        title = f"plan {Path(self.course).stem} by {self.method}"
         with progress(title) as show, self.between.in_options():
-            question = self.between.question(self.course, self.frames, self.robot, self.reach)
+            try:
+                question = self.between.question(self.course, self.frames, self.robot, self.reach)
+            except NoPlace as error:  # a ground with nothing to stand on
+                return Answer(status=Status.UNDECIDED, method=self.method, message=str(error))
             what = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(
                 begin + self.time_limit_s - time.perf_counter(), 0.0
@@ -577,30 +548,30 @@ class PlanCourse:
         from stancekit.planners.leap.scp import Rule, Scorer
 
         orders = get_args(Order)
-        if self.planner not in ("two-stage", *orders):
+        if self.method not in ("two-stage", *orders):
             raise InvalidInput(
-                f"--planner: expected one of {', '.join(orders)} with a leap, got {self.planner}"
+                f"--method: expected one of {', '.join(orders)} with a leap, got {self.method}"
             )
-        order: Any = "finder" if self.planner == "two-stage" else self.planner
+        order: Any = "finder" if self.method == "two-stage" else self.method
         rule: Scorer = Rule()
         if self.policy is not None:
             if order == "random":
                 raise InvalidInput(
-                    "--policy: expected none with --planner random, which has no scores"
+                    "--policy: expected none with --method random, which has no scores"
                 )
             from stancekit.learners.leaps.policy import LeapScorer
 
             rule = LeapScorer.read(self.policy)
-        return LeapFinder(order=order, rule=rule, share=0.8 if self.reserve else 1.0)
+        return LeapFinder(order=order, rule=rule, share=0.8 if self.of_method.reserve else 1.0)
 
     def _check_of_leap(self) -> None:
         """Raise InvalidInput for an option that was given and that a leap has no use for."""
         between = self.between
-        for of in (self, between, between.file, between.footholds):
+        for of in (self, self.of_method, between, between.file, between.footholds):
             plain: Any = PlanCourse(course="") if of is self else cast("Any", type(of))()
             for name, value in vars(plain).items():
                 unused = is_dataclass(value) or getattr(of, name) == value
-                if unused or (of is self and name in OF_LEAP):
+                if unused or ((of is self or of is self.of_method) and name in OF_LEAP):
                     continue
                 option = name.replace("_", "-")
                 raise InvalidInput(
@@ -631,23 +602,10 @@ class PlanCourse:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file
         that cannot be.
         """
-        from stancekit.planners.search.methods import COURSE_METHODS
-
-        check_planner(self, "planner", COURSE_METHODS, "courses")
+        check_limit(self.time_limit_s)
         if self.policy is not None:
             raise InvalidInput(f"--policy: expected a leap with it, got {self.course}")
         self._settings()
-        if self.relaxation is not None:
-            from stancekit.planners.relaxation.relaxed import RELAXATIONS
-
-            with as_options(*_SETTINGS):
-                RELAXATIONS.get(self.relaxation)
-        if self.relaxation not in (None, "lift") and self.envelope is None:
-            raise InvalidInput(
-                f"--relaxation: expected --envelope FILE with {self.relaxation}, got none"
-            )
-        if self.relaxation == "lift" and self.envelope is not None:
-            raise InvalidInput("--envelope: expected a --relaxation over one with it, got lift")
         self._check_files()
 
     def _check_files(self) -> None:
@@ -673,24 +631,10 @@ class PlanCourse:
         check_drawn(self.picture, self.video, self.html)
 
     def _planner(self) -> Planner:
-        from stancekit.planners.search.methods import PlannerOptions, make_planner, settings_of
+        from stancekit.planners.formats.question_file import read_boxes  # slow to import
+        from stancekit.planners.search.methods import PlannerOptions, make_planner
 
-        boxes = None
-        if self.envelope is not None:
-            from stancekit.planners.formats.question_file import read_boxes  # slow to import
-
-            boxes = read_boxes(self.envelope)
-        planner_settings = {
-            "relaxation": self.relaxation,
-            "envelopes": boxes,
-            "projection": self.projection,
-            "reserve": self.reserve,
-            "max_solves": self.max_solves,
-            "solver": self.solver,
-            "intervals": self.intervals,
-        }
-        with as_options(*_SETTINGS):
-            names = settings_of(self.planner, "courses")
-            options = PlannerOptions(time_limit_s=self.time_limit_s)
-            settings = {name: value for name, value in planner_settings.items() if name in names}
-            return make_planner(self.planner, options, of="courses", **settings)
+        options = PlannerOptions(time_limit_s=self.time_limit_s)
+        with as_options("method", "time_limit_s", *vars(self.of_method)):
+            settings = self.of_method.settings(self.method, "courses", read_boxes)
+            return make_planner(self.method, options, of="courses", **settings)

@@ -178,9 +178,12 @@ class Simulate:
             return 1
         self._write(accepted.plan, execution)
         if self.json:
-            emit({"plan": str(self.plan), **_record(report, execution)})
+            doubts = list(accepted.plan.doubts)
+            emit({"plan": str(self.plan), **_record(report, execution), "doubts": doubts})
         else:
             out.print(_table(report, execution))
+            for line in accepted.plan.doubts:
+                out.print(f"doubt: {line}", highlight=False)
             for path in (self.picture, self.video, self.out):
                 if path is not None:
                     out.print(f"written: {path}")

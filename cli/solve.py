@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from rich.table import Table
@@ -20,13 +20,14 @@ from .console import as_options, complain, emit, out, progress, text_of
 from .gait_options import place
 from .options import (
     OF_FILE,
-    PROJECTION,
+    OF_METHOD,
     FootholdOptions,
+    MethodOptions,
     OptionalFloat,
     OptionalPath,
     OptionalText,
     TerrainFile,
-    check_planner,
+    check_limit,
     in_options,
     named,
 )
@@ -109,7 +110,7 @@ class Between:
 
             made = robot_of(robot or "hexapod")
             who = read_reach(reach, made.limb_names).applied(made)
-        return {"frames": frames, "robot": who, "start_xy_m": start, "goal_xy_m": goal}
+        return {"frames": frames, "robot": who, "start": start, "goal": goal}
 
     def course(self, name: str, frames: int | None, robot: str | None) -> Problem:
         """The course of a file or a name, or over a terrain's file from start to goal.
@@ -138,15 +139,9 @@ class Between:
                 yield
             except InvalidInput as error:
                 text = str(error)
-                text = f"--{text}" if text.startswith("frames:") else text
+                text = f"--{text}" if text.startswith(("frames:", "start:", "goal:")) else text
                 text = text.replace("standing:", "--map:") if text.startswith("standing:") else text
-                for name in ("start", "goal"):
-                    text = (
-                        text.replace(f"{name}_xy_m:", f"--{name}:")
-                        if text.startswith(name)
-                        else text
-                    )
-                raise InvalidInput(text) from None
+                raise type(error)(text) from None
 
     def _check_unused(self, name: str) -> None:
         """Raise InvalidInput for what only a terrain's file has a use for."""
@@ -220,17 +215,6 @@ def _where_friction_is(name: str) -> str:
 
 _LIMITED = ("exact", "nlp", "micp")
 """The methods that have a use for a time limit."""
-_SETTINGS = (
-    "method",
-    "relaxation",
-    "envelope",
-    "envelopes",
-    "projection",
-    "solver",
-    "intervals",
-    "time_limit_s",
-)
-"""What a planner's complaint may begin with that is an option here."""
 
 
 @dataclass
@@ -260,20 +244,8 @@ class SolvePostures:
     two-stage: relaxation (over the envelope, or the lift) and projection. nlp: IPOPT. micp:
     piecewise McCormick grid. One of your own counts as far as the verifier accepts its postures and
     certificates."""
-    envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Envelope file for p1, two-stage and micp."""
-    relaxation: Annotated[
-        OptionalText, named("stancekit.planners.relaxation.relaxed:RELAXATIONS")
-    ] = None
-    """Which relaxation over the envelope: p1, the paper's, where none is named; coned and joint are
-    tighter."""
-    projection: Annotated[OptionalText, PROJECTION] = None
-    """Projection after the relaxation of two-stage (there scp unless another is named), p1 or
-    lift."""
-    solver: Literal["highs", "scip", "gurobi"] = "highs"
-    """Solver of micp."""
-    intervals: int = 4
-    """Pieces of each axis in micp's grid, a power of two."""
+    of_method: Annotated[MethodOptions, *OF_METHOD] = field(default_factory=MethodOptions)
+    """Settings of the method."""
     time_limit_s: OptionalFloat = None
     """Limit a problem for exact, nlp and micp (30 unless another is given); what is not decided by
     then is undecided [s]."""
@@ -287,22 +259,13 @@ class SolvePostures:
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""
         from stancekit.planners.files.writing import check_writable, write_text
-        from stancekit.postures import planner_of
+        from stancekit.postures import planner_of, read_envelopes
 
         self._check()
         if self.out is not None:
             check_writable(self.out)
-        options = {
-            "envelopes": self.envelope,
-            "relaxation": self.relaxation,
-            "projection": self.projection,
-            "solver": self.solver,
-            "intervals": self.intervals,
-        }
-        settings: dict[str, Any] = {
-            name: value for name, value in options.items() if value is not None
-        }
-        with as_options(*_SETTINGS):
+        with as_options("method", "time_limit_s", *vars(self.of_method)):
+            settings = self.of_method.settings(self.method, "postures", read_envelopes)
             planner = planner_of(self.method, time_limit_s=self.time_limit_s, **settings)
         problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []
@@ -330,7 +293,7 @@ class SolvePostures:
             raise InvalidInput(
                 "FILE: expected one or more problem files, got none (- is standard input)"
             )
-        check_planner(self, "method", METHODS, "postures")
+        check_limit(self.time_limit_s)
         if self.method in METHODS and self.method not in _LIMITED and self.time_limit_s is not None:
             raise InvalidInput(
                 f"--time-limit-s: expected --method {' or '.join(_LIMITED)} with it, got "

@@ -117,6 +117,8 @@ class Verify:
             emit(check.to_json())
         else:
             out.print(f"{self.problems}: {check.message}")
+            for line in check.report.answer.doubts:
+                out.print(f"doubt: {line}", highlight=False)
             if check.kind == "motion":
                 out.print(_groups(check.report))
             if check.kind in ("plan", "gait") and check.accepted:

@@ -26,7 +26,7 @@ from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.search.answer import Acceptance, plan_of
 from stancekit.planners.search.batch import stands, unsupported
 from stancekit.planners.search.cuts import CutSearch
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.verify import check_certificates, check_postures
 from stancekit.planners.verify.margins import least_margins
 
@@ -201,7 +201,7 @@ class OneByOne:
         self, distribution: Distribution, *, balanced: bool = True, programs: Programs | None = None
     ) -> None:
         self._distribution, self._balanced = distribution, balanced
-        self._expert = ExactPlanner(programs=programs)
+        self._expert = Exact(programs=programs)
 
     def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Draw a scene.
@@ -246,7 +246,7 @@ class SampledScenes:
     ) -> None:
         programs = programs or Programs()
         self._distribution, self._balanced = distribution, balanced
-        self._expert = ExactPlanner(programs=programs)
+        self._expert = Exact(programs=programs)
         self._one_by_one = OneByOne(distribution, balanced=balanced, programs=programs)
         self._source = distribution if isinstance(distribution, Repeatable) else None
         self._whole = bool(getattr(distribution, "whole_words", False))
@@ -258,7 +258,7 @@ class SampledScenes:
 
     def __copy__(self) -> SampledScenes:
         """A source of the same that keeps its own scenes ahead and shares the compiled models."""
-        programs = self._expert.programs
+        programs = self._expert.kept
         return SampledScenes(
             self._distribution, balanced=self._balanced, programs=programs, ahead=self._most
         )
@@ -367,7 +367,7 @@ class SampledScenes:
         begin, numbers = time.perf_counter(), scaled.problem(k)
         sought = (Status.FEASIBLE if wanted else Status.INFEASIBLE) if self._balanced else None
         if sought is Status.INFEASIBLE and stands(
-            self._expert.programs, numbers, scaled.near_corners[k]
+            self._expert.kept, numbers, scaled.near_corners[k]
         ):
             return None
         search = self._expert.search(numbers, wanted=sought)

@@ -37,7 +37,7 @@ from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.choice import CourseFeatures, Features
 from stancekit.planners.search.pieces import Standing, joined
 from stancekit.planners.search.plan_course import replan
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.envelope_choice import SelectorPlanner
 
@@ -259,7 +259,7 @@ def _offered_planners(envelopes: Sequence[_Boxes] | None, programs: Programs) ->
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
     return [
-        TwoStagePlanner(programs=programs),
+        TwoStage(programs=programs),
         *(_within(_there(each), programs) for each in envelopes),
     ]
 
@@ -336,7 +336,7 @@ def _within(
     given: EnvelopeSet | Sequence[EnvelopeSet] | Modes | LearnedSelector, programs: Programs
 ) -> Planner:
     if isinstance(given, EnvelopeSet | Modes | Sequence):
-        return TwoStagePlanner(given, programs=programs)
+        return TwoStage(envelopes=given, programs=programs)
     return SelectorPlanner(given.selector, class_envelopes(given), programs=programs)
 
 
@@ -469,7 +469,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
         _check_selectors(self._planners, self._draw)
-        self._start, self._executor = TwoStagePlanner(programs=programs), settings.executor
+        self._start, self._executor = TwoStage(programs=programs), settings.executor
         self._horizon, (self._weights, self._terms) = settings.horizon, settings.rewards
         self._patience, self._timing = settings.patience, bool(settings.timing)
         self._margins = bool(settings.margins)

@@ -223,9 +223,7 @@ class _WalkPool:
                 "drawn_by": f"{tasks.__module__}:{getattr(tasks, '__qualname__', type(tasks).__qualname__)}"
             }
         first = self.walk(0)
-        ends = np.concatenate(
-            [first.start_xy_m, first.goal_xy_m, first.terrain.height(_PLACES).ravel()]
-        )
+        ends = np.concatenate([first.start, first.goal, first.terrain.height(_PLACES).ravel()])
         content = {
             "format": FORMAT,
             "size": self.size,
@@ -580,7 +578,7 @@ def _pool_of(
 
 def observe(task: Walk) -> dict[str, NDArray[np.float32]]:
     """The observation of a walk, see ``WarpedGaitEnv``."""
-    middle, way = 0.5 * (task.start_xy_m + task.goal_xy_m), task.goal_xy_m - task.start_xy_m
+    middle, way = 0.5 * (task.start + task.goal), task.goal - task.start
     turn = (
         float(np.arctan2(way[1], way[0])) if float(np.abs(way).max()) > 0.0 else task.start_yaw_rad
     )
@@ -597,8 +595,8 @@ def observe(task: Walk) -> dict[str, NDArray[np.float32]]:
 
     return {
         "heights": seen(heights),
-        "start": seen(axes @ (task.start_xy_m - middle)),
-        "goal": seen(axes @ (task.goal_xy_m - middle)),
+        "start": seen(axes @ (task.start - middle)),
+        "goal": seen(axes @ (task.goal - middle)),
         "facing": seen([np.cos(heading), np.sin(heading)], 1.0),
         "friction": seen([task.friction]),
         "adhesive": seen(task.adhesive, 1.0),

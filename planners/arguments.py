@@ -91,7 +91,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(function)
     def held(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            hints, arguments = _hints(function), signature.bind(*args, **kwargs).arguments
+            hints, arguments = hints_of(function), signature.bind(*args, **kwargs).arguments
         except TypeError as error:
             raise TypeError(
                 f"stancekit.{function.__name__}: {error}; it takes "
@@ -151,7 +151,7 @@ def settings_from(
         InvalidInput: for a value that its field does not allow, and ``UnknownArgument``, for a name
             that no field has.
     """
-    hints = _hints(cast(Any, kind))
+    hints = hints_of(cast(Any, kind))
     known = [*beside, *(field.name for field in fields(kind))]  # type: ignore[arg-type]
     for name, value in given.items():
         if name not in known or name in beside:
@@ -165,7 +165,8 @@ def settings_from(
 
 
 @functools.cache
-def _hints(of: Callable[..., Any]) -> Mapping[str, Any]:
+def hints_of(of: Callable[..., Any]) -> Mapping[str, Any]:
+    """The annotations of a function or a class, resolved."""
     return MappingProxyType(get_type_hints(of))
 
 

@@ -72,6 +72,12 @@ class UnknownArgument(InvalidInput, TypeError):
     """
 
 
+class NoPlace(InvalidInput):
+    """A robot has nothing to stand on where it is wanted: a question that was valid, whose answer
+    says so.
+    """
+
+
 class PlanningFailed(StancekitError):
     """A plan was asked for and none was found; the message says why."""
 

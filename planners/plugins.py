@@ -107,7 +107,7 @@ class Registry(Generic[T]):
         """
         return tuple(dict.fromkeys([*self._things, *(point.name for point in self._points())]))
 
-    def get(self, name: str, *, called: str = "", known: Sequence[str] = ()) -> T:
+    def get(self, name: str, *, known: Sequence[str] = ()) -> T:
         """The thing of this name, or of "FILE.py:NAME".
 
         A file is run once a process, under a module name of its own; other processes are best told
@@ -115,12 +115,11 @@ class Registry(Generic[T]):
         there or does not run, a name that it lacks, and a thing of the wrong kind.
 
         Arguments:
-            called: what messages call it, where not by its kind.
             known: the names to say in place of all.
         """
-        thing, where = self._things.get(name), f"{called or self.kind} {name}"
+        thing, where = self._things.get(name), f"{self.kind} {name}"
         if thing is None:
-            thing = self._elsewhere(name, called or self.kind, known)
+            thing = self._elsewhere(name, known)
         elif isinstance(thing, str):
             module, _, attribute = thing.partition(":")
             thing = _attribute(_imported(module, where), attribute, where)
@@ -130,28 +129,28 @@ class Registry(Generic[T]):
             self._right[name] = cast(T, thing)
         return cast(T, thing)
 
-    def _elsewhere(self, name: str, called: str, known: Sequence[str]) -> Any:
+    def _elsewhere(self, name: str, known: Sequence[str]) -> Any:
         """From a file, or from another package."""
         path, colon, attribute = name.rpartition(":")
         if colon and path.endswith(".py"):
             return _attribute(_ran(Path(path)), attribute, path)
         if name.endswith(".py"):
-            raise InvalidInput(f"{called}: expected FILE.py:NAME, got no name after {name}")
+            raise InvalidInput(f"{self.kind}: expected FILE.py:NAME, got no name after {name}")
         for point in self._points():
             if point.name == name:
-                where = f"{called} {name} of {point.value}"
+                where = f"{self.kind} {name} of {point.value}"
                 return _attribute(_imported(point.module, where), point.attr, where)
-        raise self.unknown(name, called, known)
+        raise self.unknown(name, known)
 
-    def unknown(self, name: Any, called: str = "", known: Sequence[str] = ()) -> InvalidInput:
+    def unknown(self, name: Any, known: Sequence[str] = ()) -> InvalidInput:
         """Error to raise for a name that nobody has.
 
         Arguments:
-            called, known: as for ``get``.
+            known: as for ``get``.
         """
         names = ", ".join([*(known or self.names()), *self._further])
         return InvalidInput(
-            f"{called or self.kind}: expected one of {names}, or FILE.py:NAME, got {shown(name)}"
+            f"{self.kind}: expected one of {names}, or FILE.py:NAME, got {shown(name)}"
         )
 
     def _points(self) -> Iterable[EntryPoint]:

@@ -34,7 +34,7 @@ from stancekit.planners.projection.held import PRESSES
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.batch import solve_all
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
 from stancekit.views.playground.keys_scenario import KeysScenario
@@ -299,7 +299,7 @@ def by_solve_command(question: Question, folder: Path) -> Reply:
 def by_label(question: Question, folder: Path) -> Reply:
     """The search that labels problems in batches."""
     assert question.posture is not None
-    (outcome,) = solve_all(ExactPlanner(), PostureBatch.stacked([question.posture]))
+    (outcome,) = solve_all(Exact(), PostureBatch.stacked([question.posture]))
     return Reply(
         status=outcome.status.value, proved=_proved(outcome.status.value, question.posture)
     )
@@ -323,8 +323,7 @@ def between_by_value(question: Question, folder: Path) -> Reply:
 
 
 def _between(terrain: Any, robot: Any) -> Reply:
-    places: Any = {f"{at}_xy_m": place for at, place in PLACES.items()}
-    return _reply(stancekit.plan(terrain, robot=robot, settings=WALKS, **places))
+    return _reply(stancekit.plan(terrain, robot=robot, settings=WALKS, **PLACES))
 
 
 DOORS: dict[str, tuple[Door, ...]] = {

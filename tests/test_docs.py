@@ -25,7 +25,7 @@ from stancekit.cli.main import COMMANDS as KNOWN
 from stancekit.cli.main import main, parse
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem import Problem
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.verify import check_plan
 
 ROOT = Path(__file__).parent.parent
@@ -195,7 +195,7 @@ def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answe
     assert examples
     for example in examples:
         problem = Problem.from_json(example)
-        outcome = ExactPlanner().solve(problem)
+        outcome = Exact().solve(problem)
         assert outcome.status is not Status.UNDECIDED
         assert outcome.solution is None or check_plan(outcome.solution).accepted
 

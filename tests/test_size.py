@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1394, 15723),
-    "cli": (3584, 40058),
+    "api": (1391, 15809),
+    "cli": (3573, 40012),
     "configs": (3, 30),
-    "envs": (3167, 43722),
-    "learners": (5513, 80005),
-    "planners": (35051, 562560),
-    "runner": (7163, 95548),
-    "views": (4522, 70427),
+    "envs": (3167, 43723),
+    "learners": (5511, 80002),
+    "planners": (35032, 562452),
+    "runner": (7163, 95549),
+    "views": (4520, 70416),
 }
 CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""

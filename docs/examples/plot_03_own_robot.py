@@ -51,7 +51,7 @@ legs = "".join(leg(name, *place) for name, place in places.items())
 _ = Path("dog.urdf").write_text(f'<robot name="dog">{trunk}{legs}</robot>')
 
 # %%
-ends = {"start_xy_m": (0, 0), "goal_xy_m": (0.2, 0)}
+ends = {"start": (0, 0), "goal": (0.2, 0)}
 answer = stancekit.plan("rubble:0.1:1", **ends, robot="dog.urdf", time_limit_s=120)
 print(answer.status.value, answer.report.message)
 _ = stancekit.draw(answer.solution, caption="a robot of a file", out="dog.png")

@@ -30,6 +30,6 @@ print(len(found.pieces), "patches,", round(found.area_m2, 2), "m²")
 # %%
 # Frames, gait and candidates are laid out between the start and the goal.
 
-answer = stancekit.plan(found, start_xy_m=(0.0, 0.0), goal_xy_m=(0.3, 0.0))
+answer = stancekit.plan(found, start=(0.0, 0.0), goal=(0.3, 0.0))
 print(answer.status.value, answer.report.message)
 _ = stancekit.draw(answer.solution, caption="over tiles that lean", out="tiles.png")

@@ -80,7 +80,7 @@ class LabelPlan(RowPlan):
             interruption loses as many; every process compiles its models once.
         seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets
             for training and for testing need different seeds.
-        tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in 3000
+        tolerance, gap, max_nodes: as in ``Acceptance`` and ``Exact``; one sample in 3000
             wants more nodes than the default, at 1 ms a node.
         screen: digest of a surrogate: a draw whose predicted label needs no more rows in the shard
             is skipped without being decided.

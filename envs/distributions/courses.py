@@ -127,8 +127,8 @@ class SampledTasks:
         return Walk(
             robot=self.robot,
             terrain=field_,
-            start_xy_m=start,
-            goal_xy_m=goal,
+            start=start,
+            goal=goal,
             start_yaw_rad=turn,
             duration_s=self.duration_s,
             gait=_gait(self.robot),
@@ -139,8 +139,8 @@ class SampledTasks:
         return Walk(
             robot=self.robot,
             terrain=reference_terrain(self.terrain),
-            start_xy_m=walk.start_xy_m,
-            goal_xy_m=walk.goal_xy_m,
+            start=walk.start,
+            goal=walk.goal,
             adhesive=walk.adhesive,
             duration_s=self.duration_s,
             gait=_gait(self.robot),

@@ -32,7 +32,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import Decided, decide_all, solved
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -224,7 +224,7 @@ class _Labeller:
     ) -> None:
         self._plan, self._shard, self._samples, self._kinds = plan, shard, samples, kinds
         acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
-        self._exact = ExactPlanner(
+        self._exact = Exact(
             acceptance=acceptance,
             max_nodes=plan.max_nodes,
             time_limit_s=math.inf,
@@ -286,9 +286,7 @@ class _Labeller:
             of = [k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"]
             postures |= {k: decided.relaxed[k] for k in of if k in decided.relaxed}
             rows = np.array([k for k in of if k not in decided.relaxed], dtype=np.intp)
-            points = solved(
-                self._exact.programs, batch.select(rows), tolerance=self._plan.tolerance
-            )
+            points = solved(self._exact.kept, batch.select(rows), tolerance=self._plan.tolerance)
             postures |= {int(rows[k]): posture for k, posture in points.items()}
         pairs = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp))).pairs(
             list(postures.values())

@@ -492,12 +492,12 @@ def gait_task(terrain: str, number: int) -> Walk:
     in all directions.
     """
     task = reference_tasks(terrain)[number]
-    way = task.goal_xy_m - task.start_xy_m
+    way = task.goal - task.start
     return Walk(
         robot=anymal(),
         terrain=_terrain(terrain),
-        start_xy_m=task.start_xy_m,
-        goal_xy_m=task.goal_xy_m,
+        start=task.start,
+        goal=task.goal,
         adhesive=task.adhesive,
         start_yaw_rad=math.atan2(way[1], way[0]) if terrain.startswith("pit") else 0.0,
     )
@@ -732,7 +732,7 @@ def _figures(terrain: str, rows: Sequence[Row]) -> Iterator[tuple[str, Any]]:
 
 def _run(row: Row, beside_rad: float = 0.0) -> GaitRun:
     task = reference_tasks(row["terrain"])[row["task"]]
-    way = task.goal_xy_m - task.start_xy_m
+    way = task.goal - task.start
     return GaitRun(
         method=METHODS[row["method"]].label,
         violations=np.array([math.inf if value is None else value for value in row["violations"]]),

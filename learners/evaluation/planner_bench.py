@@ -28,10 +28,9 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.micp import MicpGrid
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import MicpPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.micp import Micp
+from stancekit.planners.search.two_stage import TwoStage
 
 from ..selectors.modes import solved_postures
 from ..selectors.selector import quantile_box
@@ -88,7 +87,7 @@ class PlannerBenchSettings:
     micp: tuple[int, ...] = (1, 2, 4, 8)
     optimised: tuple[int, ...] = (1, 2, 4)
     gap: float = 0.05
-    solver: str = "highs"
+    solver: Literal["highs", "scip", "gurobi"] = "highs"
     cap_s: float = 120.0
     repeats: int = 7
     samples: int = 300
@@ -179,7 +178,7 @@ def _wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
     problems, points = solved_postures(
-        "wall-3", settings.samples, ExactPlanner(), np.random.default_rng(settings.seed)
+        "wall-3", settings.samples, Exact(), np.random.default_rng(settings.seed)
     )
     envelopes = EnvelopeSet.for_problems("wall-3", problems, [quantile_box(points)], made)
     write_text(path, json.dumps(envelopes.to_json()) + "\n")
@@ -219,7 +218,7 @@ def _two_stage(
 ) -> dict[str, Any]:
     course, programs = read_course(settings.course, frames=cell.frames), Programs()
     lifted = cell.form == "lift"
-    planner = TwoStagePlanner(None if lifted else envelopes, programs=programs)
+    planner = TwoStage(envelopes=None if lifted else envelopes, programs=programs)
     first = planner.solve(course)
     cpu_s = time.process_time()
     again = [planner.solve(course) for _ in range(settings.repeats)]
@@ -255,15 +254,12 @@ def _micp(
 ) -> dict[str, Any]:
     course = read_course(settings.course, frames=cell.frames)
     form, intervals = cell.form.split("-")
-    grid = MicpGrid(
+    planner = Micp(
+        solver=settings.solver,
         intervals=int(intervals),
         domain="course" if form == "course" else "unit",
         envelope_use="shrink" if form == "shrink" else "rows",
-    )
-    planner = MicpPlanner(
-        solver=settings.solver,
-        grid=grid,
-        envelope=envelopes if form in ("rows", "shrink") else None,
+        envelopes=envelopes if form in ("rows", "shrink") else None,
         gap=cell.gap,
         time_limit_s=settings.cap_s,
     )

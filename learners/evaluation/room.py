@@ -23,7 +23,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice, checked_int
 from stancekit.planners.gait.charts import CHARTS
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 
 from .leap_bench import AGAIN, FINDERS, TUNED, UNLEARNED, share
 
@@ -307,7 +307,7 @@ def _scene(
     if plays.solves is not None:
         env.reset(seed=episode)
         begin = time.process_time()
-        outcome = ExactPlanner().solve(env.unwrapped.scene.problem)  # type: ignore[attr-defined]
+        outcome = Exact().solve(env.unwrapped.scene.problem)  # type: ignore[attr-defined]
         decided = outcome.status is not Status.UNDECIDED
         yield {
             "scene": index,

@@ -49,7 +49,7 @@ from stancekit.planners.problem.standing_map import (
 )
 from stancekit.planners.robot import Robot
 from stancekit.planners.search.batch import decide_all
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.verify.explain import hindrances
 
@@ -268,7 +268,7 @@ class Maker:
         self.limit = np.zeros(len(poses), dtype=np.uint8)
         self.margin = np.full(len(poses), np.nan, dtype=np.float32)
         self._tried = np.zeros(len(poses), dtype=bool)
-        self._exact = ExactPlanner(max_nodes=NODES, time_limit_s=math.inf)
+        self._exact = Exact(max_nodes=NODES, time_limit_s=math.inf)
         none = np.zeros((0, 3)), np.zeros(0)
         self._half_spaces = [
             none

@@ -17,7 +17,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.boxes import Modes, world_points
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 
 from .selector import quantile_box
 
@@ -64,7 +64,7 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
 
 
 def solved_postures(
-    name: str, count: int, planner: ExactPlanner, rng: np.random.Generator
+    name: str, count: int, planner: Exact, rng: np.random.Generator
 ) -> tuple[list[Problem], Array]:
     """Feasible problems of a distribution as they come, and the point [p, f] of a witness each,
     shape (K, N, 6).

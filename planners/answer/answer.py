@@ -103,6 +103,7 @@ class Answer(Generic[S]):
         effort: what the answer has cost.
         claim: what a method says that cannot prove it, for example an external solver's own status.
         message: why the problem is undecided, or what a proof is over.
+        ground_doubts: what the reader of the ground's file mended or left out, one line each.
         details: further numbers of the method, for example the margin of a relaxation.
     Source:
         Lin et al. §II-§IV; docs/decisions/0004.
@@ -126,6 +127,7 @@ class Answer(Generic[S]):
     effort: Effort = field(default_factory=Effort)
     claim: str = ""
     message: str = ""
+    ground_doubts: tuple[str, ...] = ()
     details: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -142,6 +144,14 @@ class Answer(Generic[S]):
         from ..robot.walker import sets_of
 
         return sets_of(self.problem.robot)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What readers of the robot's and the ground's files guessed, mended or left out, one line
+        each.
+        """
+        robot = getattr(self.problem or self.solution, "robot", None)
+        return (*(() if robot is None else robot.source.doubts), *self.ground_doubts)
 
     @property
     def residual_nm(self) -> float:
@@ -167,6 +177,7 @@ class Answer(Generic[S]):
         if isinstance(self.solution, Plan) and self.solution.problem.is_posture:
             record |= self.solution.to_json()
         further = {"claim": self.claim, "message": self.message, "details": _finite(self.details)}
+        further |= {"doubts": list(self.doubts)}
         record |= {name: value for name, value in further.items() if value}
         if proof and self.certificate is not None:
             record["certificate"] = self.certificate.to_json()

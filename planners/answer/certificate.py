@@ -98,6 +98,11 @@ class Certificate(Evidence):
             return sets_of(self.problem.robot)
         return "inner" if self.problem.robot.identity else None
 
+    @property
+    def robot(self) -> Robot | None:
+        """The robot that it speaks of; None where it does not know its problem."""
+        return None if self.problem is None else self.problem.robot
+
     def of(self, problem: Problem | Leap | Passage) -> Certificate:
         """Certificate with the same tree and multipliers as a proof of this problem, right or
         wrong.

@@ -32,6 +32,12 @@ class Evidence:
         """The question as JSON-ready values, with the format by which it is read back."""
         raise NotImplementedError
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Numbers of the robot's file that were guessed or are hard to believe, one line each."""
+        robot: Robot | None = getattr(self, "robot", None)
+        return () if robot is None else robot.source.doubts
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that are known, by name."""
         raise NotImplementedError

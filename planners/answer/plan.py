@@ -50,6 +50,7 @@ class MotionTable:
         forces_n: contact forces on the robot, world frame, shape (T, N, 3).
         feet_m: centres of the feet, world frame, shape (T, N, 3).
         robot, source: what moves, and where the motion is from, for people.
+        doubts: numbers of the robot's file that were guessed, a line each, in what was judged.
     """
 
     joints: tuple[str, ...]
@@ -68,6 +69,7 @@ class MotionTable:
     feet_m: Array | None = None
     robot: str = ""
     source: str = ""
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for names, kind in ((self.joints, "joints"), (self.limbs, "limbs")):

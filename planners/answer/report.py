@@ -441,6 +441,7 @@ class Report(Generic[S]):
             "checked": list(self.checked),
             "not_checked": list(self.unchecked),
             "limits": dict(self.limits),
+            "doubts": list(self.answer.doubts),
             "figures": _finite(self.figures),
             "groups": [group.to_json() for group in self.groups],
         }

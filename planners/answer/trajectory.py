@@ -53,7 +53,7 @@ class Trajectory(Motion):
         robot, terrain: what walks, and where.
         friction: ν of W5.
         adhesive: feet without a friction cone, shape (E,), bool.
-        start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m].
+        start, goal: where the torso has to begin and to end, shape (2,) [m].
         heading_rad: which way it has to face at the start, from x towards y [rad]; None where
             nothing is asked.
         heading_end_rad: the same at the end.
@@ -87,8 +87,8 @@ class Trajectory(Motion):
     terrain: HeightField
     friction: float
     adhesive: NDArray[np.bool_]
-    start_xy_m: Array
-    goal_xy_m: Array
+    start: Array
+    goal: Array
     heading_rad: float | None = None
     heading_end_rad: float | None = None
     still: tuple[bool, bool] = (False, False)
@@ -102,8 +102,8 @@ class Trajectory(Motion):
             "rotation",
             "feet_m",
             "forces_n",
-            "start_xy_m",
-            "goal_xy_m",
+            "start",
+            "goal",
         ):
             object.__setattr__(self, name, _held(getattr(self, name), np.float64, name))
         for name in ("contact", "adhesive"):
@@ -152,8 +152,8 @@ class Trajectory(Motion):
             "terrain": self.terrain.name,
             "friction": self.friction,
             "adhesive": self.adhesive.tolist(),
-            "start_xy_m": self.start_xy_m.tolist(),
-            "goal_xy_m": self.goal_xy_m.tolist(),
+            "start": self.start.tolist(),
+            "goal": self.goal.tolist(),
             "heading_rad": self.heading_rad,
             "heading_end_rad": self.heading_end_rad,
             "still": list(self.still),

@@ -83,8 +83,8 @@ class _WalkKeys(BaseModel):
     terrain: str
     friction: float
     adhesive: list[bool]
-    start_xy_m: list[float] = Field(min_length=2, max_length=2)
-    goal_xy_m: list[float] = Field(min_length=2, max_length=2)
+    start: list[float] = Field(min_length=2, max_length=2)
+    goal: list[float] = Field(min_length=2, max_length=2)
     heading_rad: float | None
     heading_end_rad: float | None
     still: list[bool] = Field(min_length=2, max_length=2)

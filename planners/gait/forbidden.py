@@ -41,7 +41,7 @@ LEAST, _GREATEST = 1e-6, 0.5 * np.pi - 1e-6
 def forbidden(task: Walk, settings: GaitSettings) -> str:
     """Why there is no such walk, in one sentence; empty where this proves nothing."""
     boxes = GradientBoxes(task.terrain)
-    places = [("start", task.start_xy_m)] + [("goal", task.goal_xy_m)] * settings.still_end
+    places = [("start", task.start)] + [("goal", task.goal)] * settings.still_end
     for name, xy in places:
         normals = boxes.normals(xy, _reach_m(task) + 3e-3)
         if len(normals) and _tips_over(normals, task.friction + _FRICTION_ROOM, _pull(task)):
@@ -132,7 +132,7 @@ def _too_far(task: Walk, boxes: GradientBoxes, settings: GaitSettings) -> str:
     """Reason why the net impulse of all the ground there is does not bring the body to the goal in
     time.
     """
-    ahead = task.goal_xy_m - task.start_xy_m
+    ahead = task.goal - task.start
     away = float(np.linalg.norm(ahead))
     if away == 0.0:
         return ""

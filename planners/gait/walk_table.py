@@ -140,7 +140,7 @@ class WalkKeys(BaseModel):
         robot, terrain: as ``stancekit gait`` has them; paths are from the file's folder.
         spacing_m: of a terrain's grid file.
         friction: ν.
-        start_xy_m, goal_xy_m: where the centre of mass was to begin and end.
+        start, goal: where the centre of mass was to begin and end.
         cpu_process_s, cpu_solver_s: CPU time of the whole process and of its solver.
         task: number of the paper's.
     """
@@ -151,8 +151,8 @@ class WalkKeys(BaseModel):
     terrain: str
     spacing_m: Annotated[float, Field(gt=0.0)] = 0.05
     friction: Annotated[float, Field(ge=0.0, le=10.0)]
-    start_xy_m: _Place
-    goal_xy_m: _Place
+    start: _Place
+    goal: _Place
     cpu_process_s: _Seconds | None = None
     cpu_solver_s: _Seconds | None = None
     task: int | None = None
@@ -209,8 +209,8 @@ def read_walk(path: str | Path) -> _WalkTable:
             terrain=terrain,
             friction=keys.friction,
             adhesive=np.zeros(len(robot.feet), dtype=bool),
-            start_xy_m=np.array(keys.start_xy_m),
-            goal_xy_m=np.array(keys.goal_xy_m),
+            start=np.array(keys.start),
+            goal=np.array(keys.goal),
             provenance={"program": keys.program},
         )
     except InvalidInput as error:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput
+from ..errors import NoPlace
 from ..files.arrays import Array
 from ..robot.model import Limb
 from ..terrain.patch import Patch
@@ -25,10 +25,6 @@ _ALIKE_DIGITS = 6
 ahead comes first, then the one farther out."""
 _TOUCH_M = 0.01
 """Terrain this close to a toe does not hide its place [m]."""
-
-
-class NoPlace(InvalidInput):
-    """A limb has nothing to stand on where a layout wants it."""
 
 
 class NoFooting(NoPlace):

@@ -282,7 +282,7 @@ def laid_between(
     found = terrain if isinstance(terrain, Footholds) else footholds_for(who, terrain)
     start, goal = (
         read_only(place, (2,), name).tolist()
-        for name, place in (("start_xy_m", start_m), ("goal_xy_m", goal_m))
+        for name, place in (("start", start_m), ("goal", goal_m))
     )
     count = None if frames is None else checked_int(frames, "frames", least=1, most=MOST_FRAMES)
     return LaidBetween(
@@ -405,23 +405,18 @@ class LaidBetween:
         alternative: Alternative,
         avoid_m: Sequence[Array],
     ) -> Problem:
-        try:
-            spec = course_between(
-                self.terrain,
-                start_m,
-                self.goal_m,
-                robot=self.robot,
-                frames=frames,
-                alternative=alternative,
-                avoid_m=avoid_m,
-                standing=self.standing,
-                straight=self.straight,
-            )
-            return build_course(spec, sets=sets)
-        except InvalidInput as error:
-            name, colon, rest = str(error).partition(":")
-            message = f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)
-            raise type(error)(message) from None
+        spec = course_between(
+            self.terrain,
+            start_m,
+            self.goal_m,
+            robot=self.robot,
+            frames=frames,
+            alternative=alternative,
+            avoid_m=avoid_m,
+            standing=self.standing,
+            straight=self.straight,
+        )
+        return build_course(spec, sets=sets)
 
 
 def _called(file: str) -> str:

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, NoPlace
 from ..files.arrays import Array
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
 from .alternatives import AS_ASKED, Alternative
-from .candidates import CandidatePatches, NoFooting, NoPlace
+from .candidates import CandidatePatches, NoFooting
 from .contact import at_point
 from .course_keys import CourseSpec, StanceSpec, toe_offset
 from .problem import Foothold, Problem, Weights

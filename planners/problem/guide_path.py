@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput, PlanningFailed
+from ..errors import InvalidInput, NoPlace, PlanningFailed
 from ..files.arrays import Array
 from ..robot.model import Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
-from .candidates import NoPlace
 from .standing_map import INFEASIBLE, UNLIKELY
 
 if TYPE_CHECKING:
@@ -79,6 +78,8 @@ _NEAR, TURN_RAD = 6, np.pi / 4.0
 of a turn."""
 _MEASURED_M = 1e-3
 """Widths of gaps are measured to that [m]."""
+_MOST_MEASURED = 20_000
+"""So many places at most to each side of where there is no ground."""
 _SHIFTS, _TURNED = 13, 8
 """So many lattices, each moved by other parts of its spacing along x and along y, measure a gap."""
 
@@ -734,16 +735,40 @@ class _Lattice:
             return f"{head}: {what}: {beyond}{self._widest(ends, width)}"
         if self.missing[i, j] >= 0:
             toe = place + self.footprint.toes_m[int(self.missing[i, j]), :2]
-            message = f"no footholds within {_m(_ASIDE * self.footprint.reach_m)} m of {_at(toe)}"
             wall = self._wall_near(toe)
-            return f"{head}: {wall or 'hole or border: ' + message}: {beyond}{self._widest(ends, width) if wall else ''}"
+            if not wall:
+                return f"{head}: {self._gap_at(toe, near[1] - near[0])}: {beyond}"
+            return f"{head}: {wall}: {beyond}{self._widest(ends, width)}"
         wall = self._wall_near(place)
-        step = f"step at {_at(self._edge_near(place))} that is higher than the legs can take"
-        return f"{head}: {wall or step}: {beyond}{self._widest(ends, width) if wall else ''}"
+        what = wall or self._step_near(place)
+        return f"{head}: {what}: {beyond}{self._widest(ends, width) if wall else ''}"
 
-    def _edge_near(self, place: Array) -> Array:
-        """Where the ground below the highest toe of the body at a place ends on the way to the
-        lowest, shape (2,).
+    def _gap_at(self, toe: Array, along: Array) -> str:
+        """Words for where there is no ground below a toe: from where and how wide along the way, or
+        that it goes on to the border.
+        """
+        ahead = along / max(float(np.linalg.norm(along)), 1e-9)
+        low, high = self._border
+        ground, aside = self._ground(toe, toe), _ASIDE * self.footprint.reach_m
+        count = min(int(float(np.linalg.norm(high - low)) / _MEASURED_M), _MOST_MEASURED)
+        ends = list[Array]()
+        for way in (-ahead, ahead):
+            line = toe + way * _MEASURED_M * np.arange(count)[:, None]
+            over = np.zeros(count, dtype=bool)
+            for patch in self.surfaces:
+                if patch.normal[2] > _LEANS:
+                    normals, offsets = half_planes(patch.vertices_m[:, :2])
+                    rise = (patch.centre_m[:2] - line) @ patch.normal[:2] / patch.normal[2]
+                    inside = np.all(normals @ line.T <= offsets[:, None] + _MEASURED_M, axis=0)
+                    over |= inside & (np.abs(patch.centre_m[2] + rise - ground) < aside)
+            if not over.any():
+                return f"no ground beyond {_at(ends[0] if ends else toe)}"
+            ends.append(line[int(over.argmax())])
+        return f"gap at {_at(ends[0])}, {_m(float(np.linalg.norm(ends[1] - ends[0])))} m wide"
+
+    def _step_near(self, place: Array) -> str:
+        """Words for the step where the ground below the highest toe of the body at a place ends on
+        the way to the lowest.
         """
         below = list[tuple[float, int, Array]]()
         for toe in place + self.footprint.toes_m[:, :2]:
@@ -755,11 +780,14 @@ class _Lattice:
                 for slope in [patch.normal[:2] / patch.normal[2]]
             ]
             below += [max(over, key=lambda each: each[0])] if over else []
-        if not below:
-            return place
-        high, low = (pick(below, key=lambda each: each[0]) for pick in (max, min))
+        said = "higher than the legs can take"
+        high, low = (
+            pick(below, key=lambda each: each[0], default=(0.0, -1, place)) for pick in (max, min)
+        )
+        if high[1] == low[1]:
+            return f"step at {_at(place)}, {said}"
         edge = _nearest_on(self.surfaces[high[1]].vertices_m[:, :2], low[2])
-        return place if high[1] == low[1] else edge
+        return f"step at {_at(edge)}, {_m(high[0] - low[0])} m high, {said}"
 
     def _wall_near(self, place: Array) -> str:
         """The highest solid over the ground that is near to a place, for people; empty for none."""

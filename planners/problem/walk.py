@@ -207,7 +207,7 @@ class Walk:
     Arguments:
         robot: a robot with ``feet``; ``Walk.over`` measures those of others.
         terrain: a height field.
-        start_xy_m, goal_xy_m: places of the torso's centre of mass at the start and at the end,
+        start, goal: places of the torso's centre of mass at the start and at the end,
             shape (2,) [m].
         start_yaw_rad: heading at the start, kept within half a turn of x [rad].
         end_yaw_rad: heading at the end; None for that of the start. The robot turns the shorter way
@@ -238,8 +238,8 @@ class Walk:
 
     robot: Robot
     terrain: HeightField
-    start_xy_m: Array
-    goal_xy_m: Array
+    start: Array
+    goal: Array
     start_yaw_rad: float = 0.0
     end_yaw_rad: float | None = None
     duration_s: float = 10.0
@@ -268,8 +268,8 @@ class Walk:
             checked(self.cycle_s, "cycle_s", above=0.0)
         sucks = _SUCTION * self.robot.weight_n if self.suction_n is None else self.suction_n
         collect_errors(
-            lambda: self._set("start_xy_m", read_only(self.start_xy_m, (2,), "start_xy_m")),
-            lambda: self._set("goal_xy_m", read_only(self.goal_xy_m, (2,), "goal_xy_m")),
+            lambda: self._set("start", read_only(self.start, (2,), "start")),
+            lambda: self._set("goal", read_only(self.goal, (2,), "goal")),
             lambda: self._set("start_yaw_rad", checked(self.start_yaw_rad, "start_yaw_rad")),
             lambda: self._set(
                 "end_yaw_rad",
@@ -291,10 +291,10 @@ class Walk:
     def over(
         cls,
         terrain: Terrain | HeightField | str | Path,
-        goal_xy_m: Array | Sequence[float],
+        goal: Array | Sequence[float],
         *,
         robot: Robot | str | Path = "anymal",
-        start_xy_m: Array | Sequence[float] = (0.0, 0.0),
+        start: Array | Sequence[float] = (0.0, 0.0),
         gait: str | None = None,
         adhesive: Sequence[str] = (),
         **further: Any,
@@ -303,7 +303,7 @@ class Walk:
 
         Arguments:
             terrain: a height field, a terrain, a name, or a file of either.
-            goal_xy_m, start_xy_m: shape (2,) [m].
+            goal, start: shape (2,) [m].
             robot: a name, a file, or a robot with legs of its own.
             gait: trot on four feet and tripod on six where None.
             adhesive: names of feet that stick.
@@ -321,8 +321,8 @@ class Walk:
         return cls(
             robot=body,
             terrain=_heights(terrain),
-            start_xy_m=read_only(start_xy_m, (2,), "start_xy_m"),
-            goal_xy_m=read_only(goal_xy_m, (2,), "goal_xy_m"),
+            start=read_only(start, (2,), "start"),
+            goal=read_only(goal, (2,), "goal"),
             adhesive=tuple(name in adhesive for name in body.limb_names),
             gait=gait or ("trot" if len(body.feet) == 4 else "tripod"),
             **further,
@@ -363,19 +363,19 @@ class Walk:
         """Raise InvalidInput for a place off the terrain, inside a wall, or where the feet cannot
         reach the ground.
         """
-        xy, yaw = getattr(self, f"{which}_xy_m"), self.yaws()[which == "goal"]
+        xy, yaw = getattr(self, f"{which}"), self.yaws()[which == "goal"]
         feet = self.stance_m(xy, yaw)
         if not np.all(self.terrain.contains(np.vstack([feet[:, :2], xy]))):
             (x0, x1), (y0, y1) = self.terrain.domain_m
             raise InvalidInput(
-                f"{which}_xy_m: expected torso and feet over the terrain, [{x0:g}, {x1:g}] × "
+                f"{which}: expected torso and feet over the terrain, [{x0:g}, {x1:g}] × "
                 f"[{y0:g}, {y1:g}] m, "
                 f"got ({xy[0]:g}, {xy[1]:g})"
             )
         slope = float(np.linalg.norm(self.terrain.gradient(xy)))
         if slope > max(_STEEPEST, self.friction):
             raise InvalidInput(
-                f"{which}_xy_m: expected ground to stand on, got a wall of "
+                f"{which}: expected ground to stand on, got a wall of "
                 f"{np.rad2deg(np.arctan(slope)):.0f}° "
                 f"at ({xy[0]:g}, {xy[1]:g})"
             )
@@ -404,7 +404,7 @@ class Walk:
         """Some height of the torso, level or along the ground, must bring all feet to ground within
         their boxes.
         """
-        xy = getattr(self, f"{which}_xy_m")
+        xy = getattr(self, f"{which}")
         away = feet[:, :2] - xy
         plane, *_ = np.linalg.lstsq(
             np.column_stack([away, np.ones(len(feet))]), feet[:, 2], rcond=None
@@ -414,7 +414,7 @@ class Walk:
         )
         if not any(self._stands(xy, yaw_rad, share * slope) for share in (0.0, 0.5, 1.0)):
             raise InvalidInput(
-                f"{which}_xy_m: expected ground that all feet reach, got heights from "
+                f"{which}: expected ground that all feet reach, got heights from "
                 f"{feet[:, 2].min():.2f} to "
                 f"{feet[:, 2].max():.2f} m under the feet at ({xy[0]:g}, {xy[1]:g})"
             )

@@ -7,18 +7,19 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from copy import copy, deepcopy
-from dataclasses import dataclass, field, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, TypeVar, cast, get_args
 
 import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..arguments import check_argument
+from ..arguments import check_argument, hints_of
 from ..equilibrium.layout import Index
+from ..equilibrium.programs import Programs, programs_of_this_thread
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -108,10 +109,12 @@ class Planner(Protocol):
     """Anything that answers problems: posture problems, courses, or both.
 
     ``name`` is its name on the command line. One whose time can be limited from outside has
-    ``with_limit``, see ``TimeLimited``.
+    ``with_limit``, see ``Method``.
     """
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Its name."""
 
     def solve(self, problem: Problem, /) -> Answer[Plan]:
         """Answer one problem.
@@ -121,44 +124,9 @@ class Planner(Protocol):
         ...
 
 
-class TimeLimited:
-    """Mixin of the planners that have a time limit ``time_limit_s`` [s]; None for the usual one."""
-
-    time_limit_s: float | None
-    _most_s: float = math.inf
-
-    def limit_s(self, kind: Kind) -> float:
-        """Time limit of one problem of a kind [s]."""
-        usual_s = POSTURE_LIMIT_S if kind == "postures" else COURSE_LIMIT_S
-        return min(usual_s if self.time_limit_s is None else self.time_limit_s, self._most_s)
-
-    def with_limit(self, limit_s: float) -> Self:
-        """A copy that takes no longer than this [s], nor longer than its own limit."""
-        limited = copy(self)
-        limited._most_s = max(min(limit_s, self._most_s), 0.0)
-        if self.time_limit_s is not None:
-            limited.time_limit_s = min(self.time_limit_s, limited._most_s)
-        return limited
-
-
 def kind_of(problem: Problem) -> Kind:
     """Kind of question that a problem is."""
     return "postures" if problem.is_posture else "courses"
-
-
-def check_unused(planner: Planner, **usual: Any) -> None:
-    """Raise InvalidInput for a setting that postures have no use for.
-
-    Arguments:
-        usual: by name, what the settings of courses alone are by default.
-    """
-    for name, value in usual.items():
-        came = getattr(planner, name)
-        if came != value:
-            raise InvalidInput(
-                f"{name}: expected no such argument with {planner.name} for postures, which have "
-                f"no use for it, got {came}"
-            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -259,6 +227,76 @@ class Acceptance:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """Base of the methods: a value with its settings, which answers problems.
+
+    Arguments:
+        time_limit_s: of one problem; 30 of a posture and 60 of a course where None [s].
+        acceptance: when a claim counts.
+        programs: compiled models to share; those of the thread where None.
+        most_s: longest time for one problem that whoever asks has, whatever its kind [s].
+    """
+
+    name: ClassVar[str]
+    answers: ClassVar[Kind | None] = None
+    """The only kind of question that it answers; None for both."""
+    OF_COURSES: ClassVar[tuple[str, ...]] = ()
+    """Settings that postures have no use for."""
+    time_limit_s: float | None = None
+    acceptance: Acceptance = Acceptance()
+    programs: Programs | None = field(default=None, repr=False, compare=False)
+    most_s: float = field(default=math.inf, repr=False)
+
+    def __post_init__(self) -> None:
+        hints = hints_of(cast(Any, type(self)))
+        for each in fields(self):
+            check_argument(each.name, getattr(self, each.name), hints[each.name])
+        if self.time_limit_s is not None and not self.time_limit_s >= 0.0:
+            raise InvalidInput(
+                f"time_limit_s: expected a number of at least 0, got {self.time_limit_s!r}"
+            )
+
+    @property
+    def kept(self) -> Programs:
+        """The compiled models that it shares."""
+        return self.programs or programs_of_this_thread()
+
+    def solve(self, problem: Problem, /) -> Answer[Plan]:
+        """Answer one problem.
+
+        Raises InvalidInput for settings that its kind has no use for.
+        """
+        raise NotImplementedError
+
+    def check(self, kind: Kind) -> None:
+        """Raise InvalidInput for a kind of question that it does not answer, and for a setting that
+        the kind has no use for.
+        """
+        if self.answers not in (None, kind):
+            raise InvalidInput(
+                f"method: expected one for {kind}, got {self.name}, which answers {self.answers}"
+            )
+        for each in fields(self) if kind == "postures" else ():
+            came = getattr(self, each.name)
+            if each.name in self.OF_COURSES and came != each.default:
+                raise InvalidInput(
+                    f"{each.name}: expected no such argument with {self.name} for postures, which "
+                    f"have no use for it, got {came}"
+                )
+
+    def limit_s(self, kind: Kind) -> float:
+        """Time limit of one problem of a kind [s]."""
+        usual_s = POSTURE_LIMIT_S if kind == "postures" else COURSE_LIMIT_S
+        return min(usual_s if self.time_limit_s is None else self.time_limit_s, self.most_s)
+
+    def with_limit(self, limit_s: float) -> Self:
+        """The method that takes no longer than this [s], nor longer than its own limit."""
+        most_s = max(min(limit_s, self.most_s), 0.0)
+        own_s = None if self.time_limit_s is None else min(self.time_limit_s, most_s)
+        return replace(self, most_s=most_s, time_limit_s=own_s)
+
+
 def _given(problem: Problem) -> str:
     """Set that a proof of a posture problem is over, where its robot may reach further."""
     return (
@@ -337,7 +375,6 @@ class VerifiedPlanner:
     of the problem that was asked for; bounds on its objective come without proof, and are left.
 
     Arguments:
-        called: what messages call it.
         envelopes: that it was made with.
         remake: a function that makes the planner anew with another time limit [s]; None where there
             is no such function.
@@ -349,12 +386,11 @@ class VerifiedPlanner:
         name: str,
         acceptance: Acceptance,
         *,
-        called: str = "method",
         envelopes: EnvelopeSet | None = None,
         remake: Callable[[float], Any] | None = None,
     ) -> None:
-        self.name, self._acceptance, self._where = name, acceptance, f"{called} {name}"
-        self._planner, self._called = _solving(planner, self._where), called
+        self.name, self._acceptance, self._where = name, acceptance, f"method {name}"
+        self._planner = _solving(planner, self._where)
         self._envelopes, self._remake = envelopes, remake
 
     def with_limit(self, limit_s: float) -> VerifiedPlanner:
@@ -369,7 +405,6 @@ class VerifiedPlanner:
             planner,
             self.name,
             self._acceptance,
-            called=self._called,
             envelopes=self._envelopes,
             remake=self._remake,
         )

@@ -34,7 +34,7 @@ from ..relaxation.mccormick import WithoutMoment
 from ..verify import check_certificates, check_postures
 from .answer import plan_of
 from .cuts import LEAF
-from .exact import ExactPlanner
+from .exact import Exact
 from .witness import Iteration, witnesses
 
 _CLEAR = 1e-3
@@ -206,12 +206,12 @@ class Decided:
     relaxed: dict[int, Plan]
 
 
-def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Answer[Plan]]:
+def solve_all(planner: Exact, batch: PostureBatch) -> list[Answer[Plan]]:
     """``decide_all`` without what was found on the way."""
     return decide_all(planner, batch).outcomes
 
 
-def decide_all(planner: ExactPlanner, batch: PostureBatch, *, points: bool = False) -> Decided:
+def decide_all(planner: Exact, batch: PostureBatch, *, points: bool = False) -> Decided:
     """Decide every problem as ``planner.solve`` does, with the same verdicts and certificates, and
     with canonical witnesses.
 
@@ -235,7 +235,7 @@ def decide_all(planner: ExactPlanner, batch: PostureBatch, *, points: bool = Fal
 class _Batch:
     """Problems that are decided together. answers: so far, by index; relaxed: points of P̄."""
 
-    def __init__(self, planner: ExactPlanner, batch: PostureBatch) -> None:
+    def __init__(self, planner: Exact, batch: PostureBatch) -> None:
         self._planner, self._accept, self._batch = planner, planner.acceptance, batch
         self._problems = batch.problems  # made once, and shared by what is selected
         self._scaled = ScaledBatch.of(batch)
@@ -259,7 +259,7 @@ class _Batch:
         begin, left, gap = time.perf_counter(), self._left(), self._accept.gap
         for k in left.tolist():
             self._lifts[k] = solve_lift(
-                self._planner.programs, self._scaled.problem(k), least_moment=True
+                self._planner.kept, self._scaled.problem(k), least_moment=True
             )
         chosen = [k for k in left.tolist() if self._lifts[k].bound > gap]
         certificates = [

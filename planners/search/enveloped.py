@@ -43,7 +43,7 @@ from ..relaxation.boxes import (
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.mccormick import Axes, McCormick
 from ..relaxation.relaxed import RelaxationAnswer
-from .answer import Acceptance, Claim, Clock, TimeLimited, kind_of, plan_of
+from .answer import Acceptance, Claim, Clock, Method, kind_of, plan_of
 from .cuts import alone
 
 _TRIES = 3
@@ -79,7 +79,7 @@ class _Search:
         self, planner: Any, solve: Callable[[Any, Problem], Answer[Plan]], course: Problem
     ) -> None:
         self._planner, self._solve, self._course = planner, solve, course
-        limited = isinstance(planner, TimeLimited)
+        limited = isinstance(planner, Method)
         self._clock = Clock.start(planner.limit_s(kind_of(course)) if limited else math.inf)
         self._plan: Plan | None = None
         self._message, self._parts, self._asked = "", 0, 0
@@ -238,7 +238,7 @@ class EnvelopeSearch:
     boxes, (S, E).
 
     Arguments:
-        envelopes: as for ``TwoStagePlanner``.
+        envelopes: as for ``TwoStage``.
         relaxation: P1 over them, a class like ``McCormick``.
         max_nodes: 200 where None.
     """

@@ -17,6 +17,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,18 +26,17 @@ from ..answer.plan import Plan
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import ConicStatus, Programs
 from ..equilibrium.scaled import Point, Scaled, cones_met, skew
-from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_int
+from ..files.arrays import Array, check_numbers
 from ..problem import Problem
 from ..projection.project import SURFACE, Projection, cost, improved, project
 from ..relaxation.envelope import Envelope
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..relaxation.mccormick import McCormick, domain_of, toe_ranges
-from .answer import Acceptance, Claim, Clock, Kind, TimeLimited, check_unused, plan_of
+from .answer import Acceptance, Claim, Clock, Kind, Method, plan_of
 from .choice import LEAST, ChoiceSearch
 from .cuts import CutSearch, bent_patches, branch
 from .enveloped import over_sides
-from .two_stage import TwoStagePlanner, decide
+from .two_stage import TwoStage, decide
 
 _REFUTED_MARGIN = 1e-6
 """A box is refuted where P1's margin exceeds this: a hundred times the solver's tolerance."""
@@ -247,51 +247,45 @@ def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
     return True
 
 
-_GAP = 1e-3
 NODES: Mapping[Kind, int] = MappingProxyType({"postures": 2000, "courses": 20000})
-"""Relative gap to the best plan, and nodes of one search, where nobody says."""
+"""Nodes of one search, where nobody says."""
 
 
-class ExactPlanner(TimeLimited):
-    """A posture decided, with a witness or a certificate; a plan within ``gap`` of the best, or a
-    certificate that there is none; or what is known at a limit.
+@dataclass(frozen=True, kw_only=True)
+class Exact(Method):
+    """Branch and bound to a verdict with its evidence; of courses to the best plan, for short ones.
 
     Arguments:
-        acceptance: posture problems whose least moment residual lies between its two figures stay
-            undecided.
-        gap: of courses, relative.
+        gap: of courses, relative: a plan this close to the best counts as best.
+        max_solves: convex solves of one answer at most, beside the limit of time; None for no such
+            limit. With a ``time_limit_s`` that is never met, 1e6, the answer is the same on a busy
+            computer.
         max_nodes: where to stop; ``NODES`` where None.
-        max_solves, time_limit_s: likewise; of courses the bound is then what is proved so far.
+        time_limit_s, acceptance, programs, most_s: of every method, see ``Method``.
+
+    Posture problems whose least moment residual lies between the two figures of ``acceptance`` stay
+    undecided.
+
+    Raises:
+        InvalidInput: for numbers that are negative.
+    Source:
+        Spatial branch and bound over E1-E11.
+
+    Example:
+        >>> import stancekit
+        >>> stancekit.solve(stancekit.sample("wall-3", rng=8)[0], stancekit.Exact()).status.value
+        'infeasible'
     """
 
-    name = "exact"
+    name: ClassVar[str] = "exact"
+    OF_COURSES: ClassVar[tuple[str, ...]] = ("gap",)
+    gap: float = 1e-3
+    max_solves: int | None = None
+    max_nodes: int | None = None
 
-    def __init__(
-        self,
-        *,
-        acceptance: Acceptance = Acceptance(),
-        gap: float = _GAP,
-        max_nodes: int | None = None,
-        max_solves: int | None = None,
-        time_limit_s: float | None = None,
-        programs: Programs | None = None,
-    ) -> None:
-        if time_limit_s is not None and not time_limit_s >= 0.0:
-            raise InvalidInput(
-                f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}"
-            )
-        if max_nodes is not None:
-            checked_int(max_nodes, "max_nodes", least=0)
-        self.acceptance = acceptance
-        self.gap = checked(gap, "gap", above=0.0)
-        self.max_nodes, self.max_solves = max_nodes, max_solves
-        self.time_limit_s = time_limit_s
-        self.programs = programs or Programs()
-
-    def check(self, kind: Kind) -> None:
-        """Raise InvalidInput for a setting that this kind of question has no use for."""
-        if kind == "postures":
-            check_unused(self, gap=_GAP)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_numbers(self, above=("gap",), least=("max_solves", "max_nodes"))
 
     def solve(self, problem: Problem, *, root: LiftAnswer | None = None) -> Answer[Plan]:
         """Answer one problem (of postures Lin et al.'s P, exactly).
@@ -342,7 +336,7 @@ class ExactPlanner(TimeLimited):
                 search ends where it cannot come any more.
         """
         search = CutSearch(
-            self.programs,
+            self.kept,
             scaled,
             gap=self.acceptance.gap,
             tolerance=self.acceptance.tolerance,
@@ -361,19 +355,19 @@ class ExactPlanner(TimeLimited):
         limit_s = self.limit_s("courses")
         max_nodes = NODES["courses"] if self.max_nodes is None else self.max_nodes
         clock, scaled = Clock.start(limit_s, self.max_solves), Scaled.of(course)
-        choices = TwoStagePlanner(
+        choices = TwoStage(
             gap=self.gap, max_nodes=max_nodes, time_limit_s=limit_s, programs=self.programs
         )
         head = choices.search(scaled, clock)
         proof, details = head.certificate(), {"nodes": float(head.nodes), "cuts": 0.0}
         best, upper, lower, stopped = head.found, head.upper, head.bound, ""
         if proof is None and not head.closed:
-            tail = _BestPlan(self.programs, self.gap, max_nodes, head, scaled, clock)
+            tail = _BestPlan(self.kept, self.gap, max_nodes, head, scaled, clock)
             tail.run()
             best, upper, lower, stopped = tail.best, tail.upper, tail.lower, tail.stopped
             details = {"nodes": float(head.nodes + tail.nodes), "cuts": float(tail.cuts)}
         if best is None and proof is None and not stopped:
-            best, proof, nodes = decide(self.programs, scaled, clock, max_nodes)
+            best, proof, nodes = decide(self.kept, scaled, clock, max_nodes)
             details["nodes"] += nodes
             if best is not None:  # the solver refuted, by its tolerance, a part that has a plan
                 upper, lower = cost(scaled.chosen(best[0]), best[1]), head.bound

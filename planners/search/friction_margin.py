@@ -10,7 +10,6 @@ import logging
 import math
 import time
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import replace
 from functools import cache
 
@@ -27,7 +26,7 @@ from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 from ..terrain.sole import sole_offsets, sole_region
 from .answer import COURSE_LIMIT_S, Planner
-from .two_stage import TwoStagePlanner
+from .two_stage import TwoStage
 
 LOG = logging.getLogger(__name__)
 SHARES = (0.8, 0.9, 1.0)
@@ -314,9 +313,8 @@ def quick(planner: Planner) -> Planner:
     """The planner without proofs and cuts in space: nobody waits half a minute for a plan that is
     only better to have.
     """
-    if isinstance(planner, TwoStagePlanner):
-        planner = copy(planner)
-        planner.cuts = planner.proves = False
+    if isinstance(planner, TwoStage):
+        return replace(planner, cuts=False, proves=False)
     return planner
 
 
@@ -326,8 +324,8 @@ def check_push(course: Problem, planner: Planner) -> None:
     """
     if course.push_n == 0.0:
         return
-    if not (isinstance(planner, TwoStagePlanner) and planner.envelopes is None):
-        over = " over envelopes" if planner.name == TwoStagePlanner.name else ""
+    if not (isinstance(planner, TwoStage) and planner.envelopes is None):
+        over = " over envelopes" if planner.name == TwoStage.name else ""
         raise InvalidInput(
             f"push_n: expected 0 N with {planner.name}{over}, got {course.push_n:g} N: "
             "two-stage alone knows pushes, over the lift"

@@ -11,8 +11,9 @@ says nothing. Whatever a solver claims, its point is projected and verified.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass, fields
 from importlib import util
-from typing import ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -20,43 +21,37 @@ from ..answer.answer import Answer
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
 from ..equilibrium.layout import Index, Layout
-from ..equilibrium.programs import ConicSolution, ConicStatus, Programs, multipliers
+from ..equilibrium.programs import ConicSolution, ConicStatus, multipliers
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, FreeToes, Given, objective
 from ..errors import InvalidInput, not_installed
-from ..files.arrays import checked, checked_choice, checked_int
+from ..files.arrays import check_numbers, checked_int
+from ..files.documents import shown
 from ..problem import Problem
-from ..projection.nlp import NlpProgram
 from ..projection.project import PROJECTIONS, SURFACE, Projection, project
 from ..relaxation.boxes import boxes_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.lift import solve_lift
 from ..relaxation.mccormick import domain_of
-from ..relaxation.micp import (
-    SOLVERS,
-    MicpGrid,
-    MicpProgram,
-    axes_of,
-    cell_error,
-    cones_of,
-    meet,
-    of_layout,
-    of_several_frames,
-    unit_domain,
-)
-from ..relaxation.papers import Breaks
-from .answer import Acceptance, Claim, Clock, Kind, TimeLimited, check_unused, kind_of, plan_of
+from .answer import Claim, Clock, Kind, Method, kind_of, plan_of
 from .choice import nearest
 from .cuts import LEAF, alone
 from .enveloped import over_sides
 
+if TYPE_CHECKING:  # cvxpy and CasADi are loaded where one of these methods is asked
+    from ..relaxation.micp import MicpGrid, MicpProgram
+
+MOST_INTERVALS = 64
+"""A finer grid takes minutes to write down and more memory than most machines have."""
 _Start = Literal["nominal", "p1"]
 STARTS: tuple[_Start, ...] = get_args(_Start)
 
 
-class NlpPlanner(TimeLimited):
-    """Feasible by IPOPT from one of several starts, or undecided: a local method proves nothing.
+@dataclass(frozen=True, kw_only=True)
+class Nlp(Method):
+    """The nonlinear program as it is, solved by IPOPT: feasible from one of several starts, or
+    undecided, since a local method proves nothing.
 
     Of several candidates each toe takes the nearest with friction.
 
@@ -65,40 +60,44 @@ class NlpPlanner(TimeLimited):
             point, where it has one).
         starts: how many, all but the first random; None for 5 of a posture and 1 of a course.
         seed: of the random ones.
+        max_iterations: of IPOPT.
         time_limit_s: for all starts together.
+        acceptance, programs, most_s: of every method, see ``Method``.
+
+    Raises:
+        InvalidInput: for an unknown start, and counts below 1.
+    Source:
+        Lin et al. §IV-A (NLP in Table I).
+
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> stancekit.solve(problem, stancekit.Nlp()).status.value
+        'feasible'
     """
 
-    name = "nlp"
+    name: ClassVar[str] = "nlp"
+    start: _Start = "nominal"
+    starts: int | None = None
+    seed: int = 0
+    max_iterations: int = 500
 
-    def __init__(
-        self,
-        *,
-        start: _Start = "nominal",
-        starts: int | None = None,
-        seed: int = 0,
-        max_iterations: int = 500,
-        time_limit_s: float | None = None,
-        acceptance: Acceptance = Acceptance(),
-        programs: Programs | None = None,
-    ) -> None:
-        checked_choice(start, "start", STARTS)
-        if starts is not None:
-            checked_int(starts, "starts", least=1)
-        self.start: _Start = start
-        self.starts, self.seed, self.max_iterations = starts, seed, max_iterations
-        self.time_limit_s = (
-            None if time_limit_s is None else checked(time_limit_s, "time_limit_s", above=0.0)
-        )
-        self.acceptance, self._programs = acceptance, programs or Programs()
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.starts is not None:
+            checked_int(self.starts, "starts", least=1)
+        check_numbers(self, above=("time_limit_s",))
 
     @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
         """Try the starts in order until one ends on the bilinear surface."""
+        from ..projection.nlp import NlpProgram
+
         clock, scaled, limit_s = Clock.start(), Scaled.of(problem), self.limit_s(kind_of(problem))
         choice = nearest(scaled)
         chosen, count = scaled.chosen(choice), self.starts or (5 if scaled.weights is None else 1)
         with clock.compiling():
-            program = self._programs.get(
+            program = self.kept.get(
                 NlpProgram,
                 chosen.layout,
                 scaled.weights is None,
@@ -109,7 +108,7 @@ class NlpPlanner(TimeLimited):
         for start in self._starting(chosen, count):
             if tried and clock.elapsed() > limit_s:
                 break
-            point, word = program.attempt(self._programs, chosen, start)
+            point, word = program.attempt(self.kept, chosen, start)
             tried += 1
             clock.count(1, point.seconds)
             if np.isfinite(point.residual) and (best is None or point.residual < best.residual):
@@ -125,7 +124,7 @@ class NlpPlanner(TimeLimited):
     def _starting(self, chosen: Scaled, count: int) -> list[Point]:
         starts = starting_points(chosen, count, seed=self.seed)
         if self.start == "p1":
-            lifted = solve_lift(self._programs, chosen, least_moment=chosen.weights is None)
+            lifted = solve_lift(self.kept, chosen, least_moment=chosen.weights is None)
             if lifted.solved and np.isfinite(lifted.bound):
                 point, nominal = lifted.rounded()[1], starts[0]
                 starts[0] = Point(
@@ -207,29 +206,28 @@ class Positions:
         return solution, np.asarray(table.argmax(axis=1), dtype=np.int_), point
 
 
-class DecoupledPlanner:
-    """Positions, rounded to one patch a toe, then forces for them; what either stage cannot do is
-    not tried again.
+@dataclass(frozen=True, kw_only=True)
+class Decoupled(Method):
+    """Positions first, rounded to one patch a toe, and forces for them after, for courses: a baseline
+    that fails on ice; what either stage cannot do is not tried again, long before any time limit.
 
     Feasible or undecided; infeasible where there are no positions at all, which has the same
     certificate as the lift.
+
+    Arguments:
+        time_limit_s, acceptance, programs, most_s: of every method, see ``Method``.
+
+    Source:
+        None: the common order of planners without forces.
+
+    Example:
+        >>> import stancekit
+        >>> stancekit.plan("stairs", stancekit.Decoupled(), frames=3).status.value
+        'feasible'
     """
 
-    name = "decoupled"
-    answers: ClassVar[Kind] = "courses"
-
-    def __init__(
-        self, *, acceptance: Acceptance = Acceptance(), programs: Programs | None = None
-    ) -> None:
-        self.acceptance = acceptance
-        self.programs = programs or Programs()
-
-    def check(self, kind: Kind) -> None:
-        """Raise InvalidInput for postures."""
-        if kind == "postures":
-            raise InvalidInput(
-                f"method: expected one for postures, got {self.name}, which plans courses"
-            )
+    name: ClassVar[str] = "decoupled"
+    answers: ClassVar[Kind | None] = "courses"
 
     @over_sides
     def solve(self, course: Problem) -> Answer[Plan]:
@@ -252,7 +250,7 @@ class DecoupledPlanner:
         plan, message = None, "the patches of the largest shares admit no positions"
         if solution.solved:
             details["on_ice"] = float(np.mean(chosen.friction == 0.0))
-            placed, point = point, project(self.programs, "fix-p", chosen, point)
+            placed, point = point, project(self.kept, "fix-p", chosen, point)
             clock.count(1, point.seconds)
             details["residual"] = point.residual
             message = "the positions admit no forces that hold the robot"
@@ -267,7 +265,7 @@ class DecoupledPlanner:
         return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
 
     def _place(self, scaled: Scaled, clock: Clock) -> tuple[ConicSolution, Index, Point]:
-        solution = self.programs.get(Positions, scaled.layout).solve(scaled)
+        solution = self.kept.get(Positions, scaled.layout).solve(scaled)
         clock.count(1, solution[0].seconds)
         return solution
 
@@ -283,7 +281,7 @@ class DecoupledPlanner:
                 forces=np.zeros((len(contacts), 3)),
                 residual=float("inf"),
             )
-            residual = project(self.programs, "fix-p", part, at).residual
+            residual = project(self.kept, "fix-p", part, at).residual
             if residual > worst:
                 worst = residual
                 left = f"{residual * course.weight_n * course.unit_m:.3g} Nm are left over"
@@ -297,59 +295,72 @@ _LEAST_S = 1e-3
 """A solver is given this much time even where writing the model down took all of it [s]."""
 
 
-class MicpPlanner(TimeLimited):
-    """The papers' planner: claims of a mixed-integer solver, of which only verified witnesses
-    become an answer.
+@dataclass(frozen=True, kw_only=True)
+class Micp(Method):
+    """A piecewise McCormick grid, mixed-integer: claims of a solver, of which only verified
+    witnesses become an answer; needs the extra exact for other solvers than HiGHS.
 
     Arguments:
         solver: "highs", "scip" or "gurobi".
-        envelope: a box over the stance contacts, or a learned set of one; it confines the search,
-            so that "infeasible" then speaks of the envelope only.
-        gap: relative, to which a course's objective is minimised (with planes from below, by
+        intervals, encoding, cut, domain, envelope_use, cones: the grid, see ``MicpGrid``.
+        envelopes: a box over the stance contacts, or a learned set of one, that the grid is over;
+            it confines the search, so that "infeasible" then speaks of the envelope only.
+        gap: of courses: relative, to which the objective is minimised (with planes from below, by
             tangents of its squares); None takes the first point, which is all that a claim needs.
+        projection: P2 after the grid.
         time_limit_s: the solver's.
+        acceptance, programs, most_s: of every method, see ``Method``.
+
+    Raises:
+        InvalidInput: for a solver, a use or a projection that there is not, and for several
+            envelopes.
+    Source:
+        Lin et al. §IV; the grid is that of piecewise McCormick envelopes.
+
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> stancekit.solve(problem, stancekit.Micp(intervals=2)).status.value
+        'feasible'
     """
 
-    name = "micp"
+    name: ClassVar[str] = "micp"
+    OF_COURSES: ClassVar[tuple[str, ...]] = ("envelope_use", "gap", "projection")
+    solver: Literal["highs", "scip", "gurobi"] = "highs"
+    intervals: int = 4
+    envelopes: Envelope | EnvelopeSet | None = None
+    envelope_use: Literal["rows", "shrink"] = "rows"
+    gap: float | None = None
+    projection: Projection = "scp"
+    encoding: str = "log"
+    cut: str = "both"
+    domain: str = "course"
+    cones: str | None = None
 
-    def __init__(
-        self,
-        *,
-        solver: str = "highs",
-        grid: MicpGrid = MicpGrid(),
-        envelope: Envelope | EnvelopeSet | None = None,
-        gap: float | None = None,
-        projection: Projection = "scp",
-        time_limit_s: float | None = None,
-        acceptance: Acceptance = Acceptance(),
-        programs: Programs | None = None,
-    ) -> None:
-        checked_choice(solver, "solver", SOLVERS)
-        if util.find_spec(SOLVERS[solver][0]) is None:
-            raise not_installed("solver", SOLVERS[solver][0], repr(solver), "exact")
-        cones_of(grid, solver)
-        PROJECTIONS.get(projection)
-        if isinstance(envelope, EnvelopeSet) and len(envelope.envelopes) > 1:
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        from ..relaxation.micp import SOLVERS, cones_of
+
+        if self.intervals > MOST_INTERVALS:
             raise InvalidInput(
-                f"envelopes: expected one envelope for micp, got {len(envelope.envelopes)}"
+                f"intervals: expected {MOST_INTERVALS} or less, got {shown(self.intervals)}"
             )
-        self.solver, self.grid, self.envelope = solver, grid, envelope
-        self.gap = None if gap is None else checked(gap, "gap", least=0.0)
-        self.projection: Projection = projection
-        self.time_limit_s = (
-            None if time_limit_s is None else checked(time_limit_s, "time_limit_s", above=0.0)
-        )
-        self.acceptance, self._programs = acceptance, programs or Programs()
-
-    def check(self, kind: Kind) -> None:
-        """Raise InvalidInput for a setting that this kind of question has no use for."""
-        if kind == "postures":
-            check_unused(self, envelope_use="rows", gap=None, projection="scp")
+        check_numbers(self, least=("gap",), above=("time_limit_s",))
+        PROJECTIONS.get(self.projection)
+        cones_of(self.grid, self.solver)
+        if isinstance(self.envelopes, EnvelopeSet) and len(self.envelopes.envelopes) > 1:
+            raise InvalidInput(
+                f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}"
+            )
+        if util.find_spec(SOLVERS[self.solver][0]) is None:
+            raise not_installed("solver", SOLVERS[self.solver][0], repr(self.solver), "exact")
 
     @property
-    def envelope_use(self) -> str:
-        """The use that the grid makes of an envelope."""
-        return self.grid.envelope_use
+    def grid(self) -> MicpGrid:
+        """The grid that cuts m = p f."""
+        from ..relaxation.micp import MicpGrid
+
+        return MicpGrid(**{each.name: getattr(self, each.name) for each in fields(MicpGrid)})
 
     @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
@@ -357,6 +368,8 @@ class MicpPlanner(TimeLimited):
 
         Raises InvalidInput for an envelope of other limbs.
         """
+        from ..relaxation.micp import cell_error
+
         clock, scaled = Clock.start(), Scaled.of(problem)
         with clock.compiling():
             program = self.program(problem)
@@ -377,9 +390,7 @@ class MicpPlanner(TimeLimited):
             details["claimed_residual_nm"] = unit_nm * float(
                 np.linalg.norm(answer.moments, axis=1).max()
             )
-            point = project(
-                self._programs, self.projection, scaled.chosen(answer.choice), answer.point
-            )
+            point = project(self.kept, self.projection, scaled.chosen(answer.choice), answer.point)
             clock.count(point.solves, point.seconds)
         if point is None or not np.isfinite(point.residual):
             point = None
@@ -398,10 +409,13 @@ class MicpPlanner(TimeLimited):
         """The program of a problem; postures of one layout share one, which then has the numbers of
         this one.
         """
+        from ..relaxation.micp import MicpProgram, axes_of, of_layout
+        from ..relaxation.papers import Breaks
+
         scaled, (domain, envelope) = Scaled.of(problem), self.boxes(problem)
         breaks = Breaks.of(domain, self.grid.counts)
         if problem.is_posture and envelope is None:
-            symbols, program = self._programs.get(of_layout, scaled.layout, self.grid, self.solver)
+            symbols, program = self.kept.get(of_layout, scaled.layout, self.grid, self.solver)
             symbols.load(scaled, breaks)
             return program
         gap = None if problem.is_posture else self.gap
@@ -414,6 +428,8 @@ class MicpPlanner(TimeLimited):
         """The domain that the grid divides, and the box of the envelope rows, where there are
         any.
         """
+        from ..relaxation.micp import axes_of, meet, unit_domain
+
         scaled, envelope = Scaled.of(problem), self.box(problem)
         domain = (
             domain_of(scaled, axes_of(scaled))
@@ -429,7 +445,9 @@ class MicpPlanner(TimeLimited):
 
         Raises InvalidInput where it was learned for others.
         """
-        if self.envelope is None:
+        from ..relaxation.micp import of_several_frames
+
+        if self.envelopes is None:
             return None
         scaled = Scaled.of(problem)
         contacts = len(scaled.force_min)
@@ -442,13 +460,13 @@ class MicpPlanner(TimeLimited):
                     "candidate patches that share one contact frame, for an envelope on the forces "
                     "in it; got several"
                 )
-        if isinstance(self.envelope, EnvelopeSet):
+        if isinstance(self.envelopes, EnvelopeSet):
             if not problem.is_posture:
-                return boxes_of(problem, self.envelope)[0]
-            self.envelope.check_fits(problem)
-            return self.envelope.envelopes[0]
-        if self.envelope.contacts != contacts:
+                return boxes_of(problem, self.envelopes)[0]
+            self.envelopes.check_fits(problem)
+            return self.envelopes.envelopes[0]
+        if self.envelopes.contacts != contacts:
             raise InvalidInput(
-                f"contacts: expected {self.envelope.contacts} for this envelope, got {contacts}"
+                f"contacts: expected {self.envelopes.contacts} for this envelope, got {contacts}"
             )
-        return self.envelope
+        return self.envelopes

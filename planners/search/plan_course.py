@@ -18,7 +18,7 @@ import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.plan import Plan
-from ..errors import InvalidInput, PlanningFailed
+from ..errors import InvalidInput, NoPlace, PlanningFailed
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.alternatives import (
@@ -30,7 +30,6 @@ from ..problem.alternatives import (
     Alternative,
     ordered,
 )
-from ..problem.candidates import NoPlace
 from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.centre import walls_of, with_room_for_legs
@@ -50,7 +49,7 @@ from .pieces import (
     in_pieces,
     plan_pieces,
 )
-from .two_stage import TwoStagePlanner
+from .two_stage import TwoStage
 
 if TYPE_CHECKING:
     from ..problem.course_between import LaidBetween
@@ -147,7 +146,7 @@ def plan_course(
             robot whose joints are not known.
     """
     stated = stated and not hasattr(question, "onward")
-    unlearned = isinstance(planner, TwoStagePlanner) and planner.envelopes is None
+    unlearned = isinstance(planner, TwoStage) and planner.envelopes is None
     turned = unlearned and getattr(question, "frame", None) is not None
     between = cast("LaidBetween", question) if turned else None
     if between is not None:
@@ -649,7 +648,7 @@ def replan(
     last = course.frames - 1 if horizon is None else min(frame + horizon, course.frames - 1)
     window = course_window(course, frame, last, state)
     if planner is None:
-        planner = TwoStagePlanner()
+        planner = TwoStage()
     chosen: Planner = planner if hasattr(planner, "solve") else planner(window)  # type: ignore[assignment]
     start_rad = None if state is None else state.angles_rad
     return plan_course(

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,20 +25,18 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
-from ..files.arrays import checked
+from ..files.arrays import check_numbers
 from ..problem import Problem
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, improved, project
+from ..relaxation.boxes import Modes, StanceBoxes
+from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
-from .answer import Acceptance, Claim, Clock, Kind, TimeLimited, check_unused, kind_of, plan_of
+from ..relaxation.mccormick import McCormick
+from ..relaxation.relaxed import RELAXATIONS, RelaxedProgram
+from .answer import Claim, Clock, Kind, Method, kind_of, plan_of
 from .choice import ChoiceSearch, SearchLimits
 from .cuts import LEAF, PROVABLE, CutSearch
 from .enveloped import over_sides
-
-if TYPE_CHECKING:  # a planner over the lift waits for none of them
-    from ..relaxation.boxes import Modes, StanceBoxes
-    from ..relaxation.envelope import EnvelopeSet
-    from ..relaxation.mccormick import McCormick
-    from ..relaxation.relaxed import RelaxedProgram
 
 _QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
@@ -49,99 +47,111 @@ _CHOICE_SHARE = 0.75
 rest, are of use."""
 
 
-class TwoStagePlanner(TimeLimited):
-    """P1 over learned envelopes, or the lift where ``envelopes`` is None; then P2.
-
-    A posture is answered by one relaxation and one projection. A course needs branch and bound over
-    candidates, and over boxes where there are several; over the lift also cuts in space, where P1
-    says yes and P2 no. The settings from ``reserve`` on are for courses.
+@dataclass(frozen=True, kw_only=True)
+class TwoStage(Method):
+    """The two stages of Lin et al.: P1, a convex relaxation, then P2, a projection onto the
+    bilinear surface m = p·f.
 
     Arguments:
-        envelopes: boxes in contact frames, learned for a stance of the problem or its mirror image;
-            of courses, with several, one is chosen a stance. For courses also several sets, for
-            stances on different limbs, ``StanceBoxes`` for the stances of one course, and
+        relaxation: P1, a name of ``RELAXATIONS``; where None "p1" with envelopes, and without any
+            the lift.
+        envelopes: learned boxes that P1 is over, in contact frames, for a stance of the problem or
+            its mirror image; of courses, with several, one is chosen a stance, and also several
+            sets, for stances on different limbs, ``StanceBoxes`` for the stances of one course, and
             ``Modes``, boxes in world axes.
-        relaxation: which P1 over envelopes, a name of ``RELAXATIONS``; of courses p1 or one derived
-            from it.
-        projection: see ``projection.project``; None puts P1's own point to the verifier, of
+        projection: P2, a name of ``PROJECTIONS``; None puts P1's own point to the verifier, of
             postures.
-        reserve: whether ``plan`` keeps friction in reserve.
-        gap: None takes the first plan that the search finds; else the search goes on, and improves
-            plans, until one is proved to be within this relative gap of the best.
-        max_nodes: of each search; 2000 over the lift and 200 over envelopes where None.
-        time_limit_s, max_solves: of one course, None for no limit of solves.
-        cuts: whether to cut in space.
+        reserve: of courses: plan with 80 % of the friction where that has a plan, else with 90 %,
+            else with all.
+        max_solves: of courses: convex solves of one search at most, beside the limit of time; None
+            for no such limit. With a ``time_limit_s`` that is never met, 1e6, the plan is the same
+            on a busy computer.
+
+        gap: of courses: None takes the first plan that the search finds; else the search goes on,
+            and improves plans, until one is proved to be within this relative gap of the best.
+        max_nodes: of each search of a course; 2000 over the lift and 200 over envelopes where None.
+        cuts, proves: of courses: whether to cut in space where P1 says yes and P2 no, and whether to
+            look for proofs.
         steps: of SCP at most, where the first few bring a point near to a plan.
+        time_limit_s, acceptance, programs, most_s: of every method, see ``Method``.
+
+    Raises:
+        InvalidInput: for an unknown name, envelopes that are missing, and envelopes that the lift
+            has no use for.
+    Source:
+        Lin et al. §II, §III.
+
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> stancekit.solve(problem, stancekit.TwoStage(projection="fix-p")).status.value
+        'feasible'
     """
 
-    name = "two-stage"
+    name: ClassVar[str] = "two-stage"
+    OF_COURSES: ClassVar[tuple[str, ...]] = (
+        "reserve",
+        "max_solves",
+        "time_limit_s",
+        "gap",
+        "max_nodes",
+        "cuts",
+        "proves",
+        "steps",
+    )
+    relaxation: str | None = None
+    envelopes: EnvelopeSet | Sequence[EnvelopeSet] | StanceBoxes | Modes | None = None
+    projection: Projection | None = "scp"
+    reserve: bool = True
+    max_solves: float | None = None
+    gap: float | None = None
+    max_nodes: int | None = None
+    cuts: bool = True
+    proves: bool = True
+    steps: int = STEPS
 
-    def __init__(
-        self,
-        envelopes: EnvelopeSet | Sequence[EnvelopeSet] | StanceBoxes | Modes | None = None,
-        *,
-        relaxation: str = "p1",
-        projection: Projection | None = "scp",
-        reserve: bool = True,
-        acceptance: Acceptance = Acceptance(),
-        gap: float | None = None,
-        max_nodes: int | None = None,
-        max_solves: float | None = None,
-        time_limit_s: float | None = None,
-        cuts: bool = True,
-        steps: int = STEPS,
-        programs: Programs | None = None,
-    ) -> None:
-        if projection is not None:
-            PROJECTIONS.get(projection)
-        if relaxation != "p1":
-            from ..relaxation.relaxed import RELAXATIONS
-
-            RELAXATIONS.get(relaxation)
-        self.envelopes, self.relaxation = envelopes, relaxation
-        self.projection: Projection | None = projection
-        self.acceptance, self.reserve = acceptance, reserve
-        self.gap = None if gap is None else checked(gap, "gap", above=0.0)
-        self.max_nodes, self.max_solves = max_nodes, max_solves
-        self.time_limit_s = time_limit_s
-        self.cuts, self.proves = cuts, True
-        self.steps = steps
-        self.programs = programs or Programs()
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_numbers(self, least=("max_solves", "max_nodes"), above=("gap",))
+        if self.projection is not None:
+            PROJECTIONS.get(self.projection)
+        if self.relaxation is None:
+            return
+        over_boxes = RELAXATIONS.get(self.relaxation).over_boxes
+        if over_boxes and self.envelopes is None:
+            raise InvalidInput(
+                f"envelopes: expected an envelope for the relaxation {self.relaxation}, got none"
+            )
+        if not over_boxes and self.envelopes is not None:
+            raise InvalidInput(
+                f"envelopes: expected none for the {self.relaxation}, which has no use for them"
+            )
 
     def check(self, kind: Kind) -> None:
         """Raise InvalidInput for a setting that this kind of question has no use for, or needs."""
-        if kind == "courses":
-            if self.projection is None:
-                raise InvalidInput("projection: expected one for courses, got none")
-            if self.envelopes is not None:
-                self.boxed()
+        super().check(kind)
+        if kind == "postures":
+            self._of_one_class()
             return
-        if self.time_limit_s is not None:
-            raise InvalidInput(
-                f"time_limit_s: expected none for {self.name}, which has no use for it, got "
-                f"{self.time_limit_s:g}"
-            )
-        check_unused(self, reserve=True, max_solves=None)
-        self._of_one_class()
+        if self.projection is None:
+            raise InvalidInput("projection: expected one for courses, got none")
+        if self.envelopes is not None:
+            self.boxed()
 
     def relaxed(self) -> type[RelaxedProgram]:
         """P1 over envelopes."""
-        from ..relaxation.relaxed import RELAXATIONS
-
-        return RELAXATIONS.get(self.relaxation)
+        return RELAXATIONS.get(self.relaxation or "p1")
 
     def boxed(self) -> type[McCormick]:
         """P1 over the envelopes of a course.
 
         Raises InvalidInput for one that is not derived from p1.
         """
-        from ..relaxation.mccormick import McCormick
-
         relaxation = self.relaxed()
         if not (isinstance(relaxation, type) and issubclass(relaxation, McCormick)):
             raise InvalidInput(
                 "relaxation: expected one for courses, p1 or one derived from it, got "
-                f"{self.relaxation}"
+                f"{self.relaxation or 'p1'}"
             )
         return relaxation
 
@@ -193,7 +203,7 @@ class TwoStagePlanner(TimeLimited):
             and not clock.ended()
         ):
             result, proof, nodes = decide(
-                self.programs, scaled, clock, NODES if self.max_nodes is None else self.max_nodes
+                self.kept, scaled, clock, NODES if self.max_nodes is None else self.max_nodes
             )
             message, details["cuts"] = "" if result or proof else message, float(nodes)
         plan = None
@@ -223,11 +233,11 @@ class TwoStagePlanner(TimeLimited):
             envelopes.check_fits(problem)
         scaled = Scaled.of(problem)
         if envelopes is None:
-            lift = solve_lift(self.programs, scaled, least_moment=True)
+            lift = solve_lift(self.kept, scaled, least_moment=True)
             answer = as_relaxation(lift)
         else:
             boxes = [envelopes.envelopes]
-            answer = self.relaxed().answers(self.programs, [scaled], boxes, [])[0]
+            answer = self.relaxed().answers(self.kept, [scaled], boxes, [])[0]
         clock.count(answer.solves, 0.0)
         if not answer.known:
             claim = Claim(message="the relaxation was not solved")
@@ -240,7 +250,7 @@ class TwoStagePlanner(TimeLimited):
             return self._refused(problem, scaled, clock, lift, details)
         point = answer.point
         if self.projection:
-            point = project(self.programs, self.projection, scaled, answer.point)
+            point = project(self.kept, self.projection, scaled, answer.point)
             clock.count(point.solves, 0.0)
         plan: Plan | None = None
         if not (self.projection and np.isinf(point.residual)) and np.all(np.isfinite(point.forces)):
@@ -262,7 +272,7 @@ class TwoStagePlanner(TimeLimited):
         Where that holds whatever the box, the lift's certificate says so.
         """
         if lift is None and np.isinf(details["margin"]):
-            lift = solve_lift(self.programs, scaled, least_moment=True)
+            lift = solve_lift(self.kept, scaled, least_moment=True)
             clock.count(1, 0.0)
         proof = lift is not None and lift.solved and lift.bound > self.acceptance.gap
         certificate = (
@@ -285,9 +295,6 @@ class TwoStagePlanner(TimeLimited):
         """
         if self.envelopes is None:
             return None
-        from ..relaxation.boxes import Modes
-        from ..relaxation.envelope import EnvelopeSet
-
         if isinstance(self.envelopes, EnvelopeSet):
             return self.envelopes
         came = "modes" if isinstance(self.envelopes, Modes) else type(self.envelopes).__name__
@@ -307,7 +314,7 @@ class TwoStagePlanner(TimeLimited):
         assert self.projection is not None
         clock = Clock.start(self.limit_s("courses"), self.max_solves)
         search = EnvelopeSearch(
-            self.programs,
+            self.kept,
             course,
             self.envelopes,
             clock,
@@ -321,11 +328,11 @@ class TwoStagePlanner(TimeLimited):
             details["margin"] = search.margin()
             if np.isinf(details["margin"]):  # infeasible whatever the box: the lift may prove it
                 left_s, solves = clock.left()
-                lift = TwoStagePlanner(
+                lift = TwoStage(
                     programs=self.programs,
                     acceptance=self.acceptance,
                     time_limit_s=left_s,
-                    max_solves=solves,
+                    max_solves=None if np.isinf(solves) else solves,
                 )
                 proof = lift.solve(course)
                 if proof.status is Status.INFEASIBLE:
@@ -351,15 +358,13 @@ class TwoStagePlanner(TimeLimited):
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, _QUICK)
             deadline = clock.begin + clock.time_limit_s
-            point = project(
-                self.programs, projection, chosen, start, steps=steps, deadline=deadline
-            )
+            point = project(self.kept, projection, chosen, start, steps=steps, deadline=deadline)
             clock.count(point.solves, point.seconds)
             if self.gap is None or not point.residual <= SURFACE:
                 return point
-            return improved(self.programs, chosen, point, clock.count)
+            return improved(self.kept, chosen, point, clock.count)
 
-        search = ChoiceSearch(self.programs, scaled, projected, limits, clock)
+        search = ChoiceSearch(self.kept, scaled, projected, limits, clock)
         search.run()
         return search
 

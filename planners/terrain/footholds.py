@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, NoPlace
 from ..files.arrays import Array, cross
 from ..files.codec import Within, check_limits
 from .certainty import FOUND_SD_M
 from .frame import Frame
-from .import_options import ImportOptions
+from .import_options import ImportOptions, doubts
 from .patch import Patch
 from .polygon import clipped, shear_of
 
@@ -311,6 +311,7 @@ class Footholds:
             of a mesh [m].
         noise_length_m: distance at which the correlation of that noise is 1/e, 0 where it is white
             [m].
+        doubts: what the reader of the file mended or left out, one line each.
     Source:
         None: planar convex pieces with a margin.
 
@@ -329,6 +330,7 @@ class Footholds:
     limits: FootholdLimits
     noise_m: float | None = None
     noise_length_m: float = 0.0
+    doubts: tuple[str, ...] = ()
 
     def moved(self, frame: Frame) -> Footholds:
         """The footholds in a world that is moved with them, with the shear references of that."""
@@ -361,6 +363,7 @@ class Footholds:
             "array": "x by the first index, y by the second, the origin in the middle",
             "area_m2": self.area_m2,
             "refused_m2": self.refused_m2,
+            "doubts": list(self.doubts),
             "noise_m": self.noise_m,
             "noise": None if self.noise_m is None else self.noise_source,
             "noise_length_m": None if self.noise_m is None else self.noise_length_m,
@@ -381,7 +384,7 @@ def footholds_of(
 ) -> Footholds:
     """The footholds of a mesh or a map.
 
-    Raises InvalidInput, with the reasons, where there is none, unless ``none`` says that there may
+    Raises NoPlace, with the reasons, where there is none, unless ``none`` says that there may
     be none.
     """
     from .facets import shapely_module
@@ -414,9 +417,7 @@ def footholds_of(
                 terrain.triangles
             ):
                 hint = "; triangles of a scan that lean by its noise have no planes: make it a map"
-        raise InvalidInput(
-            f"{terrain.name}: expected footholds, got none: {refused or 'no area'}{hint}"
-        )
+        raise NoPlace(f"{terrain.name}: expected footholds, got none: {refused or 'no area'}{hint}")
     return footholds
 
 
@@ -435,10 +436,11 @@ def read_footholds(
     )  # scipy and trimesh are no part of a course without a file
     from .triangle_mesh import TriangleMesh
 
-    terrain = read_terrain(path, options)
+    with doubts() as heard:
+        terrain = read_terrain(path, options)
     if isinstance(terrain, TriangleMesh):
         terrain.check_size()
-    return footholds_of(terrain, limits, friction)
+    return replace(footholds_of(terrain, limits, friction), doubts=tuple(heard))
 
 
 def check_unasked(options: ImportOptions, name: str) -> None:

@@ -4,7 +4,10 @@ never guessed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,6 +34,27 @@ _WIDEST_M = 200.0
 """No terrain of a legged robot spans more [m]; one that does is a file in millimetres."""
 OTHER_UNIT = "see unit_m, the length of the file's unit"
 """Hint for sizes that no terrain has: which unit it is they do not tell."""
+_HEARD: ContextVar[list[str] | None] = ContextVar("doubts of a ground", default=None)
+"""Doubts of the reading that goes on."""
+
+
+def doubt(text: str) -> None:
+    """Warn of something that a reader mended or left out, and keep it for whoever asked."""
+    heard = _HEARD.get()
+    if heard is not None:
+        heard.append(text)
+    warnings.warn(text, stacklevel=3)
+
+
+@contextmanager
+def doubts() -> Iterator[list[str]]:
+    """Hear what readers doubt meanwhile."""
+    heard = list[str]()
+    token = _HEARD.set(heard)
+    try:
+        yield heard
+    finally:
+        _HEARD.reset(token)
 
 
 @dataclass(frozen=True, kw_only=True)

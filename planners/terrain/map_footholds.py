@@ -173,7 +173,12 @@ def _planes_of(
     refused = dict.fromkeys(REASONS, 0.0)
     free = labels < 0
     narrow = _narrow(heights, known & free, np.hypot(limits.roughness_m, noise_m))
+    rise = np.hypot(*np.gradient(np.where(known, heights, np.nan), spacing))
+    steep = narrow & (rise > np.tan(limits.slope_rad))
+    narrow &= ~steep
+    free &= ~steep
     refused["steep"] = float(area_m2[flat & ~level].sum())
+    refused["steep"] += float(spacing**2 * np.hypot(1.0, rise[steep]).sum())
     refused["small"] = float(spacing**2 * narrow.sum())
     refused["rough"] = float(spacing**2 * (known & free & ~narrow).sum() + area_m2[~flat].sum())
     refused["hole"] = float(spacing**2 * (~known & ~barred & free).sum())

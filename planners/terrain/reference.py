@@ -76,12 +76,12 @@ class TerrainTask:
     RH.
     """
 
-    start_xy_m: Array
-    goal_xy_m: Array
+    start: Array
+    goal: Array
     adhesive: tuple[bool, bool, bool, bool] = (False, False, False, False)
 
     def __post_init__(self) -> None:
-        for name in ("start_xy_m", "goal_xy_m"):
+        for name in ("start", "goal"):
             object.__setattr__(self, name, read_only(getattr(self, name), (2,), name))
 
 
@@ -90,18 +90,14 @@ def _around(radius_m: float, from_opposite: bool) -> tuple[TerrainTask, ...]:
     turns = np.deg2rad(15.0) * np.arange(24)
     goals = radius_m * np.stack([np.sin(turns), np.cos(turns)], axis=1)
     return tuple(
-        TerrainTask(start_xy_m=-goal if from_opposite else np.zeros(2), goal_xy_m=goal)
-        for goal in goals
+        TerrainTask(start=-goal if from_opposite else np.zeros(2), goal=goal) for goal in goals
     )
 
 
-def _up(start_xy_m: Sequence[float], goals_m: Array) -> tuple[TerrainTask, ...]:
+def _up(start: Sequence[float], goals_m: Array) -> tuple[TerrainTask, ...]:
     """15 targets from one start; both front feet stick."""
     front = (True, True, False, False)
-    return tuple(
-        TerrainTask(start_xy_m=np.array(start_xy_m), goal_xy_m=goal, adhesive=front)
-        for goal in goals_m
-    )
+    return tuple(TerrainTask(start=np.array(start), goal=goal, adhesive=front) for goal in goals_m)
 
 
 def _out_of_the_pit() -> tuple[TerrainTask, ...]:

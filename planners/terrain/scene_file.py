@@ -6,7 +6,6 @@ each mesh, and so does this.
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy as np
 from ..errors import InvalidInput, not_installed
 from ..files.arrays import Array
 from ..files.documents import parse_xml, read_text
+from .import_options import doubt
 from .mesh_formats.numbers import Surface, TooMany, Triangles, check_count
 
 _LONGEST = 160
@@ -109,7 +109,7 @@ def read_scene(path: Path, most_triangles: int, hint: str = "simplify it") -> Su
             f"collides; left out: {', '.join(left_out[-6:]) or 'nothing'}"
         )
     if left_out:
-        warnings.warn(f"{path.name}: no ground: {', '.join(left_out[-6:])}", stacklevel=2)
+        doubt(f"{path.name}: no ground: {', '.join(left_out[-6:])}")
     made += _squares(planes, [corners for corners, _ in made])
     first = np.cumsum([0, *(len(corners) for corners, _ in made)])
     triangles = np.concatenate([k + each for k, (_, each) in zip(first, made, strict=False)])
@@ -158,10 +158,9 @@ def _mesh(model: Any, mesh: int) -> Surface | None:
     except QhullError:
         return None
     if volume > _HOLLOW * (within := float(np.linalg.det(points[faces]).sum()) / 6.0):
-        warnings.warn(
+        doubt(
             f"mesh {model.mesh(mesh).name}: its hull is the ground, as MuJoCo has it, of {volume:.3g} m³, "
-            f"where the mesh has {within:.3g}",
-            stacklevel=2,
+            f"where the mesh has {within:.3g}"
         )
     return corners, triangles
 

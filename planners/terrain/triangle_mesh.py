@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,7 @@ from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M
-from .import_options import OTHER_UNIT, ImportOptions
+from .import_options import OTHER_UNIT, ImportOptions, doubt
 from .inside_out import ROOM_M, one_sided, turned
 from .obstacles import fan
 from .patch import Patch
@@ -139,10 +138,9 @@ class TriangleMesh:
                 )
         triangles, rooms = one_sided(corners, triangles)
         if rooms:
-            warnings.warn(
+            doubt(
                 f"{name}: {rooms} closed parts that are given from both sides were taken for "
-                "solids; crop the ceiling off a room",
-                stacklevel=2,
+                "solids; crop the ceiling off a room"
             )
         triangles, count, middle = turned(corners, triangles)
         if middle is not None:
@@ -153,10 +151,9 @@ class TriangleMesh:
                 "that is inside out; turn its normals, or crop the ceiling off a room"
             )
         if count:
-            warnings.warn(
+            doubt(
                 f"{name}: {count} closed parts narrower than {ROOM_M:g} m are inside out and were "
-                "turned",
-                stacklevel=2,
+                "turned"
             )
         return cls(corners_m=corners, triangles=triangles, name=name)
 

@@ -14,7 +14,7 @@ of which the table, the robot's file or the terrain does not say enough, with th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -174,7 +174,8 @@ def check_motion(
                 verdict="not checked" if why and held else "",
             )
         )
-    return Report(groups=tuple(groups), answer=table, tolerance=0.0, limits=most)
+    judged = replace(table, doubts=robot.source.doubts)
+    return Report(groups=tuple(groups), answer=judged, tolerance=0.0, limits=most)
 
 
 @dataclass(frozen=True, kw_only=True)

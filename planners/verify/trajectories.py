@@ -381,8 +381,8 @@ def _defect_of(trajectory: Trajectory, step_s: float) -> str:
         "forces_n": (count, feet, 3),
         "contact": (count, feet),
         "adhesive": (feet,),
-        "start_xy_m": (2,),
-        "goal_xy_m": (2,),
+        "start": (2,),
+        "goal": (2,),
     }
     for name, shape in shapes.items():
         array = getattr(trajectory, name)
@@ -583,8 +583,8 @@ def _whole(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
     trajectory = measured.trajectory
     return {
         "rotation": (measured.off_rotation(), limits.rotation),
-        "start": (measured.miss(0, trajectory.start_xy_m), limits.start_m),
-        "goal": (measured.miss(-1, trajectory.goal_xy_m), limits.goal_m),
+        "start": (measured.miss(0, trajectory.start), limits.start_m),
+        "goal": (measured.miss(-1, trajectory.goal), limits.goal_m),
         "domain": (measured.domain(), limits.domain_m),
         "continuity": (measured.jumps(), limits.continuity_m),
         "foot_speed": (measured.foot_speed(), limits.foot_speed_m_s),

@@ -30,7 +30,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.pieces import Standing
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.patch import Solid
 
@@ -212,7 +212,7 @@ class ClosedLoop:
         policy: Policy | None = None,
         settings: LoopSettings = LoopSettings(),
     ) -> None:
-        planner = TwoStagePlanner()
+        planner = TwoStage()
         self.runner, self.settings = runner, settings
         self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
         self._planning = Replanner(

@@ -39,7 +39,7 @@ from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.pieces import Standing, one_at_a_time, with_pause
 from stancekit.planners.search.plan_course import replan
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
@@ -297,7 +297,7 @@ class SelectorPolicy:
     ) -> None:
         self.learned, self.planners = learned, list[EnvelopeOrLift]()
         self._selector, self._programs = selector, programs or Programs()
-        self._lift = TwoStagePlanner(programs=self._programs)
+        self._lift = TwoStage(programs=self._programs)
 
     def __call__(self, observation: Observation) -> Planner:
         """The planner of the coming key frames."""
@@ -363,7 +363,7 @@ class SelectorPlanner:
 
 def _within_chosen(
     selector: Predictor, learned: EnvelopeSet, course: Problem, programs: Programs
-) -> TwoStagePlanner:
+) -> TwoStage:
     """A planner within the boxes that a selector chooses for a course, widened by ``_ROOM``.
 
     Raises InvalidInput for a course with legs or patches that nothing was learned of.
@@ -376,7 +376,7 @@ def _within_chosen(
             f"{course.name}: expected stances by {legs} or the legs opposite to them, got others"
         )
     boxes = replace(boxes, boxes=tuple(box.widened(_ROOM) for box in boxes.boxes))
-    return TwoStagePlanner(boxes, max_nodes=NODES, programs=programs)
+    return TwoStage(envelopes=boxes, max_nodes=NODES, programs=programs)
 
 
 def chosen(selector: Predictor, learned: EnvelopeSet, course: Problem) -> StanceBoxes | None:
@@ -512,7 +512,7 @@ class EnvelopeOrLift:
     name = "two-stage"
     reserve = True
 
-    def __init__(self, within: TwoStagePlanner | None, lift: TwoStagePlanner) -> None:
+    def __init__(self, within: TwoStage | None, lift: TwoStage) -> None:
         self.within, self.lift = within, lift
         self.within_last: bool | None = None
 

@@ -82,7 +82,7 @@ def fine() -> dict[str, dict[str, Any]]:
         "sample": {"problems": "wall-3"},
         "solve": {"problem": problem},
         "plan": {"course": "stairs"},
-        "walk": {"terrain": "ripple", "goal_xy_m": (1.0, 0.0)},
+        "walk": {"terrain": "ripple", "goal": (1.0, 0.0)},
         "verify": {"subject": certificate},
         "explain": {"subject": certificate},
         "draw": {"subject": problem},
@@ -133,7 +133,7 @@ def test_an_argument_of_another_type_is_one_line_with_its_name(
             "walk",
             ["ripple", "1,0"],
             {},
-            "goal_xy_m",
+            "goal",
         ),
         (
             "walk",
@@ -161,7 +161,7 @@ def test_what_came_is_said(function: str, arguments: list[Any], options: dict[st
             "walk",
             ["ripple"],
             {},
-            "stancekit.walk: missing a required argument: 'goal_xy_m'; it t",
+            "stancekit.walk: missing a required argument: 'goal'; it t",
             ", time_limit_s",
         ),
         (

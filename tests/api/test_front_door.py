@@ -15,7 +15,7 @@ import pytest
 
 import stancekit
 from stancekit import Answer, Plan, Status
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import make_planner
 from stancekit.planners.terrain.frame import Frame
 from tests.doors import DOORS, PLACES, WALKS, ask, differences, questions
@@ -124,28 +124,26 @@ def test_settings_of_a_plan_are_refused_where_they_are_none():
 
 def test_places_are_arrays_or_numbers_that_are_sound():
     over = stancekit.terrain(level())
-    found = stancekit.plan(
-        over, start_xy_m=np.array([-0.3, 0.0]), goal_xy_m=np.array([0.3, 0.0]), frames=3
-    )
+    found = stancekit.plan(over, start=np.array([-0.3, 0.0]), goal=np.array([0.3, 0.0]), frames=3)
     assert found.status is stancekit.Status.FEASIBLE
     for odd in ((1e300, 0.0), (0.0, 0.0, 0.0), (float("nan"), 0.0), np.array(["a", "b"])):
-        with refuses("start_xy_m"):
-            stancekit.plan(over, start_xy_m=odd, goal_xy_m=(0.3, 0.0))
-        with refuses("goal_xy_m"):
+        with refuses("start"):
+            stancekit.plan(over, start=odd, goal=(0.3, 0.0))
+        with refuses("goal"):
             stancekit.walk(level(), odd)
     for count in (0, -1, 1001):
         with refuses("frames", str(count)):
-            stancekit.plan(over, start_xy_m=(-0.3, 0), goal_xy_m=(0.3, 0), frames=count)
+            stancekit.plan(over, start=(-0.3, 0), goal=(0.3, 0), frames=count)
 
 
 def test_a_terrain_says_what_it_lacks(tmp_path):
     mesh = Path(tmp_path / "block.obj")
     mesh.write_text(BLOCK, encoding="utf-8")
-    with refuses("start_xy_m", "goal_xy_m"):
+    with refuses("start", "goal"):
         stancekit.plan(mesh)
     over = stancekit.terrain(level(), friction=0.8)
     slick = replace(over.pieces[0], patch=over.pieces[0].patch.with_friction(0.1))
-    between: dict[str, Any] = {"start_xy_m": (-0.3, 0.0), "goal_xy_m": (0.3, 0.0), "frames": 2}
+    between: dict[str, Any] = {"start": (-0.3, 0.0), "goal": (0.3, 0.0), "frames": 2}
     with refuses("friction", "0.1", "0.8"):
         stancekit.plan(replace(over, pieces=(*over.pieces, slick)), **between)
     with refuses("footholds"):
@@ -160,6 +158,20 @@ def test_a_terrain_says_what_it_lacks(tmp_path):
     assert (
         stancekit.terrain(level(), unit_m=1.0, kind=None).area_m2 == over.area_m2
     )  # as the command gives them
+
+
+def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_path: Path) -> None:
+    steep, mended = tmp_path / "steep.obj", tmp_path / "mended.obj"
+    steep.write_text(re.sub(r"v (-?1) (-?1) 0", r"v \1 \2 \1", BLOCK), encoding="utf-8")
+    solid = "v 2 2 0\nv 2.2 2 0\nv 2 2.2 0\nv 2 2 .2\nf 5 6 7\nf 5 7 8\nf 5 8 6\nf 6 8 7\n"
+    mended.write_text(re.sub(r"v (-?)1 (-?)1 0", r"v \g<1>3 \g<2>3 0", BLOCK) + solid)
+    ends: dict[str, Any] = {"start": (-0.5, -0.5), "goal": (-0.3, -0.5)}
+    answer = stancekit.plan(steep, **ends)
+    assert answer.status is Status.UNDECIDED
+    assert_names(stancekit.explain(answer).message, "steep.obj", "steep")
+    with pytest.warns(UserWarning, match="inside out"):
+        (doubt,) = stancekit.plan(mended, **ends).doubts
+    assert_names(doubt, "mended.obj", "1 closed parts")
 
 
 def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
@@ -184,7 +196,7 @@ def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
 
 @pytest.mark.parametrize("name", ["stairs:0.1:7"])
 def test_a_plan_goes_over_a_ground_by_its_name_as_over_its_footholds(name: str) -> None:
-    between: dict[str, Any] = {"start_xy_m": (1.2, 0.0), "goal_xy_m": (1.5, 0.0)}
+    between: dict[str, Any] = {"start": (1.2, 0.0), "goal": (1.5, 0.0)}
     found, same = (
         stancekit.plan(name, **between),
         stancekit.plan(stancekit.terrain(name), **between),
@@ -249,7 +261,7 @@ def test_evidence_that_is_accepted_counts(held, refuted):
 
 
 def test_a_planner_of_the_package_is_asked_itself(held):
-    planner = ExactPlanner()
+    planner = Exact()
     assert stancekit.solve(held.problem, planner).bound == held.bound
     assert stancekit.solve(held.problem, planner).method == held.method
 
@@ -384,7 +396,7 @@ def test_a_plan_that_is_moved_and_turned_with_its_world_is_that_plan(
     ]
     for world in (Frame(origin_m=np.zeros(3)), *worlds):
         start, goal = (world.places(np.array([*place, 0.0]))[:2] for place in PLACES.values())
-        asked = {"robot": who.turned(world), "start_xy_m": start, "goal_xy_m": goal}
+        asked = {"robot": who.turned(world), "start": start, "goal": goal}
         plans.append(stancekit.plan(ground.moved(world), settings=WALKS, **asked))
     one, *others = plans
     for world, other in zip(worlds, others, strict=True):
@@ -401,9 +413,7 @@ def test_a_plan_that_is_mirrored_with_its_world_is_that_plan_mirrored(tmp_path: 
     for left in (1.0, -1.0):
         boxes = [[a, b, *sorted((left * c, left * d)), top] for a, b, c, d, top in (floor, block)]
         path = replace(QUESTIONS["step-small"], boxes=boxes).file(tmp_path)
-        found = stancekit.plan(
-            path, start_xy_m=(0.0, 0.0), goal_xy_m=(0.4, left * 0.1), settings=WALKS
-        )
+        found = stancekit.plan(path, start=(0.0, 0.0), goal=(0.4, left * 0.1), settings=WALKS)
         assert found.solution is not None, found.message
         plans.append(found.solution)
     one, other = plans
@@ -424,8 +434,8 @@ def test_a_symmetric_robot_stands_symmetrically() -> None:
 
 
 def test_a_place_that_is_refused_is_named_as_it_was_given() -> None:
-    with refuses("goal_xy_m", "(-20, 30)"):
-        stancekit.plan("stairs:0.3:7", start_xy_m=(0.0, 0.0), goal_xy_m=(-20.0, 30.0))
+    with refuses("goal", "(-20, 30)"):
+        stancekit.plan("stairs:0.3:7", start=(0.0, 0.0), goal=(-20.0, 30.0))
 
 
 @pytest.mark.parametrize("size", [0.25, 4.0])
@@ -448,9 +458,7 @@ def test_a_plan_of_a_robot_of_any_size_is_one_plan_scaled(
         boxes = (each * np.array(step.boxes)).tolist()
         ground = stancekit.terrain(replace(step, boxes=boxes).file(tmp_path), robot=robot)
         start, goal = (each * np.array(place) for place in PLACES.values())
-        found = stancekit.plan(
-            ground, start_xy_m=start, goal_xy_m=goal, robot=robot, settings=WALKS
-        )
+        found = stancekit.plan(ground, start=start, goal=goal, robot=robot, settings=WALKS)
         assert found.status.value == "feasible", found.message
         assert found.solution is not None
         plans.append(found.solution)

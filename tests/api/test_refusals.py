@@ -16,7 +16,6 @@ import stancekit.envs
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.motion.plan_motion import Timing
-from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import SETTINGS
 from stancekit.postures import planner_of
 from stancekit.runner.worlds import WORLDS, WorldSettings
@@ -57,7 +56,6 @@ SOLVE: list[tuple[str, dict[str, Any]]] = [
     ("time_limit_s", {"time_limit_s": float("nan")}),
     ("method", {"method": "magic"}),
     ("method", {"method": 7}),
-    ("time_limit_s", {"method": ExactPlanner(), "time_limit_s": 1.0}),
 ]
 PLAN: list[tuple[str, dict[str, Any]]] = [
     ("method", {"method": "magic"}),
@@ -71,6 +69,13 @@ PLAN: list[tuple[str, dict[str, Any]]] = [
 ]
 METHODS: list[tuple[str, Callable[[], Any]]] = [
     ("projection", lambda: stancekit.TwoStage(projection="nonsense")),
+    ("gap", lambda: stancekit.TwoStage(gap=0.0)),
+    ("steps", lambda: stancekit.TwoStage(steps="two")),
+    ("gap", lambda: stancekit.Exact(gap=0.0)),
+    ("max_nodes", lambda: stancekit.Exact(max_nodes=-1)),
+    ("starts", lambda: stancekit.Nlp(starts=0)),
+    ("start", lambda: stancekit.Nlp(start="random")),
+    ("time_limit_s", lambda: stancekit.Nlp(time_limit_s=-1.0)),
     ("projection", lambda: stancekit.TwoStage(projection=3)),
     ("relaxation", lambda: stancekit.TwoStage(relaxation="boxes")),
     ("relaxation", lambda: stancekit.TwoStage(relaxation="envelope")),

@@ -34,8 +34,8 @@ def test_a_walk_that_is_handed_over_is_the_one_of_its_arguments(level):
 def test_nothing_goes_beside_a_walk_that_it_says_itself(level):
     asked = Walk.over(level, (0.2, 0.0), duration_s=2.0)
     for name, value in (
-        ("goal_xy_m", (0.3, 0.0)),
-        ("start_xy_m", (0.1, 0.0)),
+        ("goal", (0.3, 0.0)),
+        ("start", (0.1, 0.0)),
         ("robot", "hexapod"),
         ("gait", "trot"),
         ("duration_s", 3.0),
@@ -44,7 +44,7 @@ def test_nothing_goes_beside_a_walk_that_it_says_itself(level):
     ):
         with refuses(name):
             stancekit.walk(asked, **{name: value})
-    with refuses("stancekit.walk", "goal_xy_m", kind=TypeError):
+    with refuses("stancekit.walk", "goal", kind=TypeError):
         stancekit.walk(level)
 
 
@@ -61,7 +61,7 @@ def planned(terrain, goal, friction=None, robot=None):
     """The answer for the hexapod, where no other robot is named."""
     if friction is not None:
         terrain = stancekit.terrain(terrain, friction=friction, robot=robot)
-    return stancekit.plan(terrain, start_xy_m=(0.0, 0.0), goal_xy_m=goal, robot=robot)
+    return stancekit.plan(terrain, start=(0.0, 0.0), goal=goal, robot=robot)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import course_difference, read_course
 from stancekit.planners.search.answer import Clock
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 
 NEAR_M = 1e-5
@@ -201,7 +201,7 @@ def test_a_scene_is_laid_out_as_its_phases_say(name):
 @pytest.mark.parametrize("name", ["anymal-stairs", "anymal-trot"])
 def test_a_scene_is_planned_within_its_own_polytopes(name, programs):
     course = read_scene(name)
-    plan = TwoStagePlanner(programs=programs).solve(course).solution
+    plan = TwoStage(programs=programs).solve(course).solution
     assert check_plan(plan).accepted
     feet = {
         put.limb: toe
@@ -223,7 +223,7 @@ def test_a_scene_is_planned_within_its_own_polytopes(name, programs):
 def test_a_scene_whose_first_stance_is_out_of_reach_is_refuted(programs):
     """Four feet on a square of 0.3 m: a proof of the first frame, checked."""
     course = read_scene("anymal-complex")
-    outcome = TwoStagePlanner(programs=programs).solve(course)
+    outcome = TwoStage(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
     assert check_certificate(outcome.certificate.of(course)).accepted
 
@@ -240,7 +240,7 @@ def test_two_soles_have_no_room_on_the_bridge_of_the_ramp(tmp_path, programs):
     )
     course = read_scene(path)
     assert {len(put.candidates) for put in course.footholds} == {4}  # yaws
-    outcome = TwoStagePlanner(programs=programs).solve(course)
+    outcome = TwoStage(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
     assert check_certificate(outcome.certificate.of(course)).accepted
     narrow = [[x, 0.8 * y] for x, y in keys_of("talos-ramp")["ours"]["sole_m"]]

@@ -16,7 +16,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, domain_of
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -74,7 +74,7 @@ def test_a_box_that_holds_nothing_meets_the_second_and_breaks_the_first(asked):
 
 def test_a_box_of_one_solution_is_met_by_its_scene_and_decided_for_all(asked, rows):
     k, scene = next((k, scene) for k, scene in enumerate(scenes_of(rows)) if scene.feasible)
-    posture = ExactPlanner().solve(scene.problem).solution
+    posture = Exact().solve(scene.problem).solution
     at = Scaled.of(scene.problem).point(posture)
     found, _ = asked(Envelope(low=at - 1e-5, high=at + 1e-5))
     assert found["1"][k]

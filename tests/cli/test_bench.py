@@ -149,8 +149,8 @@ KEYS = {
     "terrain": "level.npy",
     "spacing_m": 0.1,
     "friction": 0.5,
-    "start_xy_m": [0.0, 0.0],
-    "goal_xy_m": [0.0, 0.0],
+    "start": [0.0, 0.0],
+    "goal": [0.0, 0.0],
     "cpu_process_s": 2.5,
     "cpu_solver_s": 1.5,
 }
@@ -177,8 +177,8 @@ def standing() -> Trajectory:
         terrain=HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1),
         friction=0.5,
         adhesive=np.zeros(4, dtype=bool),
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.zeros(2),
+        start=np.zeros(2),
+        goal=np.zeros(2),
     )
 
 

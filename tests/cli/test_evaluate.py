@@ -32,7 +32,7 @@ SHARES = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_scp")
 
 def test_the_rows_are_shares_with_their_intervals(stancekit, labelled, envelopes):
     ran = stancekit(
-        "evaluate", labelled, "--envelope", envelopes, "--projection", "fix-p", "scp", "--json"
+        "evaluate", labelled, "--envelopes", envelopes, "--projection", "fix-p", "scp", "--json"
     )
     assert (ran.code, ran.err) == (0, "")
     assert [record["selector"] for record in ran.records] == ["heuristic", "lift"]
@@ -47,7 +47,7 @@ def test_the_rows_are_shares_with_their_intervals(stancekit, labelled, envelopes
 
 
 def test_a_comparison_is_a_markdown_table_and_a_picture(stancekit, labelled, envelopes, tmp_path):
-    asked = ("evaluate", labelled, "--envelope", envelopes, "--projection", "fix-p", "--markdown")
+    asked = ("evaluate", labelled, "--envelopes", envelopes, "--projection", "fix-p", "--markdown")
     ran = stancekit(*asked, "--picture", tmp_path / "shares.png")
     rows = [line for line in ran.out.splitlines() if line.startswith("|")]
     assert {row.split("|")[2].strip() for row in rows} >= {"selector", "heuristic", "lift"}
@@ -62,10 +62,10 @@ def test_shares_agree_with_solve(stancekit, labelled, envelopes, write):
     data = Dataset.open(labelled)
     file = write("p.jsonl", *(data.row(index).problem.to_json() for index in data.feasible))
     solved = stancekit(
-        "solve", file, "--method", "two-stage", "--envelope", envelopes, "--json"
+        "solve", file, "--method", "two-stage", "--envelopes", envelopes, "--json"
     ).records
     projected = ("--projection", "scp", "--no-lift", "--json")
-    (row,) = stancekit("evaluate", labelled, "--envelope", envelopes, *projected).records
+    (row,) = stancekit("evaluate", labelled, "--envelopes", envelopes, *projected).records
     assert row["project_scp"] == sum(record["status"] == "feasible" for record in solved) / len(
         solved
     )
@@ -120,7 +120,7 @@ def test_the_table_loses_nothing_in_any_terminal(
 
 
 def test_the_usual_table_fits_into_80_columns(stancekit, labelled, envelopes):
-    ran = stancekit("evaluate", labelled, "--envelope", envelopes)
+    ran = stancekit("evaluate", labelled, "--envelopes", envelopes)
     assert (ran.code, ran.err) == (0, "")
     lines = ran.out.splitlines()
     assert max(len(line) for line in lines) <= 80
@@ -148,7 +148,7 @@ def test_a_share_of_nothing_is_a_dash():
             "--selector",
         ),
         (("--projection",), "--projection"),
-        (("--envelope", "none.json"), "none.json"),
+        (("--envelopes", "none.json"), "none.json"),
         (("--workers", "0"), "workers"),
     ],
 )
@@ -158,7 +158,7 @@ def test_bad_options_are_one_line(options, message, refusal, labelled):
 
 def test_envelopes_of_another_class_are_refused(refusal, labelled, envelopes, write):
     other = json.loads(Path(envelopes).read_text()) | {"problem_class": "ground-3"}
-    said = refusal("evaluate", labelled, "--envelope", write("e.json", other))
+    said = refusal("evaluate", labelled, "--envelopes", write("e.json", other))
     assert said.startswith("e.json: expected ")
     assert "learned for wall-3" in said
     assert said.endswith("learned for ground-3")
@@ -178,10 +178,10 @@ def test_rows_that_were_trained_on_are_refused_and_the_other_part_is_not(
     stancekit("fit", labelled, "--method", "quantile", "--part", "train", "--out", "q.json")
     for part in ("all", "train"):
         assert_names(
-            refusal("evaluate", labelled, "--envelope", "q.json", "--part", part), "q.json"
+            refusal("evaluate", labelled, "--envelopes", "q.json", "--part", part), "q.json"
         )
     ran = stancekit(
-        "evaluate", labelled, "--envelope", "q.json", "--part", "test", "--no-lift", "--json"
+        "evaluate", labelled, "--envelopes", "q.json", "--part", "test", "--no-lift", "--json"
     )
     assert (ran.code, len(ran.records)) == (0, 1)
 

@@ -180,7 +180,7 @@ def test_a_distribution_is_drawn_labelled_learned_and_compared(mine, stancekit, 
     assert stancekit("fit", "data1", "--method", "quantile", "--out", "e.json").code == 0
     assert stancekit("label", f"{mine}:Slippery", "fresh", *quota, "--seed", 1).code == 0
     projected = ("--projection", "fix-p", "--no-lift", "--json")
-    (row,) = stancekit("evaluate", "fresh", "--envelope", "e.json", *projected).records
+    (row,) = stancekit("evaluate", "fresh", "--envelopes", "e.json", *projected).records
     assert (row["selector"], row["p1_feasible_of"], row["p1_infeasible_of"]) == ("e", 6, 6)
 
 
@@ -280,7 +280,7 @@ def test_a_projection_is_named_wherever_one_is_and_verified(
 
 def test_a_planner_of_courses_answers_through_the_verifier(mine, stancekit):
     ran = stancekit(
-        "plan", "walls", "--frames", 3, "--planner", f"{mine}:bare", "--out", "climb.json", "--json"
+        "plan", "walls", "--frames", 3, "--method", f"{mine}:bare", "--out", "climb.json", "--json"
     )
     (record,) = ran.records
     assert (ran.code, record["status"], record["verdict"]["accepted"]) == (0, "feasible", True)
@@ -289,7 +289,7 @@ def test_a_planner_of_courses_answers_through_the_verifier(mine, stancekit):
 
 
 def test_a_plan_of_an_easier_course_is_refused(mine, stancekit):
-    ran = stancekit("plan", "icy-walls", "--frames", 3, "--planner", f"{mine}:Dreamer", "--json")
+    ran = stancekit("plan", "icy-walls", "--frames", 3, "--method", f"{mine}:Dreamer", "--json")
     assert (ran.code, ran.records[0]["status"]) == (1, "undecided")
     assert ran.records[0]["message"].startswith("plan refused: rejected: ")
 
@@ -355,7 +355,7 @@ def test_an_installed_package_is_found_by_its_entry_points(
     monkeypatch.syspath_prepend(site)
     assert stancekit("sample", "our-distributions").records[0]["contacts"]
     assert stancekit("fit", labelled, "--method", "our-methods", "--out", "e.json").code == 0
-    assert stancekit("plan", "walls", "--frames", 2, "--planner", "our-climbs").code == 0
+    assert stancekit("plan", "walls", "--frames", 2, "--method", "our-climbs").code == 0
     ours = ("--no-lift", "--projection", "our-projections", "--json")
     (row,) = stancekit("evaluate", labelled, "--selector", "our-selectors", *ours).records
     assert row["selector"] == "our-selectors"
@@ -402,11 +402,11 @@ def test_an_installed_package_is_found_by_its_entry_points(
             "--method: expected one of exact, p1, lift, two-stage, nlp, micp, ",
         ),
         (
-            ("plan", "walls", "--planner", "luck"),
-            "--planner: expected one of two-stage, micp, nlp, decoupled, exact, ",
+            ("plan", "walls", "--method", "luck"),
+            "--method: expected one of two-stage, micp, nlp, decoupled, exact, ",
         ),
         (
-            ("plan", "walls", "--planner", "none.py:A"),
+            ("plan", "walls", "--method", "none.py:A"),
             "none.py: expected a file, found nothing there",
         ),
     ],
@@ -483,8 +483,8 @@ def scattered(level, rng):
             "method own.py:plans: expected something to call with Plann",
         ),
         (
-            ("plan", "walls", "--planner", "own.py:plans"),
-            "planner own.py:plans: expected something to call with Plann",
+            ("plan", "walls", "--method", "own.py:plans"),
+            "method own.py:plans: expected something to call with Plann",
         ),
         (
             ("fit", "data", "--method", "own.py:plans", "--out", "e.json"),
@@ -567,7 +567,7 @@ def test_modes_are_learned_from_labelled_terrains_and_planned_with(stancekit):
         "ground+wall",
     )
     ran = stancekit(
-        "plan", "ground-to-wall", "--envelope", "modes.json", "--out", "climb.json", "--json"
+        "plan", "ground-to-wall", "--envelopes", "modes.json", "--out", "climb.json", "--json"
     )
     assert (ran.code, ran.records[0]["status"]) == (0, "feasible")
     assert set(ran.records[0]["plan"]["modes"]) == {0, 1}
@@ -588,8 +588,8 @@ import sys
 from dataclasses import replace
 import numpy as np
 import stancekit
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.two_stage import TwoStage
 
 def easier(problem):
     contacts = (replace(c, patch=c.patch.with_friction(c.patch.friction + 3.0), reach_m=3.0 * c.reach_m)
@@ -610,19 +610,19 @@ class Planner:
 
 class Dreams(Planner):
     def solve(self, problem):
-        return ExactPlanner().solve(easier(problem))
+        return Exact().solve(easier(problem))
 
 class GivesUp(Planner):
     def solve(self, problem):
-        return ExactPlanner().solve(harder(problem)).certificate
+        return Exact().solve(harder(problem)).certificate
 
 class MakesEasier(Planner):
     def solve(self, problem):
-        return ExactPlanner().solve(changed(problem, easier(problem)))
+        return Exact().solve(changed(problem, easier(problem)))
 
 class MakesHarder(Planner):
     def solve(self, problem):
-        return ExactPlanner().solve(changed(problem, harder(problem)))
+        return Exact().solve(changed(problem, harder(problem)))
 
 class WritesArrays(Planner):
     def solve(self, problem):
@@ -630,7 +630,7 @@ class WritesArrays(Planner):
             for array in (contact.force_max, contact.patch.vertices_m):
                 array.setflags(write=True)
                 array *= 0.5
-        return ExactPlanner().solve(problem)
+        return Exact().solve(problem)
 
 class Tolerant(Planner):
     def solve(self, problem):
@@ -641,7 +641,7 @@ class Tolerant(Planner):
 class Late(Planner):
     """Its posture is another one every other time that it is looked at."""
     def solve(self, problem):
-        found = ExactPlanner().solve(problem).solution
+        found = Exact().solve(problem).solution
         class Shifting(stancekit.Plan):
             def to_json(self):
                 return {**stancekit.Plan.to_json(self), "com_m": [0.0, 0.0, 9.0]}
@@ -654,7 +654,7 @@ class EasierCourse(Planner):
             return patch.with_friction(patch.friction + 3.0)
         puts = tuple(replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.footholds)
         rough = replace(course, terrain=tuple(map(gripping, course.terrain)), footholds=puts)
-        return TwoStagePlanner().solve(changed(course, rough)).solution
+        return TwoStage().solve(changed(course, rough)).solution
 '''
 GARBAGE = """
 import sys
@@ -766,7 +766,7 @@ def test_whatever_a_planner_does_an_answer_is_one_to_the_problem_that_was_asked(
 
 def test_a_planner_that_changes_its_course_plans_for_none_that_was_asked_for(liars, stancekit):
     ran = stancekit(
-        "plan", "icy-walls", "--frames", 3, "--planner", f"{liars}:EasierCourse", "--json"
+        "plan", "icy-walls", "--frames", 3, "--method", f"{liars}:EasierCourse", "--json"
     )
     assert (ran.code, ran.records[0]["status"]) == (1, "undecided")
     assert ran.records[0]["message"].startswith("plan refused: rejected: ")
@@ -822,8 +822,8 @@ def test_a_planner_that_is_none_is_one_line(name, said, garbage, stancekit, writ
     ],
 )
 def test_a_planner_of_courses_that_is_none_is_one_line(name, said, garbage, refusal):
-    assert refusal("plan", *SHORT, "--planner", f"{garbage}:{name}").startswith(
-        f"planner {garbage}:{name}: {said}"
+    assert refusal("plan", *SHORT, "--method", f"{garbage}:{name}").startswith(
+        f"method {garbage}:{name}: {said}"
     )
 
 

@@ -43,7 +43,7 @@ def test_a_method_writes_a_file_that_can_be_used(
         write("p.json", sampled["wall-3"][0]),
         "--method",
         "p1",
-        "--envelope",
+        "--envelopes",
         "e.json",
         "--json",
     )

@@ -66,7 +66,7 @@ def test_an_accepted_walk_is_written_with_its_verdict(gait, short):
     walk, content = read_motion("walk.json")
     assert content["verified"]
     assert check_file("walk.json").report.digest == record["digest"]
-    assert np.allclose(walk.goal_xy_m, [0.2, 0.1])
+    assert np.allclose(walk.goal, [0.2, 0.1])
     (attempt,) = record["attempts"]
     assert attempt["violations"][-1] < 1e-4 <= min(attempt["violations"][:-1])
     assert attempt["iterations"] == len(attempt["violations"]) - 1
@@ -507,7 +507,7 @@ def test_people_are_told_what_was_drawn(options, words, file, stancekit):
 def test_an_envelope_changes_the_picture(file, envelopes, stancekit, tmp_path):
     stancekit("picture", file, "--out", "a.png", "--method", "none")
     ran = stancekit(
-        "picture", file, "--out", "b.png", "--method", "none", "--envelope", envelopes, "--json"
+        "picture", file, "--out", "b.png", "--method", "none", "--envelopes", envelopes, "--json"
     )
     assert ran.records[0]["status"] is None
     assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
@@ -533,7 +533,7 @@ def test_the_problem_may_come_from_standard_input(file, stancekit, tmp_path):
             ("--out", "a.png", "--index", "2"),
             "mass_kg",
         ),
-        (("--out", "a.png", "--envelope", "none"), "none"),
+        (("--out", "a.png", "--envelopes", "none"), "none"),
     ],
 )
 def test_bad_input_is_one_line(options, message, file, refusal, tmp_path):
@@ -551,7 +551,7 @@ def test_an_envelope_of_another_class_is_refused(sampled, write, envelopes, refu
         write("g.json", sampled["ground-3"][0]),
         "--out",
         "a.png",
-        "--envelope",
+        "--envelopes",
         envelopes,
     )
     assert said.startswith("g.json: contacts[0].normal: expected one within ")

@@ -115,7 +115,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.leap.finder",
             "planners.leap.scp",
             "planners.problem.leap",
-            "planners.relaxation.relaxed",
             "planners.search.methods",
         ),
         LATER: (
@@ -278,7 +277,7 @@ TOOLS = {"dev"}
 CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "exact": (
         ("pyscipopt", "gurobipy"),
-        ("plan stairs --planner micp --solver scip", "plan stairs --planner micp --solver gurobi"),
+        ("plan stairs --method micp --solver scip", "plan stairs --method micp --solver gurobi"),
     ),
     "rl": (
         ("torch", "stable_baselines3", "safetensors"),

@@ -71,7 +71,7 @@ def test_a_proof_says_what_would_have_to_give(stancekit, drawn):
         (["--up", "y"], "--up: expected none with a leap, got y"),
         (["--solver", "scip"], "--solver: expected none with a leap, got scip"),
         (["--max-solves", "3"], "--max-solves: expected none with a leap, got 3"),
-        (["--planner", "exact"], f"--planner: expected one of {ORDERS} with a leap, got exact"),
+        (["--method", "exact"], f"--method: expected one of {ORDERS} with a leap, got exact"),
         (["--out", "leap.npz"], "leap.npz: expected a name that ends in .json, got .npz"),
     ],
 )
@@ -177,8 +177,8 @@ def test_scores_that_were_fitted_to_tries_plan_a_leap_and_have_a_row(stancekit):
         ]
     )
     assert "scores for leap-base from" in said.out
-    plan = "plan leap-base:1 --policy scores.safetensors --planner rule --json"
-    assert json.loads(stancekit(*plan.split()).out)["planner"] == "rule"
+    plan = "plan leap-base:1 --policy scores.safetensors --method rule --json"
+    assert json.loads(stancekit(*plan.split()).out)["method"] == "rule"
     room = "bench room --distribution leap-base --scenes 2 --oracle-solves 4 --solves 4 --out room --json"
     room += " --scorer scores.safetensors"
     first = json.loads(stancekit(*room.split()).out.splitlines()[0])
@@ -200,8 +200,8 @@ def test_scores_that_were_fitted_to_tries_plan_a_leap_and_have_a_row(stancekit):
             "--scorer: expected a file of leaps' scores, or one of set-leap-hard, got neural-wall-3",
         ),
         (
-            "plan leap-base:1 --planner random --policy set-leap-hard",
-            "--policy: expected none with --planner random",
+            "plan leap-base:1 --method random --policy set-leap-hard",
+            "--policy: expected none with --method random",
         ),
         ("plan leap-base:1 --policy neural-wall-3", "expected a file, or one of set-leap-hard"),
         ("bench room --distribution leap-none --out room", "--distribution: expected one of"),

@@ -72,7 +72,7 @@ def test_a_port_that_is_taken_is_one_line(stancekit):
             "--start: expected --start X,Y and --goal X,Y together, got one of them",
         ),
         (("walls", "--robot", "nosuch.urdf"), "nosuch.urdf: "),
-        (("ripple", "--goal", "90,0"), "goal_xy_m: expected torso and feet over the terrain"),
+        (("ripple", "--goal", "90,0"), "goal: expected torso and feet over the terrain"),
         (("ripple", "--robot", "horse"), "robot: expected "),
     ],
 )

@@ -221,7 +221,7 @@ def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
     learned = read_envelopes("mine.json")
     dataset = Dataset.open(rows)
     assert (learned.robot, learned.problem_class) == (dataset.robot, dataset.problem_class)
-    held = ("--part", "test", "--envelope", "mine.json", "--projection", "fix-p", "--json")
+    held = ("--part", "test", "--envelopes", "mine.json", "--projection", "fix-p", "--json")
     ran = stancekit("evaluate", rows, *files, *held)
     assert ran.code == 0
     mine, lift = ran.records
@@ -231,9 +231,9 @@ def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
     assert lift["p1_feasible"] == 1.0
     assert mine["p1_feasible"] > 0.5
     assert stancekit("fit", rows, *files, "--method", "quantile", "--out", "seen.json").code == 0
-    assert_names(refusal("evaluate", rows, "--envelope", "seen.json"), "seen.json")
-    assert_names(refusal("evaluate", labelled, "--envelope", "mine.json"), "mine.json")
-    assert_names(refusal("evaluate", rows, "--envelope", envelopes), envelopes)
+    assert_names(refusal("evaluate", rows, "--envelopes", "seen.json"), "seen.json")
+    assert_names(refusal("evaluate", labelled, "--envelopes", "mine.json"), "mine.json")
+    assert_names(refusal("evaluate", rows, "--envelopes", envelopes), envelopes)
 
 
 def test_a_data_set_of_another_robot_or_terrain_is_refused(
@@ -259,7 +259,7 @@ def test_envelopes_of_another_robot_are_refused_where_problems_are_solved(
     heavy, mine = (named_robot(learning / name).identity for name in ("heavy.urdf", "dog.urdf"))
     problems = ("sample", "ground-4", "--robot", learning / "heavy.urdf", "--out", "heavy.jsonl")
     assert stancekit(*problems).code == 0
-    ran = stancekit("solve", "heavy.jsonl", "--method", "p1", "--envelope", "mine.json")
+    ran = stancekit("solve", "heavy.jsonl", "--method", "p1", "--envelopes", "mine.json")
     assert ran.code == 2
     learned = Dataset.open(rows).problem_class
     assert f"robot: expected {mine} for an envelope learned for {learned}, got {heavy}" in ran.err

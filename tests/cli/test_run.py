@@ -28,7 +28,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.log import read_log
@@ -39,7 +39,7 @@ from stancekit.runner.worlds.ros.setup import same_names
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
+    plan = TwoStage().solve(read_course("walls", frames=2)).solution
     assert plan is not None
     write_motion(folder / "plan.json", plan, check_plan(plan))
     return folder
@@ -446,7 +446,7 @@ def test_what_is_no_log_is_bad_input(folder: Path, capsys: pytest.CaptureFixture
 
 @cache
 def step() -> Plan:
-    outcome = TwoStagePlanner().solve(read_course("walls", frames=2))
+    outcome = TwoStage().solve(read_course("walls", frames=2))
     assert outcome.solution is not None
     return outcome.solution
 
@@ -580,7 +580,7 @@ ARMED = """
 @pytest.fixture
 def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
+    plan = TwoStage().solve(read_course("walls", frames=2)).solution
     assert plan is not None
     write_motion("plan.json", plan, check_plan(plan))
     return tmp_path

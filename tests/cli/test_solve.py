@@ -175,19 +175,19 @@ def test_the_table_says_everything_within_the_width(sampled, write, stancekit, m
 
 def test_learned_envelopes_decide_nothing_alone(sampled, write, envelopes, stancekit):
     file = write("p.jsonl", *sampled["wall-3"])
-    alone = stancekit("solve", file, "--method", "p1", "--envelope", envelopes, "--json").records
+    alone = stancekit("solve", file, "--method", "p1", "--envelopes", envelopes, "--json").records
     assert {record["status"] for record in alone} <= {"undecided", "infeasible"}
     assert all(record["lower_bound"] == 1e6 for record in alone if record["status"] == "infeasible")
     assert all("margin" in record["details"] for record in alone)
     both = stancekit(
-        "solve", file, "--method", "two-stage", "--envelope", envelopes, "--json"
+        "solve", file, "--method", "two-stage", "--envelopes", envelopes, "--json"
     ).records
     assert any(record["status"] == "feasible" for record in both)
 
 
 def test_a_relaxation_may_be_projected(sampled, write, envelopes, stancekit):
     file = write("p.jsonl", *sampled["wall-3"])
-    for method in (("p1", "--envelope", envelopes), ("lift",)):
+    for method in (("p1", "--envelopes", envelopes), ("lift",)):
         named = stancekit(
             "solve", file, "--method", *method, "--projection", "scp", "--json"
         ).records
@@ -450,7 +450,7 @@ def test_control_characters_never_reach_the_terminal(problem, write, stancekit, 
         ),
         (
             ("p", "--method", "p1"),
-            "--envelope",
+            "--envelopes",
         ),
         (
             ("p", "--method", "p1", "--relaxation", "foo"),
@@ -475,10 +475,10 @@ def test_control_characters_never_reach_the_terminal(problem, write, stancekit, 
             "--projection",
         ),
         (
-            ("p", "--envelope", "e"),
-            "--envelope",
+            ("p", "--envelopes", "e"),
+            "--envelopes",
         ),
-        (("p", "--method", "p1", "--envelope", "e"), "e"),
+        (("p", "--method", "p1", "--envelopes", "e"), "e"),
         (("p", "--out", "none/a"), "none/a"),
         (("p", "--out", "."), "."),
     ],
@@ -496,7 +496,7 @@ def test_a_method_that_is_none_is_answered_with_those_there_are(refusal):
 @pytest.mark.parametrize("method", ["p1", "two-stage", "micp"])
 def test_an_envelope_of_another_class_is_refused(method, sampled, write, envelopes, stancekit):
     file = write("p.jsonl", sampled["ground-3"][0], sampled["wall-5"][0], sampled["wall-3"][0])
-    ran = stancekit("solve", file, "--method", method, "--envelope", envelopes, "--json")
+    ran = stancekit("solve", file, "--method", method, "--envelopes", envelopes, "--json")
     assert ran.code == 2
     assert [record["status"] == "invalid" for record in ran.records] == [True, True, False]
     on_ground, five_legs = (record["error"] for record in ran.records[:2])
@@ -519,6 +519,6 @@ def test_an_envelope_of_another_class_is_refused(method, sampled, write, envelop
 )
 def test_a_bad_envelope_file_is_one_line(change, message, envelopes, write, refusal):
     name = write("e.json", json.loads(envelopes.read_text()) | change)
-    assert refusal("solve", "p.json", "--method", "p1", "--envelope", name).startswith(
+    assert refusal("solve", "p.json", "--method", "p1", "--envelopes", name).startswith(
         f"e.json: {message}"
     )

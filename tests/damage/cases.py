@@ -153,7 +153,7 @@ _ALONE = (
     ),
     Case(
         name="envelope",
-        arguments=("solve", "one.json", "--method", "p1", "--envelope", "envelope.json"),
+        arguments=("solve", "one.json", "--method", "p1", "--envelopes", "envelope.json"),
         file="envelope.json",
         kind="json",
         made=JSON,

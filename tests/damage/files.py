@@ -30,7 +30,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.robot.walker import named_walker
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -90,11 +90,11 @@ def _plans(folder: Path) -> None:
     (folder / "course.yaml").write_text(yaml.safe_dump(spec))
     course = read_course(folder / "course.yaml")
     (folder / "course.json").write_text(json.dumps(course.to_json()))
-    plan = TwoStagePlanner().solve(read_course(folder / "course.yaml", 2)).solution
+    plan = TwoStage().solve(read_course(folder / "course.yaml", 2)).solution
     assert plan is not None
     write_motion(folder / "plan.json", plan, check_plan(plan))
     icy = build_course(spec_from({**spec, "terrain": {**spec["terrain"], "friction": 0.0}}), folder)
-    refuted = TwoStagePlanner().solve(icy).certificate
+    refuted = TwoStage().solve(icy).certificate
     write_certificate(folder / "proof.json", refuted.of(icy))
     command(
         (
@@ -141,8 +141,8 @@ def _gaits(folder: Path) -> None:
         terrain=terrain,
         friction=0.7,
         adhesive=np.zeros(6, dtype=bool),
-        start_xy_m=at[:2],
-        goal_xy_m=at[:2],
+        start=at[:2],
+        goal=at[:2],
         provenance={},
     )
     write_motion(folder / "gait.json", still, check_trajectory(still))

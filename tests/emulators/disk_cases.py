@@ -119,7 +119,7 @@ CASES = (
         "--seed",
         "1",
     ),
-    over("picture", ("picture", "{in}/p.jsonl", "--out", "p.png"), "--envelope", "{in}/e.json"),
+    over("picture", ("picture", "{in}/p.jsonl", "--out", "p.png"), "--envelopes", "{in}/e.json"),
     over("plan", (*PLAN, "--out", "climb.json"), "--frames", "2"),
     over(
         "plan, all",

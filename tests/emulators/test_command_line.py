@@ -15,7 +15,7 @@ import pytest
 from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
@@ -34,7 +34,7 @@ def folder(folder_once: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def folder_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan, and a calibration file of servos that are mounted otherwise."""
     path = tmp_path_factory.mktemp("bus")
-    plan = TwoStagePlanner().solve(read_course("walls")).solution
+    plan = TwoStage().solve(read_course("walls")).solution
     write_motion(path / "plan.json", plan, check_plan(plan))
     usual = nominal(joint_names(plan.problem.robot), port="bus", latency_ms=40.0)
     turned = {

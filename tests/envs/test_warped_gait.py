@@ -29,9 +29,7 @@ from stancekit.planners.verify.trajectories import check_trajectory
 from tests.refusals import refuses
 
 PLAIN = HeightField.from_function(lambda x, y: 0.1 * x - 0.05 * y, 3.0, 0.25, name="plain")
-WALK = Walk(
-    robot=anymal(), terrain=PLAIN, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0
-)
+WALK = Walk(robot=anymal(), terrain=PLAIN, start=[0.0, 0.0], goal=[0.2, 0.1], duration_s=2.0)
 SHORT = SampledTasks(duration_s=2.0, distance_m=(0.1, 0.3), difficulty=(0.1, 0.4))
 FEW = GaitSettings(max_iterations=4)
 
@@ -180,7 +178,7 @@ def test_heights_are_those_of_the_terrain_in_a_frame_that_looks_from_start_to_go
 def test_the_observation_does_not_depend_on_where_north_is():
     turned = HeightField.from_function(lambda x, y: 0.1 * y + 0.05 * x, 3.0, 0.25, name="turned")
     task = on_plain(None)
-    other = replace(task, terrain=turned, goal_xy_m=[-0.1, 0.2], start_yaw_rad=0.5 * np.pi)
+    other = replace(task, terrain=turned, goal=[-0.1, 0.2], start_yaw_rad=0.5 * np.pi)
     here, there = observe(task), observe(other)
     assert here.keys() == there.keys()
     for name in here:
@@ -191,7 +189,7 @@ def test_walks_on_reference_terrains_are_the_papers():
     rng = np.random.default_rng(3)
     task = SampledTasks(terrain="hill")(rng)
     assert task.adhesive == (True, True, False, False)
-    assert task.start_xy_m.tolist() == [-2.6, 0.0]
+    assert task.start.tolist() == [-2.6, 0.0]
     assert observe(task)["adhesive"].tolist() == [1.0, 1.0, 0.0, 0.0]
 
 
@@ -201,7 +199,7 @@ def test_walks_are_drawn_within_their_ranges_until_the_robot_can_stand():
     drawn = [tasks(rng) for _ in range(6)]
     assert len({task.terrain.name for task in drawn}) > 3
     for task in drawn:
-        way = task.goal_xy_m - task.start_xy_m
+        way = task.goal - task.start
         assert 0.4 <= np.linalg.norm(way) <= 0.6
         assert np.allclose(
             way / np.linalg.norm(way), [np.cos(task.start_yaw_rad), np.sin(task.start_yaw_rad)]
@@ -225,7 +223,7 @@ def test_a_robot_that_can_stand_nowhere_is_said_so():
     ]
     steep = replace(anymal(), feet=tuple(feet))
     waves = SampledTasks(terrain="waves", difficulty=(1.0, 1.0), robot=steep)
-    with refuses("waves", "start_xy_m", kind=PlanningFailed):
+    with refuses("waves", "start", kind=PlanningFailed):
         waves(np.random.default_rng(0))
 
 

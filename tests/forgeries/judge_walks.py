@@ -102,8 +102,8 @@ def _swings(w: Any) -> str:
 
 def _ends(w: Any) -> str:
     if (
-        np.hypot(*(w.torso_m[0, :2] - w.start_xy_m)) > 7e-3
-        or np.hypot(*(w.torso_m[-1, :2] - w.goal_xy_m)) > 7e-3
+        np.hypot(*(w.torso_m[0, :2] - w.start)) > 7e-3
+        or np.hypot(*(w.torso_m[-1, :2] - w.goal)) > 7e-3
     ):
         return "it goes from or to another place"
     dt = w.times_s[1] - w.times_s[0]

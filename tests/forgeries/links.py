@@ -29,7 +29,7 @@ from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.meshes import Shape
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.bodies import WholeBodyMeasurements
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -72,7 +72,7 @@ def honest_plan() -> Plan:
     with TemporaryDirectory() as folder:
         (Path(folder) / "dog.urdf").write_text(dressed())
         (Path(folder) / "flat.yaml").write_text(COURSE)
-        plan = TwoStagePlanner().solve(read_course(Path(folder) / "flat.yaml")).solution
+        plan = TwoStage().solve(read_course(Path(folder) / "flat.yaml")).solution
     assert plan is not None
     return with_joints(plan)
 

@@ -16,8 +16,8 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.two_stage import TwoStage
 
 TOLERANCE = 1e-6
 """The verifier's, non-dimensional: of forces by the weight, of lengths by the course's length
@@ -26,7 +26,7 @@ scale."""
 
 def honest_plan() -> Plan:
     """Three key frames between walls."""
-    plan = TwoStagePlanner().solve(read_course(config_path("courses/walls.yaml"), 3)).solution
+    plan = TwoStage().solve(read_course(config_path("courses/walls.yaml"), 3)).solution
     assert plan is not None
     return plan
 
@@ -36,7 +36,7 @@ def honest_posture() -> Plan:
     rng = np.random.default_rng(3)
     while True:
         problem = distribution("ground-3").sample(rng)
-        posture = ExactPlanner().solve(problem).solution
+        posture = Exact().solve(problem).solution
         if posture is not None:
             return posture
 
@@ -318,7 +318,7 @@ def has_witness(problem: Problem) -> bool:
     """Whether the judge finds nothing wrong with a posture: then no proof of the contrary is
     one.
     """
-    posture = ExactPlanner().solve(problem).solution
+    posture = Exact().solve(problem).solution
     return posture is not None and posture_fault(posture) == ""
 
 
@@ -329,7 +329,7 @@ def proof_kinds() -> dict[str, Callable[..., Any]]:
         contacts = tuple(
             replace(one, patch=one.patch.with_friction(friction)) for one in problem.contacts
         )
-        proof = ExactPlanner().solve(problem.posture_with(contacts=contacts)).certificate
+        proof = Exact().solve(problem.posture_with(contacts=contacts)).certificate
         if proof is not None:
             break
     assert proof is not None

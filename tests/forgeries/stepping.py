@@ -79,8 +79,8 @@ def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
         terrain=HeightField(line, line, np.zeros((17, 17)), "level"),
         friction=0.7,
         adhesive=np.zeros(4, dtype=bool),
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[-1, :2],
+        start=torso[0, :2],
+        goal=torso[-1, :2],
         heading_rad=0.0,
         still=(True, True),
     )

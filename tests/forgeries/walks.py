@@ -82,7 +82,7 @@ def skating(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
     feet = walk.feet_m[:1] + ahead[:, None]
     forces = np.where(contact[..., None], [0.0, 0.0, 0.5 * walk.robot.weight_n], 0.0)
     return changed(
-        walk, torso_m=torso, feet_m=feet, contact=contact, forces_n=forces, goal_xy_m=torso[-1, :2]
+        walk, torso_m=torso, feet_m=feet, contact=contact, forces_n=forces, goal=torso[-1, :2]
     )
 
 
@@ -423,7 +423,7 @@ def teleport(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
     at, ahead = a_moment(walk, rng), 5e-3 * size
     torso = np.array(walk.torso_m)
     torso[at:, 0] += ahead
-    return changed(walk, torso_m=torso, goal_xy_m=torso[-1, :2])
+    return changed(walk, torso_m=torso, goal=torso[-1, :2])
 
 
 @kind
@@ -471,8 +471,8 @@ def part(walk: Trajectory, first: int, end: int) -> Trajectory:
     return changed(
         walk,
         times_s=walk.times_s[: end - first],
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[-1, :2],
+        start=torso[0, :2],
+        goal=torso[-1, :2],
         **rows,
     )
 
@@ -500,7 +500,7 @@ def leaning_at_the_end(walk: Trajectory, size: float, rng: np.random.Generator) 
     """The walk ends with the acceleration of a fall that has not begun."""
     torso, late = np.array(walk.torso_m), np.arange(walk.samples) - walk.samples + 21
     torso[:, 0] += 0.5 * 0.02 * size * 9.81 * (STEP_S * np.clip(late - 10, 0, None)) ** 2
-    return rebalanced(changed(walk, torso_m=torso, goal_xy_m=torso[-1, :2]))
+    return rebalanced(changed(walk, torso_m=torso, goal=torso[-1, :2]))
 
 
 @kind
@@ -527,7 +527,7 @@ def another_goal(walk: Trajectory, size: float, rng: np.random.Generator) -> Tra
     """The walk ends beside its goal, or begins beside its start."""
     way = rng.uniform(0.0, 2.0 * np.pi)
     off = 5e-3 * size * np.array([np.cos(way), np.sin(way)])
-    name = "goal_xy_m" if rng.random() < 0.5 else "start_xy_m"
+    name = "goal" if rng.random() < 0.5 else "start"
     return changed(walk, **{name: getattr(walk, name) + off})
 
 
@@ -565,8 +565,8 @@ def another_slope(walk: Trajectory, size: float, rng: np.random.Generator) -> Tr
         rotation=turn @ walk.rotation,
         forces_n=forces,
         terrain=ground,
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[-1, :2],
+        start=torso[0, :2],
+        goal=torso[-1, :2],
         heading_rad=heading,
     )
 

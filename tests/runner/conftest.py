@@ -18,7 +18,7 @@ from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import hexapod_walker
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
@@ -31,7 +31,7 @@ def step() -> Callable[[str], Plan]:
 
     @cache
     def plan(course: str) -> Plan:
-        outcome = TwoStagePlanner().solve(read_course(course, frames=2))
+        outcome = TwoStage().solve(read_course(course, frames=2))
         assert outcome.solution is not None
         return outcome.solution
 
@@ -60,7 +60,7 @@ def short_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert whole in text
         text = text.replace(whole, part)
     (folder / "desk.yaml").write_text(text)
-    plan = TwoStagePlanner().solve(read_course(folder / "desk.yaml")).solution
+    plan = TwoStage().solve(read_course(folder / "desk.yaml")).solution
     assert plan is not None
     write_motion(folder / "desk.json", plan, check_plan(plan))
     return folder / "desk.json"
@@ -75,8 +75,8 @@ def gait() -> Attempted:
     task = Walk(
         robot=hexapod_walker(),
         terrain=waves,
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.1, 0.05]),
+        start=np.zeros(2),
+        goal=np.array([0.1, 0.05]),
         duration_s=2.0,
         gait="tripod",
     )

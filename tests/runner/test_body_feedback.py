@@ -30,7 +30,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import walker_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.body_feedback import (
@@ -225,8 +225,8 @@ def walked() -> Attempted:
     task = Walk(
         robot=walker_of(model),
         terrain=waves,
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.2, 0.1]),
+        start=np.zeros(2),
+        goal=np.array([0.2, 0.1]),
         duration_s=2.5,
         friction=0.6,
     )
@@ -306,7 +306,7 @@ def crawl(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("crawl")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(CRAWL)
-    plan = plan_with_reserve(TwoStagePlanner(), read_course(folder / "flat.yaml")).solution
+    plan = plan_with_reserve(TwoStage(), read_course(folder / "flat.yaml")).solution
     assert plan is not None
     return with_joints(plan)
 

@@ -29,7 +29,7 @@ from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.pieces import Standing, with_pause
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.polygon import Surface
 from stancekit.planners.verify import check_plan
@@ -58,7 +58,7 @@ from tests.emulators.slipping import SlippingWorld
 from tests.refusals import refuses
 
 FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
-PLANNER = TwoStagePlanner()
+PLANNER = TwoStage()
 
 
 def looped(
@@ -210,7 +210,7 @@ def test_settings_out_of_range_are_refused() -> None:
 
 AT_PACE = RunSettings(timing=Timing().at_pace(2.0))
 COURSE = read_course("stairs", frames=3)
-OUTCOME = TwoStagePlanner().solve(COURSE)
+OUTCOME = TwoStage().solve(COURSE)
 assert OUTCOME.solution is not None
 PLAN = OUTCOME.solution
 UP = np.tile([0.0, 0.0, 1.0], (2, 1))
@@ -294,13 +294,13 @@ def test_planes_are_moved_to_where_feet_that_bear_find_them() -> None:
     ground = COURSE.terrain[0]
     moved = replace(found, planes=(ground,)).course(COURSE)
     assert moved.terrain[0].centre_m == pytest.approx(ground.centre_m + 0.011 * ground.normal)
-    assert TwoStagePlanner().solve(moved).solution is not None
+    assert TwoStage().solve(moved).solution is not None
 
 
 def test_a_pause_is_a_key_frame_in_which_the_body_alone_moves() -> None:
     paused = with_pause(COURSE, 1)
     assert (paused.frames, paused.lifts) == (4, (*COURSE.lifts[:2], (), COURSE.lifts[2]))
-    outcome = TwoStagePlanner().solve(paused)
+    outcome = TwoStage().solve(paused)
     assert outcome.solution is not None
     np.testing.assert_array_equal(paused.holds[1], paused.holds[2])
 
@@ -350,7 +350,7 @@ def test_a_push_that_makes_no_sense_is_refused() -> None:
         Push(force_n=(1.0, 0.0, 0.0), at_s=0.0, seconds=0.0)
 
 
-REPLANNER = TwoStagePlanner()
+REPLANNER = TwoStage()
 REPLANNED = read_course("walls", frames=3)
 
 

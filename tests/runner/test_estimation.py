@@ -16,7 +16,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.terrain import Patch
 from stancekit.runner.acceptance import Accepted
@@ -185,7 +185,7 @@ def climbed() -> dict[bool, RunReport]:
     """Two steps up the walls, the body's measurement withheld: by joints alone, and with what they
     and the feet say fed back.
     """
-    outcome = with_whole_body(plan_with_reserve(TwoStagePlanner(), read_course("walls", frames=3)))
+    outcome = with_whole_body(plan_with_reserve(TwoStage(), read_course("walls", frames=3)))
     assert outcome.solution is not None
 
     def run(odometry: bool) -> RunReport:

@@ -16,7 +16,7 @@ from stancekit.cli.main import main
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.actuators import ActuatorModel, read_actuators
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted, check_fits
 from stancekit.runner.worlds import make_world
@@ -34,7 +34,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
     monkeypatch.chdir(tmp_path)
     (course,) = (text for language, text in BLOCKS if language == "yaml")
     Path("desk.yaml").write_text(course)
-    plan = TwoStagePlanner().solve(read_course("desk.yaml")).solution
+    plan = TwoStage().solve(read_course("desk.yaml")).solution
     assert plan is not None
     write_motion("desk.json", plan, check_plan(plan))
     accepted = Accepted.from_file("desk.json")

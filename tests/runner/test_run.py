@@ -26,7 +26,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.geometry import LEAST_PUSH, tipping
@@ -521,9 +521,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "name: flat\nrobot: dog.urdf\nframes: 2\ngait: wave\nstart_m: [0.0, 0.0]\n"
         "goal_m: [0.05, 0.0, 0.45]\nterrain: {kind: flat, friction: 0.7}\n"
     )
-    outcome = with_whole_body(
-        plan_with_reserve(TwoStagePlanner(), read_course(folder / "flat.yaml"))
-    )
+    outcome = with_whole_body(plan_with_reserve(TwoStage(), read_course(folder / "flat.yaml")))
     assert outcome.solution is not None
     assert outcome.report.accepted
     write_motion(folder / "dog.json", outcome.solution, outcome.report)
@@ -570,7 +568,7 @@ def test_the_verifier_accepts_it(tipped: Accepted) -> None:
 
 
 def test_robots_without_legs_of_a_file_are_not_limited() -> None:
-    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
+    plan = TwoStage().solve(read_course("walls", frames=2)).solution
     assert isinstance(plan, Plan)
     assert tipping(plan, 1.0) == ""
 

@@ -20,7 +20,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import Servo
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.foot_placement import ContactFeedback
@@ -66,7 +66,7 @@ def light() -> Plan:
     """A step on level ground of a robot that such servos carry."""
     course = read_course("ground-to-wall", frames=2)
     robot = replace(course.robot, mass_kg=5.0)
-    outcome = TwoStagePlanner().solve(replace(course, robot=robot))
+    outcome = TwoStage().solve(replace(course, robot=robot))
     assert outcome.solution is not None
     return outcome.solution
 
@@ -181,7 +181,7 @@ def added(course: str, deaf: int | None = None, **settings: float) -> tuple[Arra
 
     deaf: the foot that feels nothing. settings: of the pressing.
     """
-    plan = TwoStagePlanner().solve(read_course(course, frames=2)).solution
+    plan = TwoStage().solve(read_course(course, frames=2)).solution
     motion, kinematics = PlanMotion(plan), Kinematics(plan.problem.robot)
     felt = 0.5 * motion.at(0.0).forces_n
     if deaf is not None:

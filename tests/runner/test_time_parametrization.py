@@ -25,7 +25,7 @@ from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_
 from stancekit.planners.robot.legged import robot_of
 from stancekit.planners.robot.robot_file import Servo, hexapod_urdf
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
@@ -429,7 +429,7 @@ def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
 
 
 def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_torques() -> None:
-    plan = TwoStagePlanner().solve(read_course("walls", frames=4)).solution
+    plan = TwoStage().solve(read_course("walls", frames=4)).solution
     kinematics = Kinematics(plan.problem.robot)
     bent = whole_body(plan, WholeBodyLimits(torque_nm=10.0), kinematics)
     assert bent.plan.joints_rad is not None
@@ -505,7 +505,7 @@ def test_courses_on_which_joints_once_jumped_or_feet_stayed_behind_are_walked_sm
     index: int,
 ) -> None:
     course = perturbed("walls", np.random.default_rng([0, index]), frames=3)
-    plan = TwoStagePlanner().solve(course).solution
+    plan = TwoStage().solve(course).solution
     assert plan is not None
     seen = joint_profile(PlanMotion(plan), Kinematics(course.robot))
     assert seen.error_m.max() < 1e-5

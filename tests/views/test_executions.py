@@ -20,7 +20,7 @@ from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap_classes import leap_from_keys
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.runner.execution import Execution
 from stancekit.runner.log import Message, Recorded
 from stancekit.runner.motion.time_parametrization import TimedMotion, streamed
@@ -36,7 +36,7 @@ from tests.same_motion import compared
 
 @pytest.fixture(scope="module")
 def run() -> tuple[Plan, Execution]:
-    outcome = TwoStagePlanner().solve(read_course("walls", frames=2))
+    outcome = TwoStage().solve(read_course("walls", frames=2))
     assert outcome.solution is not None
     settings = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
     execution = simulate(outcome.solution, settings=settings).execution

@@ -48,8 +48,8 @@ def glide(count=41) -> Trajectory:
         ),
         friction=0.6,
         adhesive=np.zeros(6, dtype=bool),
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[-1, :2],
+        start=torso[0, :2],
+        goal=torso[-1, :2],
     )
 
 

@@ -56,8 +56,8 @@ def walk(terrain=None, count=81) -> Trajectory:
         terrain=field,
         friction=0.6,
         adhesive=[True] + 5 * [False],
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[-1, :2],
+        start=torso[0, :2],
+        goal=torso[-1, :2],
         provenance={"chart": "by hand"},
     )
 

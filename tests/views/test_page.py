@@ -16,7 +16,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.single_body import anymal
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.views import page as page_module
@@ -31,7 +31,7 @@ from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 
 @pytest.fixture(scope="module")
 def plan():
-    found = TwoStagePlanner().solve(read_course("icy-walls", 2)).solution
+    found = TwoStage().solve(read_course("icy-walls", 2)).solution
     assert found is not None
     return found
 
@@ -56,8 +56,8 @@ def walk() -> GaitView:
         terrain=field,
         friction=0.6,
         adhesive=[False] * 4,
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[-1, :2],
+        start=torso[0, :2],
+        goal=torso[-1, :2],
     )
     return GaitView(trajectory)
 

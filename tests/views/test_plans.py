@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.terrains import terrain
 from stancekit.views.plans import PlanView, draw_plan, ghosts
@@ -21,7 +21,7 @@ from tests.refusals import refuses
 
 @pytest.fixture(scope="module")
 def plan():
-    found = TwoStagePlanner().solve(read_course("icy-walls", 3)).solution
+    found = TwoStage().solve(read_course("icy-walls", 3)).solution
     assert found is not None
     return found
 
@@ -214,7 +214,7 @@ def test_footholds_are_drawn_with_the_places_that_are_named():
 
 
 def test_one_frame_and_no_terrain_are_drawn_too():
-    plan = TwoStagePlanner().solve(read_course("walls", 1)).solution
+    plan = TwoStage().solve(read_course("walls", 1)).solution
     bare = replace(plan, problem=replace(plan.problem, terrain=()))
     for shown in (plan, bare):
         assert to_rgb(draw_plan(shown, size_px=(400, 300))).std() > 10.0

@@ -21,7 +21,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.terrain import Patch
 from stancekit.views.comparison import ComparisonBar, draw_comparison
 from stancekit.views.postures import draw_posture
@@ -46,7 +46,7 @@ ROWS = (
 @pytest.fixture(scope="module")
 def solved() -> Solved:
     """Return a feasible problem of each distribution, and its posture."""
-    planner, found = ExactPlanner(), {}
+    planner, found = Exact(), {}
     for name, distribution in DISTRIBUTIONS.items():
         problem = distribution.sample(np.random.default_rng(2))
         posture = planner.solve(problem).solution

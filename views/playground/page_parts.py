@@ -18,16 +18,14 @@ import numpy as np
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import WHOLE_BODY, Plan
 from stancekit.planners.answer.report import acceptance_word
-from stancekit.planners.equilibrium.programs import programs_of_this_thread
-from stancekit.planners.errors import InvalidInput, PlanningFailed, StancekitError
+from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.candidates import NoPlace
 from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.plan_course import LayOut, plan_course
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import Report, explain
 
 from ..plans import between
@@ -76,12 +74,11 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
     """A fast answer for the display, which looks at contacts alone; undecided if it would take
     longer. Raises nothing.
     """
-    planner = TwoStagePlanner(
+    planner = TwoStage(
         time_limit_s=_QUICK_S,
         max_nodes=_QUICK_NODES,
         cuts=False,
         steps=_QUICK_STEPS,
-        programs=programs_of_this_thread(),
     )
     return _planned(
         scenario,
@@ -102,7 +99,7 @@ def patient_answer(scenario: Scenario) -> SceneAnswer:
     """
 
     def plan(question: LayOut) -> Answer[Plan]:
-        planner = TwoStagePlanner(time_limit_s=_PATIENT_S, programs=programs_of_this_thread())
+        planner = TwoStage(time_limit_s=_PATIENT_S)
         deadline = time.perf_counter() + _PATIENT_S
         return plan_course(
             question,

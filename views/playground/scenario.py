@@ -549,8 +549,8 @@ class WalkScenario:
         return Walk(
             robot=self.walker,
             terrain=self.terrain,
-            start_xy_m=np.array(self.start_m),
-            goal_xy_m=np.array(self.goal_m),
+            start=np.array(self.start_m),
+            goal=np.array(self.goal_m),
             duration_s=self.takes_s,
             friction=self.friction,
             gait="trot" if len(self.walker.feet) == 4 else "tripod",

@@ -292,14 +292,14 @@ def start(structure: Structure) -> tuple[Constraint, Constraint]:
     """p_xy = start (metres) and heading = start yaw (radians) at t = 0."""
     yaw = structure.layout.entry_rows(structure.layout.torso[0, 5:])
     heading = np.array([structure.task.start_yaw_rad])
-    return over(structure, "start", 0, structure.task.start_xy_m), Constraint(
+    return over(structure, "start", 0, structure.task.start), Constraint(
         "heading", heading, heading, (), yaw
     )
 
 
 def goal(structure: Structure) -> Constraint:
     """p_xy = goal at t = T, in metres: a hard constraint (Pan et al. §V)."""
-    return over(structure, "goal", structure.nodes - 1, structure.task.goal_xy_m)
+    return over(structure, "goal", structure.nodes - 1, structure.task.goal)
 
 
 def heading_end(structure: Structure) -> Constraint | None:
@@ -321,7 +321,7 @@ def poised(structure: Structure) -> Constraint | None:
     task, layout, chart = structure.task, structure.layout, structure.chart
     rows, values = list[csr_array](), list[Array]()
     for xy, yaw, knot, stance in zip(
-        (task.start_xy_m, task.goal_xy_m),
+        (task.start, task.goal),
         task.yaws(),
         (layout.torso[0], layout.torso[-1]),
         (0, -1),

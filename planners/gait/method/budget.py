@@ -149,8 +149,8 @@ def _digest(
         content.update(np.ascontiguousarray(array).tobytes())
     question = {
         "robot": task.robot.to_json(),
-        "start": task.start_xy_m.tolist(),
-        "goal": task.goal_xy_m.tolist(),
+        "start": task.start.tolist(),
+        "goal": task.goal.tolist(),
         "rest": [*task.yaws(), task.duration_s, task.friction, task.adhesive, task.timings],
         "gait": [task.gait, task.cycle_s],
         "suction_n": task.suction_n,

@@ -76,7 +76,7 @@ class GuessedWalk:
     def torso_xy(self, times_s: Array) -> Array:
         """Along the line from start to goal, shape (K, 2) [m]."""
         share = self.share(times_s)[:, None]
-        return (1.0 - share) * self._task.start_xy_m + share * self._task.goal_xy_m
+        return (1.0 - share) * self._task.start + share * self._task.goal
 
     def yaw(self, times_s: Array) -> Array:
         """From the heading at the start evenly along the way to that at the end, shape (K,)

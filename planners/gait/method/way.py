@@ -21,9 +21,8 @@ import numpy as np
 
 from ...answer.report import Report
 from ...answer.trajectory import SAMPLES, Trajectory
-from ...errors import InvalidInput, PlanningFailed
+from ...errors import InvalidInput, NoPlace, PlanningFailed
 from ...files.arrays import Array
-from ...problem.candidates import NoPlace
 from ...problem.guide_path import Footprint, GuidePath, guide_over
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
@@ -61,13 +60,13 @@ def guided(task: Walk) -> GuidePath | None:
     Raises InvalidInput for a start or goal in a solid, and of a long walk also for one that the
     robot cannot stand at, and PlanningFailed where a long one has no way.
     """
-    length = float(np.linalg.norm(task.goal_xy_m - task.start_xy_m))
+    length = float(np.linalg.norm(task.goal - task.start))
     turns = task.yaws()[0] != task.yaws()[1]
     if any(task.adhesive) or turns or (length < FAR_M and task.terrain.steepest < _WALL):
         return None
     footprint = Footprint.of_walker(task.robot, task.start_yaw_rad)
-    ends = np.array([task.start_xy_m, task.goal_xy_m])
-    for name, place in zip(("start_xy_m", "goal_xy_m"), ends, strict=True):
+    ends = np.array([task.start, task.goal])
+    for name, place in zip(("start", "goal"), ends, strict=True):
         ground = float(np.median(task.terrain.height(place + footprint.toes_m[:, :2])))
         high = float(task.terrain.height(place)) - ground
         if high > task.robot.stand_height_m:  # the torso would be in it
@@ -80,10 +79,7 @@ def guided(task: Walk) -> GuidePath | None:
         path, straight = guide_over(task.terrain, footprint, ends, task.friction)
     except (InvalidInput, PlanningFailed) as error:
         if length >= FAR_M:
-            name, colon, rest = str(error).partition(":")
-            raise type(error)(
-                f"{name}_xy_m{colon}{rest}" if name in ("start", "goal") else str(error)
-            ) from None
+            raise
         LOG.info("walk: no guide path: %s", error)
         return None
     return None if straight and length < FAR_M else path
@@ -109,8 +105,8 @@ def _lasting(seconds: float) -> float:
 def _between(task: Walk, start: Array, goal: Array, duration_s: float) -> Walk:
     return replace(
         task,
-        start_xy_m=start,
-        goal_xy_m=goal,
+        start=start,
+        goal=goal,
         duration_s=duration_s,
         end_yaw_rad=task.start_yaw_rad,
     )
@@ -143,7 +139,7 @@ def _joined_walks(task: Walk, walks: Sequence[Trajectory]) -> Trajectory:
         last,
         **whole,
         times_s=times_s,
-        start_xy_m=first.start_xy_m,
+        start=first.start,
         heading_rad=first.heading_rad,
         heading_end_rad=task.end_yaw_rad,
     )
@@ -216,7 +212,7 @@ def plan_walk(
         try:
             way.go(outcome)
         except (InvalidInput, PlanningFailed) as error:
-            place = f"from ({piece.start_xy_m[0]:.2f}, {piece.start_xy_m[1]:.2f})"
+            place = f"from ({piece.start[0]:.2f}, {piece.start[1]:.2f})"
             other = f"; another way: {error}" if str(error) else ""
             return _ended(task, way, solves, f"{place}: {attempts_of_piece.message}{other}")
         if outcome == DONE:
@@ -228,7 +224,7 @@ def plan_walk(
         if way.left:
             memory.keep_pieces(way.outcomes, samples)
     assert walked is not None
-    whole = replace(walked, goal_xy_m=task.goal_xy_m, provenance={**walked.provenance, **way.told})
+    whole = replace(walked, goal=task.goal, provenance={**walked.provenance, **way.told})
     report: Report[Trajectory] = check_trajectory(whole)
     attempt = replace(
         done[-1],
@@ -282,22 +278,22 @@ class _Way:
         if outcome == ROUND:
             if len(self._avoid_m) >= _DETOURS:
                 raise PlanningFailed("")
-            place = 0.5 * (piece.start_xy_m + piece.goal_xy_m)
-            ends = np.array([piece.start_xy_m, self._task.goal_xy_m])
+            place = 0.5 * (piece.start + piece.goal)
+            ends = np.array([piece.start, self._task.goal])
             footprint = Footprint.of_walker(self._task.robot, self._task.start_yaw_rad)
             avoid = [*self._avoid_m, place]
             path, _ = guide_over(self._task.terrain, footprint, ends, self._task.friction, avoid)
-            onward = replace(self._task, start_xy_m=ends[0], duration_s=self._pace * path.length_m)
+            onward = replace(self._task, start=ends[0], duration_s=self._pace * path.length_m)
             self._avoid_m, self.left = avoid, [(each, 0) for each in pieces_of(onward, path)]
             self.paths_m.append(path.points_m)
         elif outcome == CUT:
             middle, half_s = (
-                0.5 * (piece.start_xy_m + piece.goal_xy_m),
+                0.5 * (piece.start + piece.goal),
                 _lasting(0.5 * piece.duration_s),
             )
             self.left[:1] = [
-                (_between(self._task, piece.start_xy_m, middle, half_s), cut + 1),
-                (_between(self._task, middle, piece.goal_xy_m, half_s), cut + 1),
+                (_between(self._task, piece.start, middle, half_s), cut + 1),
+                (_between(self._task, middle, piece.goal, half_s), cut + 1),
             ]
         else:
             del self.left[0]
@@ -317,7 +313,7 @@ def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Traje
     with suppress(InvalidInput, PlanningFailed, KeyError, IndexError, TypeError, ValueError):
         for outcome in kept.pieces:
             way.go(outcome)
-        place = way.left[0][0].start_xy_m
+        place = way.left[0][0].start
         if DONE not in way.outcomes:
             return way, None
         samples: dict[str, Any] = {name: kept.samples[name] for name in SAMPLES}
@@ -327,8 +323,8 @@ def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Traje
             terrain=task.terrain,
             friction=task.friction,
             adhesive=np.array(task.adhesive),
-            start_xy_m=task.start_xy_m,
-            goal_xy_m=place,
+            start=task.start,
+            goal=place,
             heading_rad=task.start_yaw_rad,
             still=(True, True),
         )

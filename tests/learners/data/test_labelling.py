@@ -35,8 +35,8 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.batch import canonical
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.families import family_terrain
 from stancekit.planners.terrain.patch import Patch
 from tests.refusals import refuses
@@ -290,7 +290,7 @@ def test_no_row_depends_on_where_a_block_begins(
 
 
 def test_rows_hold_what_the_exact_planner_proves_of_each_problem_alone(natural: Path) -> None:
-    exact = ExactPlanner(max_nodes=NATURAL.max_nodes, time_limit_s=math.inf)
+    exact = Exact(max_nodes=NATURAL.max_nodes, time_limit_s=math.inf)
     kinds = set()
     for row in Dataset.open(natural).rows():
         alone = exact.solve(row.problem)
@@ -639,7 +639,7 @@ def test_points_of_s_balance_and_points_of_s_bar_do_so_but_for_the_moment(balanc
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStagePlanner()
+    return TwoStage()
 
 
 def test_scenes_are_read_back_as_they_were_drawn(tmp_path, planner):

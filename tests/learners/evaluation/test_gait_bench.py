@@ -94,7 +94,7 @@ def test_the_published_methods_have_the_papers_dynamics_and_every_method_can_be_
 
 def test_robots_in_pits_face_their_goal():
     task = gait_task("pit", 5)
-    way = task.goal_xy_m - task.start_xy_m
+    way = task.goal - task.start
     assert [
         gait_bench.math.cos(task.start_yaw_rad),
         gait_bench.math.sin(task.start_yaw_rad),

@@ -45,8 +45,8 @@ def still(count=41) -> Trajectory:
         terrain=terrain,
         friction=0.75,
         adhesive=np.zeros(6, dtype=bool),
-        start_xy_m=[0.1, 0.2],
-        goal_xy_m=[0.1, 0.2],
+        start=[0.1, 0.2],
+        goal=[0.1, 0.2],
         provenance={"chart": "by hand", "seed": 3},
     )
 
@@ -89,8 +89,7 @@ def test_the_digest_hangs_on_every_field():
     base = still()
     grown = HeightField.from_function(lambda x, y: 1e-9 * x, 1.0, 0.25, name="level")
     changes = [
-        {name: _nudged(getattr(base, name))}
-        for name in (*SAMPLES, "start_xy_m", "goal_xy_m", "adhesive")
+        {name: _nudged(getattr(base, name))} for name in (*SAMPLES, "start", "goal", "adhesive")
     ]
     changes += [
         {"terrain": grown},

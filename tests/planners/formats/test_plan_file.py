@@ -46,9 +46,9 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.inverse_kinematics import descend
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 from stancekit.planners.verify.postures import LIMIT_RAD, REACHED_M
 from tests.planners.robot.small_urdfs import quadruped
@@ -277,7 +277,7 @@ def test_a_link_stays_a_link(tmp_path):
 @pytest.fixture(scope="module")
 def outcomes(programs, drawn):
     """One outcome of every status, and a trivially infeasible one, with their problems."""
-    exact, limited = ExactPlanner(programs=programs), ExactPlanner(programs=programs, max_nodes=0)
+    exact, limited = Exact(programs=programs), Exact(programs=programs, max_nodes=0)
     found = {
         "feasible": (drawn("wall-3", 0), exact.solve(drawn("wall-3", 0))),
         "infeasible": (drawn("wall-3", 225), exact.solve(drawn("wall-3", 225))),
@@ -285,7 +285,7 @@ def outcomes(programs, drawn):
         "undecided": (drawn("wall-3", 0), limited.solve(drawn("wall-3", 0))),
         "refused": (
             drawn("wall-3", 0),
-            TwoStagePlanner(projection=None, programs=programs).solve(drawn("wall-3", 0)),
+            TwoStage(projection=None, programs=programs).solve(drawn("wall-3", 0)),
         ),
     }
     statuses = {name: outcome.status.value for name, (_, outcome) in found.items()}
@@ -654,7 +654,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(COURSE)
-    outcome = TwoStagePlanner().solve(read_course(folder / "flat.yaml"))
+    outcome = TwoStage().solve(read_course(folder / "flat.yaml"))
     assert outcome.solution is not None
     return with_joints(outcome.solution)
 
@@ -911,7 +911,7 @@ def test_links_that_only_the_file_lets_touch_are_not_the_robots(path: Path) -> N
 def proved():
     """Two icy walls between which no tripod can hang, and the certificate."""
     course = slippery(read_course("walls", frames=2), 0.3)
-    return course, TwoStagePlanner().solve(course).certificate
+    return course, TwoStage().solve(course).certificate
 
 
 @pytest.fixture
@@ -934,7 +934,7 @@ def test_a_proof_is_the_same_to_the_last_bit_when_read_back(proved, proof_path):
 def test_a_proof_of_another_course_is_refused(proved, proof_path):
     grippy = slippery(proved[0], 4.0)
     resealed(proof_path, lambda data: data.update(question=grippy.to_json()))
-    assert TwoStagePlanner().solve(grippy).solution is not None
+    assert TwoStage().solve(grippy).solution is not None
     check = check_file(proof_path)
     assert not check.accepted
     assert check.to_json()["verdict"] == "refused"

@@ -32,8 +32,8 @@ def small(field: HeightField) -> Callable[..., GaitProgram]:
         task = Walk(
             robot=anymal(),
             terrain=terrain,
-            start_xy_m=np.zeros(2),
-            goal_xy_m=np.array([0.2, 0.1]),
+            start=np.zeros(2),
+            goal=np.array([0.2, 0.1]),
             duration_s=2.0,
             timings=timings,  # type: ignore[arg-type]
         )

@@ -36,8 +36,8 @@ def test_every_gait_crosses_ripples_and_the_verifier_accepts_it(gait: str) -> No
     task = Walk(
         robot=robot,
         terrain=reference_terrain("ripple"),
-        start_xy_m=np.zeros(2),
-        goal_xy_m=goal,
+        start=np.zeros(2),
+        goal=goal,
         gait=gait,
         start_yaw_rad=float(np.arctan2(goal[1], goal[0])),
         duration_s=3.0,
@@ -111,9 +111,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_chart_of_ones_own_finds_the_walk_of_its_sibling(files: Path) -> None:
     field = HeightField.from_function(lambda x, y: 0.05 * np.sin(2.0 * x) * np.cos(y), 2.0, 0.1)
-    task = Walk(
-        robot=anymal(), terrain=field, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0
-    )
+    task = Walk(robot=anymal(), terrain=field, start=[0.0, 0.0], goal=[0.2, 0.1], duration_s=2.0)
     own = formulate(task, GaitSettings(chart="mine.py:Lifted")).solve()
     other = formulate(task, GaitSettings(chart="shear")).solve()
     assert own.success
@@ -191,8 +189,8 @@ def task(terrain: HeightField, friction: float, goal=(0.5, 0.2), **options) -> W
     return Walk(
         robot=options.pop("robot", None) or anymal(),
         terrain=terrain,
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array(goal),
+        start=np.zeros(2),
+        goal=np.array(goal),
         friction=friction,
         **options,
     )
@@ -273,8 +271,8 @@ def test_the_benchmarks_are_not_forbidden_and_neither_is_what_sticks() -> None:
         asked = Walk(
             robot=anymal(),
             terrain=reference_terrain(name),
-            start_xy_m=np.array(start),
-            goal_xy_m=np.array(goal),
+            start=np.array(start),
+            goal=np.array(goal),
         )
         assert forbidden(asked, GaitSettings()) == ""
     stuck = task(ramp(0.9, 0.0), 0.3, adhesive=(True, True, False, False))

@@ -21,7 +21,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.pieces import with_pause
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.patch import Solid, Solids
@@ -32,7 +32,7 @@ from tests.refusals import refuses
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    outcome = TwoStagePlanner().solve(read_course("stairs", frames=4))
+    outcome = TwoStage().solve(read_course("stairs", frames=4))
     assert outcome.solution is not None
     return outcome.solution
 
@@ -206,7 +206,7 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
 
 def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_cones() -> None:
     course = with_pause(read_course("walls", frames=3), 1)
-    plan = TwoStagePlanner().solve(course).solution
+    plan = TwoStage().solve(course).solution
     assert plan is not None
     kinematics = Kinematics(course.robot)
     standing = standing_forces(plan, kinematics)
@@ -273,8 +273,8 @@ def leaning(reach_m: float = 0.02) -> Trajectory:
         terrain=terrain,
         friction=0.7,
         adhesive=np.zeros(4, dtype=bool),
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.zeros(2),
+        start=np.zeros(2),
+        goal=np.zeros(2),
     )
 
 

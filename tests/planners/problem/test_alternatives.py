@@ -13,6 +13,7 @@ import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Group
+from stancekit.planners.errors import NoPlace
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import (
     ALTERNATIVES,
@@ -22,12 +23,12 @@ from stancekit.planners.problem.alternatives import (
     Alternative,
     ordered,
 )
-from stancekit.planners.problem.candidates import CandidatePatches, NoPlace
+from stancekit.planners.problem.candidates import CandidatePatches
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.course_file import read_course, read_spec
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.terrain import Terrain
 from stancekit.planners.verify import check_plan
@@ -96,7 +97,7 @@ def test_a_computer_that_is_busy_gives_layouts_as_much_of_its_processor_as_one_t
     monkeypatch.setattr("stancekit.planners.search.plan_course.time.process_time", lambda: own_s[0])
     ends = list[float]()
 
-    class Slow(TwoStagePlanner):
+    class Slow(TwoStage):
         def with_limit(self, limit_s: float) -> Slow:
             ends.append(wall_s[0] + limit_s)
             return self
@@ -130,7 +131,7 @@ def test_others_are_tried_where_the_first_has_no_place_for_a_toe() -> None:
             raise NoPlace(f"frame 0: nowhere ({len(tried)})")
         return read_course("walls", frames=2)
 
-    outcome: Answer[Plan] = plan_course(question, TwoStagePlanner(), layouts=ALTERNATIVES)
+    outcome: Answer[Plan] = plan_course(question, TwoStage(), layouts=ALTERNATIVES)
     assert outcome.status is Status.FEASIBLE
     assert outcome.solution is not None
     assert outcome.solution.provenance["layout"] == ALTERNATIVES[2].message
@@ -139,14 +140,14 @@ def test_others_are_tried_where_the_first_has_no_place_for_a_toe() -> None:
     order = [AS_ASKED, *ordered(ALTERNATIVES[1:], "contacts")]
     assert tried == [each.message for each in order[: order.index(ALTERNATIVES[2]) + 1]]
     with refuses(f"({len(tried) + 1})", kind=NoPlace):
-        plan_course(question, TwoStagePlanner(), deadline=math.inf)  # the first alone
+        plan_course(question, TwoStage(), deadline=math.inf)  # the first alone
 
 
 @pytest.mark.parametrize("worst", [None, {"frame": 1.0, "link": "trunk", "other": "patch 1"}])
 def test_a_higher_body_is_tried_first_where_a_foot_alone_stays_from_its_path(worst: object) -> None:
     tried = list[str]()
 
-    class Astray(TwoStagePlanner):
+    class Astray(TwoStage):
         def solve(self, course: Problem) -> Answer[Plan]:
             answer = super().solve(course)
             assert answer.solution is not None

@@ -93,8 +93,8 @@ FLAT = stancekit.HeightField.from_array(np.zeros((81, 81)), spacing_m=0.1)
 WALK: Changes = {
     "robot": lambda p: replace(p.robot, mass_kg=2.0 * p.robot.mass_kg),
     "terrain": lambda p: stancekit.HeightField.from_array(np.eye(81), spacing_m=0.1),
-    "start_xy_m": lambda p: p.start_xy_m + 0.1,
-    "goal_xy_m": lambda p: p.goal_xy_m + 0.1,
+    "start": lambda p: p.start + 0.1,
+    "goal": lambda p: p.goal + 0.1,
     "start_yaw_rad": lambda p: 0.2,
     "end_yaw_rad": lambda p: 0.2,
     "duration_s": lambda p: 3.0,

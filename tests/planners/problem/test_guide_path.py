@@ -171,9 +171,11 @@ def test_a_goal_at_the_start_is_a_way_of_no_length():
     assert path(over([LEVEL]), (1, 1), (1, 1)).length_m == 0.0
 
 
-def test_a_trench_that_no_toe_crosses_is_named():
-    banks = [floor(-1, 1.5, -2.5, 2.5), floor(3.0, 5, -2.5, 2.5)]
-    with refuses("hole", kind=PlanningFailed):
+@pytest.mark.parametrize("bottom", [[], [floor(1.5, 3.0, -2.5, 2.5, -3.0)]])
+def test_a_trench_that_no_toe_crosses_is_named_with_its_edge_and_its_width_or_depth(bottom):
+    banks = [floor(-1, 1.5, -2.5, 2.5), floor(3.0, 5, -2.5, 2.5), *bottom]
+    said = ("3 m high",) if bottom else ("1.5 m wide",)
+    with refuses("(1.5, ", *said, kind=PlanningFailed):
         path(over(banks), (0, 0), (4, 0))
 
 

@@ -16,8 +16,8 @@ import stancekit
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.refusals import refuses
 
@@ -53,7 +53,7 @@ def test_a_posture_problem_is_a_problem_of_one_frame(problem):
 def test_both_ways_of_making_it_have_the_same_numbers_and_the_same_answer(
     drawn, mixed, bounded, soled
 ):
-    planner = ExactPlanner()
+    planner = Exact()
     for made in (
         drawn("wall-3", 8),
         mixed(1, (3, 4, 5)),
@@ -84,13 +84,13 @@ def test_forces_are_bounded_foothold_by_foothold(drawn):
         replace(problem.contacts[0], force_max=np.array([0.05, 1.0, 1.0])),
         *problem.contacts[1:],
     ]
-    held = ExactPlanner().solve(problem.posture_with(contacts=tuple(weak)))
+    held = Exact().solve(problem.posture_with(contacts=tuple(weak)))
     assert held.solution is not None
     share = (
         float(held.solution.forces_n[0, 0] @ problem.contacts[0].patch.normal) / problem.weight_n
     )
     assert share <= 0.05 + 1e-6
-    free = ExactPlanner().solve(problem)
+    free = Exact().solve(problem)
     assert not check_plan(
         replace(free.solution, problem=problem.posture_with(contacts=tuple(weak)))
     ).accepted
@@ -98,13 +98,13 @@ def test_forces_are_bounded_foothold_by_foothold(drawn):
 
 def test_bounds_of_footholds_count_in_plans_and_in_files():
     course = read_course("walls", frames=3)
-    strong = TwoStagePlanner().solve(course)
+    strong = TwoStage().solve(course)
     first = course.footholds[0]
     weak = replace(
         first, force_min=np.array([0.0, -1.0, -1.0]), force_max=np.array([0.1, 1.0, 1.0])
     )
     changed = replace(course, footholds=(weak, *course.footholds[1:]))
-    answer = TwoStagePlanner().solve(changed)
+    answer = TwoStage().solve(changed)
     assert answer.solution is not None
     on = [
         (s, i)
@@ -134,7 +134,7 @@ def test_another_force_scale_changes_no_plan():
         force_min=course.force_min * course.weight_n / 40.0,
         force_max=course.force_max * course.weight_n / 40.0,
     )
-    one, other = (TwoStagePlanner().solve(each) for each in (course, scaled))
+    one, other = (TwoStage().solve(each) for each in (course, scaled))
     assert one.status is other.status
     assert one.objective == pytest.approx(other.objective, rel=1e-3)
     assert stancekit.verify(other.solution).contacts

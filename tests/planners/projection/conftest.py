@@ -16,7 +16,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from tests.planners.robot.small_urdfs import quadruped
 
 DOG = """
@@ -64,6 +64,6 @@ def dog_plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(DOG)
-    outcome = plan_with_reserve(TwoStagePlanner(), read_course(folder / "flat.yaml"))
+    outcome = plan_with_reserve(TwoStage(), read_course(folder / "flat.yaml"))
     assert outcome.solution is not None
     return outcome.solution

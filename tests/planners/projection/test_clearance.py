@@ -16,7 +16,7 @@ from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")
@@ -64,7 +64,7 @@ BEAM = {
 
 @pytest.fixture(scope="module")
 def beam() -> Plan:
-    outcome = plan_with_reserve(TwoStagePlanner(), build_course(spec_from(BEAM)))
+    outcome = plan_with_reserve(TwoStage(), build_course(spec_from(BEAM)))
     assert outcome.solution is not None
     return outcome.solution
 
@@ -206,9 +206,7 @@ def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Plan) -> N
         polygons.append({"vertices_m": corners[:: 1 if side else -1].tolist(), "footing": False})
     terrain = {**BEAM["terrain"], "polygons": polygons}  # type: ignore[dict-item]
     course = build_course(spec_from({**BEAM, "frames": 5, "terrain": terrain}))
-    outcome = with_whole_body(
-        plan_with_reserve(TwoStagePlanner(), course), WholeBodyLimits(steps=2)
-    )
+    outcome = with_whole_body(plan_with_reserve(TwoStage(), course), WholeBodyLimits(steps=2))
     assert outcome.status.value == "undecided"
     assert outcome.certificate is None
     assert_names(outcome.message, "body", "patches 1 to 6")
@@ -226,7 +224,7 @@ def test_links_that_come_too_near_to_each_other_are_bent_apart(
     """Between walls thighs come to 30 mm of the body: what is too near is what is as near as the
     nearest, and .5 mm more. Hips, always 25 mm from it, are left out.
     """
-    outcome = TwoStagePlanner().solve(read_course("walls"))
+    outcome = TwoStage().solve(read_course("walls"))
     assert outcome.solution is not None
     plan = with_joints(outcome.solution)
     solver = Kinematics(plan.problem.robot)

@@ -14,7 +14,7 @@ from stancekit.planners.projection.held import FixToes
 from stancekit.planners.projection.project import SURFACE, cost, improved, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Clock, objective_of, plan_of
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 
 
@@ -69,7 +69,7 @@ def test_of_more_steps_none_is_worse_and_from_its_end_no_step_to_other_toes_near
 
 
 def test_cost_is_the_objective_of_the_finished_plan(climb, programs):
-    planner = TwoStagePlanner(programs=programs)
+    planner = TwoStage(programs=programs)
     for course in (climb(1), climb(4, regions=2, ice=0.4), climb(2, frames=1)):
         outcome = planner.solve(course)
         found, length = outcome.solution, course.length_scale_m

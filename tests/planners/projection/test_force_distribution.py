@@ -17,13 +17,13 @@ from stancekit.planners.projection.force_distribution import (
     distribute_forces,
 )
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")
 def climb() -> Plan:
-    outcome = TwoStagePlanner().solve(read_course("walls", frames=3))
+    outcome = TwoStage().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 

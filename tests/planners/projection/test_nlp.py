@@ -165,7 +165,7 @@ def test_iterations_and_time_end_a_solve(programs, drawn):
 
 
 def test_another_projection_is_named(programs, drawn):
-    from stancekit.planners.search.micp import MicpPlanner
+    from stancekit.planners.search.micp import Micp
 
     with refuses("projection"):
-        MicpPlanner(projection="up")
+        Micp(projection="up")

@@ -13,7 +13,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.projection import whole_body
@@ -28,7 +28,7 @@ SMALL = 1e-5
 
 @pytest.fixture(scope="module")
 def walls() -> Plan:
-    outcome = TwoStagePlanner().solve(read_course("walls", frames=3))
+    outcome = TwoStage().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 
@@ -114,7 +114,7 @@ def test_points_balance_keep_to_their_patches_and_ask_for_less_torque(walls: Pla
 def test_a_climb_between_walls_is_within_its_torque_without_a_step_of_bending(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    climb = TwoStagePlanner().solve(read_course("walls", frames=8)).solution
+    climb = TwoStage().solve(read_course("walls", frames=8)).solution
     assert climb is not None
     limits = WholeBodyLimits(torque_nm=9.0)
     bent = whole_body.whole_body(climb, limits)

@@ -15,7 +15,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.held import pressing, steady
 from stancekit.planners.projection.whole_body import WholeBodyLimits, whole_body
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify.margins import stance_margins
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -38,7 +38,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(WAVE)
-    outcome = plan_with_reserve(TwoStagePlanner(), read_course(folder / "flat.yaml"))
+    outcome = plan_with_reserve(TwoStage(), read_course(folder / "flat.yaml"))
     assert outcome.solution is not None
     return outcome.solution
 
@@ -61,7 +61,7 @@ def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carrie
     assert plan.provenance["push_share"] == 0.05
     assert min(margin.push_n for margin in stance_margins(plan)) >= 0.05 * plan.problem.weight_n
     assert all(shares(plan, stance).min() > 0.05 for stance in threes)
-    loose = plan_with_reserve(TwoStagePlanner(), plan.problem, presses=()).solution
+    loose = plan_with_reserve(TwoStage(), plan.problem, presses=()).solution
     assert loose is not None
     assert "push_share" not in loose.provenance
     assert min(shares(loose, stance).min() for stance in threes) < 0.01

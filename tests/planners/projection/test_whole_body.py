@@ -25,7 +25,7 @@ from stancekit.planners.projection.whole_body import (
 )
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.postures import joint_report
 from tests.planners.robot.small_urdfs import quadruped
@@ -151,7 +151,7 @@ def test_torques_of_loads_are_the_torques(plan: Plan) -> None:
 
 
 def test_a_plan_of_drawn_up_legs_gets_joints_too(tmp_path: Path) -> None:
-    outcome = TwoStagePlanner().solve(read_course("stairs", frames=2))
+    outcome = TwoStage().solve(read_course("stairs", frames=2))
     assert outcome.solution is not None
     jointed = with_joints(outcome.solution)
     assert jointed.joints_rad is not None
@@ -162,7 +162,7 @@ def test_a_plan_of_drawn_up_legs_gets_joints_too(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def climb() -> Plan:
     """Between walls; its largest torque is 20 Nm."""
-    outcome = plan_with_reserve(TwoStagePlanner(), read_course("walls"))
+    outcome = plan_with_reserve(TwoStage(), read_course("walls"))
     assert outcome.solution is not None
     return outcome.solution
 

@@ -17,7 +17,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import REACHED_M, Restoration
 from stancekit.planners.projection.held import held_moments
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.projection.whole_body import with_joints
@@ -36,7 +36,7 @@ SMALL = 1e-6
 
 @pytest.fixture(scope="module")
 def walls() -> Plan:
-    outcome = TwoStagePlanner().solve(read_course("walls", frames=3))
+    outcome = TwoStage().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 

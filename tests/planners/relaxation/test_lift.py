@@ -36,7 +36,7 @@ from stancekit.planners.relaxation.relaxed import RELAXATIONS
 from stancekit.planners.robot.reach import ReachRows
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.cuts import alone
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_plan, check_postures
 from tests.refusals import refuses
@@ -50,7 +50,7 @@ def problems(programs, drawn):
     found = []
     for seed in range(40):
         outcome, scaled = (
-            ExactPlanner(programs=programs).solve(drawn("wall-3", seed)),
+            Exact(programs=programs).solve(drawn("wall-3", seed)),
             Scaled.of(drawn("wall-3", seed)),
         )
         found.append(
@@ -654,7 +654,7 @@ def walled(problem: Problem, shift_m: float = 0.0) -> Problem:
 
 def feasible(drawn, count: int) -> list[tuple[Problem, np.ndarray]]:
     """Problems with half-spaces, and [p, f] of a posture of each."""
-    found, planner = [], ExactPlanner()
+    found, planner = [], Exact()
     for seed in range(60):
         problem = walled(drawn("ground-3", seed))
         posture = planner.solve(problem).solution

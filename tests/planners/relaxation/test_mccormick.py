@@ -21,7 +21,7 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, RELAXATIONS, RelaxationAnswer
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import TwoStage
 from tests.planners.oracle import OraclePrograms
 
@@ -34,7 +34,7 @@ def witnesses(programs, drawn):
     """Feasible wall-3 problems with the point [p, f] of a witness."""
     found = []
     for seed in range(40):
-        outcome = ExactPlanner(programs=programs).solve(drawn("wall-3", seed))
+        outcome = Exact(programs=programs).solve(drawn("wall-3", seed))
         if outcome.status is Status.FEASIBLE:
             scaled = Scaled.of(drawn("wall-3", seed))
             found.append((scaled, scaled.point(outcome.solution)))
@@ -411,7 +411,7 @@ def held(programs):
     found, rng = [], np.random.default_rng(4)
     while len(found) < 6:
         problem = DISTRIBUTIONS["wall-3"].sample(rng)
-        posture = ExactPlanner(programs=programs).solve(problem).solution
+        posture = Exact(programs=programs).solve(problem).solution
         if posture is not None:
             scaled = Scaled.of(problem)
             frames = [contact.patch.frame for contact in problem.contacts]

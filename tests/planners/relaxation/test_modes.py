@@ -42,8 +42,8 @@ from stancekit.planners.search import enveloped
 from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.cuts import alone
 from stancekit.planners.search.enveloped import EnvelopeSearch
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.two_stage import TwoStage
 from tests.refusals import assert_names, refuses
 
 SHORT = read_spec("ground-to-wall").model_copy(
@@ -63,7 +63,7 @@ def modes(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def planner(modes):
-    return TwoStagePlanner(modes)
+    return TwoStage(envelopes=modes)
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def test_the_hull_bounds_every_choice_and_the_search_finds_the_best(small, modes
             self.boxes = boxes
 
     monkeypatch.setattr(enveloped, "EnvelopeSearch", Given)
-    outcome = TwoStagePlanner(modes).solve(course)
+    outcome = TwoStage(envelopes=modes).solve(course)
     assert outcome.status is Status.FEASIBLE
     length = scaled.length_m
     assert outcome.details["p1_objective"] / length**2 == pytest.approx(best, rel=2e-4, abs=2e-8)
@@ -184,7 +184,7 @@ def _normal(course, stance, limb):
 
 def test_world_points_are_the_forces_of_the_postures(programs, drawn):
     problems = [drawn("wall-3", seed) for seed in range(12)]
-    outcomes = [ExactPlanner(programs=programs).solve(problem) for problem in problems]
+    outcomes = [Exact(programs=programs).solve(problem) for problem in problems]
     found = [
         (p, o.solution) for p, o in zip(problems, outcomes, strict=True) if o.solution is not None
     ]
@@ -214,7 +214,7 @@ def test_modes_come_back_from_json_and_say_what_is_wrong_with_others(modes):
 def test_boxes_that_no_stance_can_use_are_reported_for_the_stance(modes):
     far = Envelope(low=modes.boxes.envelopes[0].low + 5.0, high=modes.boxes.envelopes[0].high + 5.0)
     boxes = type(modes.boxes)(**{**vars(modes.boxes), "envelopes": (far, far)})
-    outcome = TwoStagePlanner(Modes(names=modes.names, boxes=boxes)).solve(
+    outcome = TwoStage(envelopes=Modes(names=modes.names, boxes=boxes)).solve(
         read_course("walls", frames=2)
     )
     assert outcome.status is Status.UNDECIDED

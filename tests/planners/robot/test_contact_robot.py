@@ -18,7 +18,7 @@ from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot
 from stancekit.planners.robot.workspace import workspaces_of
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names
@@ -49,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def plan(folder: Path) -> Plan:
-    outcome = TwoStagePlanner().solve(read_course(folder / "step.yaml"))
+    outcome = TwoStage().solve(read_course(folder / "step.yaml"))
     assert outcome.solution is not None, outcome.message
     return outcome.solution
 
@@ -170,7 +170,7 @@ def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does
         replace(course, weights=replace(course.weights, stance=0.0, com_path=pull))
         for pull in (0.0, 10.0)
     ]
-    far, near = (TwoStagePlanner(gap=0.05).solve(each).solution for each in pulled)
+    far, near = (TwoStage(gap=0.05).solve(each).solution for each in pulled)
     assert near is not None
     assert far is not None
     off_m = [

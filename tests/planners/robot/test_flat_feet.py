@@ -55,7 +55,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     ground = tmp_path_factory.mktemp("flat") / "flat.obj"
     ground.write_text("v -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nf 1 2 3 4\n")
     body = contact_robot(model_of(biped()))
-    answer = stancekit.plan(ground, robot=body, start_xy_m=(0.0, 0.0), goal_xy_m=(0.2, 0.0))
+    answer = stancekit.plan(ground, robot=body, start=(0.0, 0.0), goal=(0.2, 0.0))
     assert answer.status.value == "feasible"
     return answer.solution
 
@@ -105,9 +105,7 @@ def test_toes_hang_down_in_the_air_where_ankles_have_no_room_and_stay_off_the_st
 ) -> None:
     (tmp_path / "step.obj").write_text(STEP)
     body = contact_robot(model_of(biped(heel=0.75)))
-    answer = stancekit.plan(
-        tmp_path / "step.obj", robot=body, start_xy_m=(0.0, 0.0), goal_xy_m=(0.5, 0.0)
-    )
+    answer = stancekit.plan(tmp_path / "step.obj", robot=body, start=(0.0, 0.0), goal=(0.5, 0.0))
     assert answer.status.value == "feasible"
     moments = PlanPath(answer.solution).moments()
     air = moments.foothold < 0

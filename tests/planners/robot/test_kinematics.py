@@ -16,7 +16,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.actuators import FOOT_RADIUS_M, Servo
 from stancekit.planners.robot.drawn_legs import link_lengths, outward_rad
 from stancekit.planners.robot.leg_ik import directions, swivels
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.motion.joints import plan_angles
@@ -36,7 +36,7 @@ def kinematics() -> Kinematics:
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    outcome = TwoStagePlanner().solve(read_course("walls", frames=3))
+    outcome = TwoStage().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 

@@ -26,7 +26,7 @@ from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot, sets_of
 from stancekit.planners.robot.workspace import workspaces_of
 from stancekit.planners.search.plan_course import plan_course
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.refusals import assert_names
 
@@ -68,7 +68,7 @@ def four(**legs: Any) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def plan() -> Plan:
     """A plan for four limbs that nobody gave legs."""
-    found = plan_course(build_course(spec_from(FOUR)), TwoStagePlanner()).solution
+    found = plan_course(build_course(spec_from(FOUR)), TwoStage()).solution
     assert found is not None
     return found
 
@@ -100,7 +100,7 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
     assert set(kinematics.velocity_rad_s) == {3.0}
     again = Problem.from_json(json.loads(json.dumps(course.to_json())))
     assert again.robot.drawn == servo
-    found = plan_course(course, TwoStagePlanner()).solution
+    found = plan_course(course, TwoStage()).solution
     assert found is not None
     report = check_plan(found, joints=True)
     assert set(report.unchecked).isdisjoint(WHOLE_BODY)

@@ -12,7 +12,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.model_json import ModelJson, model_from_json, model_to_json
 from stancekit.planners.robot.payload import with_mass
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
@@ -54,7 +54,7 @@ def test_a_course_says_the_mass_of_its_robots_file_and_its_plan_is_read_again(
     )
     course = read_course(tmp_path / "course.yaml")
     assert course.weight_n == pytest.approx(9.81 * mass)
-    plan = TwoStagePlanner().solve(course).solution
+    plan = TwoStage().solve(course).solution
     assert plan is not None
     carried = plan.forces_n.sum(axis=1)
     assert carried == pytest.approx(np.tile([0.0, 0.0, 9.81 * mass], (len(carried), 1)), abs=1e-3)

@@ -11,7 +11,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.choice import ChoiceSearch, SearchLimits, _preference, nearest
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate
 from tests.refusals import assert_names
 
@@ -20,11 +20,11 @@ TORN = {"regions": 2, "ice": 0.5}
 
 @pytest.fixture(scope="module")
 def planner(programs):
-    return TwoStagePlanner(programs=programs)
+    return TwoStage(programs=programs)
 
 
 def test_the_search_says_what_trying_every_choice_says(climb, planner):
-    best = TwoStagePlanner(programs=planner.programs, gap=1e-4)
+    best = TwoStage(programs=planner.programs, gap=1e-4)
     seen = set()
     for seed in (5, 8):
         course = climb(seed, **TORN)
@@ -103,15 +103,15 @@ def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_spea
 
 def test_at_its_limit_it_says_which_and_keeps_the_plan_that_it_has(climb, programs):
     course = climb(8, **TORN)
-    assert not TwoStagePlanner(programs=programs).solve(course).details["guessed"]
-    outcome = TwoStagePlanner(programs=programs, time_limit_s=0.0).solve(course)
+    assert not TwoStage(programs=programs).solve(course).details["guessed"]
+    outcome = TwoStage(programs=programs, time_limit_s=0.0).solve(course)
     assert outcome.status is Status.UNDECIDED
     assert outcome.certificate is None
     assert_names(outcome.message, "time limit")
-    outcome = TwoStagePlanner(programs=programs, gap=1e-4, max_nodes=2).solve(course)
+    outcome = TwoStage(programs=programs, gap=1e-4, max_nodes=2).solve(course)
     assert outcome.status is Status.FEASIBLE
     assert_names(outcome.message, "2 nodes")
-    assert outcome.bound <= TwoStagePlanner(programs=programs, gap=1e-4).solve(course).objective
+    assert outcome.bound <= TwoStage(programs=programs, gap=1e-4).solve(course).objective
 
 
 @pytest.mark.parametrize("most", [1, 4, 9])
@@ -120,7 +120,7 @@ def test_a_limit_of_solves_gives_the_same_answer_on_a_busy_computer(
 ):
     """A busy one is a clock by which every look at it takes a second."""
     course = climb(8, **TORN)
-    planner = TwoStagePlanner(programs=programs, gap=1e-4, max_solves=most, time_limit_s=1e6)
+    planner = TwoStage(programs=programs, gap=1e-4, max_solves=most, time_limit_s=1e6)
     calm = planner.solve(course)
     assert_names(calm.message, f"{most} solves")
     assert (

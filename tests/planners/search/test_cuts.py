@@ -30,8 +30,8 @@ from stancekit.planners.search.cuts import (
     split,
     spreads,
 )
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 from stancekit.planners.verify.geometry import cut as cut_again
 from stancekit.planners.verify.geometry import sag
@@ -212,8 +212,8 @@ def test_a_posture_gets_the_same_verdict_as_a_course_of_one_frame(
     problem = drawn(*scene)
     course = as_course(problem)
     posture, plan = (
-        ExactPlanner(programs=programs).solve(problem),
-        TwoStagePlanner(programs=programs).solve(course),
+        Exact(programs=programs).solve(problem),
+        TwoStage(programs=programs).solve(course),
     )
     assert posture.status is plan.status is not Status.UNDECIDED
     if plan.status is Status.FEASIBLE:
@@ -279,7 +279,7 @@ def test_what_pieces_of_a_bent_patch_leave_out_costs_no_proof(programs, rough):
         for put in course.footholds
     )
     course = replace(course, footholds=footholds)
-    outcome = TwoStagePlanner(programs=programs).solve(course)
+    outcome = TwoStage(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
     assert set(outcome.certificate.tree[:, 0]) == {0.0, 1.0, 3.0}
     assert check_certificate(outcome.certificate.of(course)).figures["lower_bound"] < 2e-5
@@ -330,7 +330,7 @@ def test_a_stance_that_cannot_be_held_alone_refutes_the_course_and_a_plan_holds_
             searched(programs, alone(scaled, index)[0]).found is not None
             for index in range(len(course.stances))
         ]
-        outcome = TwoStagePlanner(programs=programs).solve(course)
+        outcome = TwoStage(programs=programs).solve(course)
         if outcome.status is Status.FEASIBLE:
             assert all(stances)
             held += 1

@@ -22,9 +22,9 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick, domain_of
 from stancekit.planners.robot import hexapod
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import NlpPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.micp import Nlp
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from tests.planners.oracle import OraclePrograms
 from tests.refusals import assert_names, refuses
@@ -82,7 +82,7 @@ def test_sides_cover_all_directions_and_each_half_space_holds_its_own_long_enoug
     assert not too_small(sides[0])
 
 
-@pytest.mark.parametrize("make", [TwoStagePlanner, partial(ExactPlanner, max_nodes=20), NlpPlanner])
+@pytest.mark.parametrize("make", [TwoStage, partial(Exact, max_nodes=20), Nlp])
 def test_plans_step_as_far_and_would_not_without(climb, programs, make):
     course = climb(4, frames=3)
     asked = least(course, least_toe_m=0.06, least_rotation_rad=0.04)
@@ -109,9 +109,9 @@ def test_plans_step_as_far_and_would_not_without(climb, programs, make):
 @pytest.mark.parametrize("share", [0.5, 0.95])
 def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, programs, share):
     course = climb(4, frames=2)
-    found = TwoStagePlanner(programs=programs).solve(turned(course, share))
+    found = TwoStage(programs=programs).solve(turned(course, share))
     assert found.status is Status.FEASIBLE
-    refuted = TwoStagePlanner(programs=programs).solve(turned(course, 2.0 - share))
+    refuted = TwoStage(programs=programs).solve(turned(course, 2.0 - share))
     assert refuted.status is Status.INFEASIBLE
     assert_names(explain(refuted.certificate).message, "steps.least_rotation_rad")
 
@@ -119,9 +119,9 @@ def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, program
 def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
     course = climb(4, frames=2)
     assert len(course.moves) >= 1
-    found = TwoStagePlanner(programs=programs).solve(stepped(course, 0.6))
+    found = TwoStage(programs=programs).solve(stepped(course, 0.6))
     assert found.status is Status.FEASIBLE
-    refuted = TwoStagePlanner(programs=programs).solve(stepped(course, 1.05))
+    refuted = TwoStage(programs=programs).solve(stepped(course, 1.05))
     assert refuted.status is Status.INFEASIBLE
     proof = refuted.certificate
     assert (proof.tree[:, 0] == 4.0).any()
@@ -130,7 +130,7 @@ def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
 
 def test_forged_proofs_are_refused(climb, programs):
     course = turned(climb(4, frames=2), 1.3)
-    proof = TwoStagePlanner(programs=programs).solve(course).certificate
+    proof = TwoStage(programs=programs).solve(course).certificate
     assert check_certificate(proof).accepted
     feasible = turned(climb(4, frames=2), 0.5)
     assert not check_certificate(proof.of(feasible)).accepted
@@ -151,7 +151,7 @@ def test_forged_proofs_are_refused(climb, programs):
 
 def test_a_row_that_is_used_backwards_proves_nothing(climb, programs):
     course = turned(climb(4, frames=2), 1.3)
-    proof = TwoStagePlanner(programs=programs).solve(course).certificate
+    proof = TwoStage(programs=programs).solve(course).certificate
     rows = np.array(proof.multipliers)
     rows[:, -1] *= -1.0
     assert not check_certificate(replace(proof, multipliers=rows)).accepted
@@ -159,7 +159,7 @@ def test_a_row_that_is_used_backwards_proves_nothing(climb, programs):
 
 def test_the_reference_solves_the_same_programs(climb, programs):
     course = least(climb(6, frames=3), least_toe_m=0.05, least_rotation_rad=0.03)
-    free = TwoStagePlanner(programs=programs).solve(climb(6, frames=3))
+    free = TwoStage(programs=programs).solve(climb(6, frames=3))
     scaled = Scaled.of(along(course, free.solution))
     ours = solve_lift(programs, scaled, least_moment=False)
     theirs = solve_lift(OraclePrograms(), scaled, least_moment=False)
@@ -173,7 +173,7 @@ def test_scip_agrees_on_the_problem_with_its_nonconvex_rows(climb, programs, see
     course = climb(seed, frames=2)
     for lengths in ({"least_toe_m": 0.08}, {"least_rotation_rad": 0.05}):
         asked = least(course, **lengths)
-        outcome = ExactPlanner(programs=programs).solve(asked)
+        outcome = Exact(programs=programs).solve(asked)
         best, bound = scip(asked, nodes=200)
         assert outcome.status is Status.FEASIBLE
         assert bound <= outcome.objective * 1.002
@@ -182,7 +182,7 @@ def test_scip_agrees_on_the_problem_with_its_nonconvex_rows(climb, programs, see
 
 def test_within_the_time_limit_nothing_is_claimed(climb, programs):
     course = turned(climb(4, frames=2), 1.02)
-    outcome = TwoStagePlanner(programs=programs, time_limit_s=1e-3).solve(course)
+    outcome = TwoStage(programs=programs, time_limit_s=1e-3).solve(course)
     assert outcome.status is Status.UNDECIDED
     assert outcome.certificate is None
     assert outcome.message
@@ -230,7 +230,7 @@ def learned(programs, drawn):
         problems, points = [], []
         for seed in range(count):
             problem = drawn(name, seed)
-            posture = ExactPlanner(programs=programs).solve(problem).solution
+            posture = Exact(programs=programs).solve(problem).solution
             if posture is not None:
                 problems.append(problem)
                 points.append(Scaled.of(problem).point(posture))
@@ -353,7 +353,7 @@ def test_the_hard_form_has_an_answer_exactly_where_the_margin_is_not_positive(le
 @pytest.mark.parametrize("axes", ["contact", "world"])
 def test_an_envelope_around_a_plan_admits_it_so_that_p1_costs_no_more(axes, programs):
     course = perturbed("walls", np.random.default_rng(3), frames=3)
-    outcome = TwoStagePlanner(programs=programs).solve(course)
+    outcome = TwoStage(programs=programs).solve(course)
     assert outcome.solution is not None
     scaled, points = Scaled.of(course), points_of(outcome.solution)
     if axes == "world":
@@ -379,7 +379,7 @@ def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(
 ):
     course = read_course(name, frames=3)
     wide = replace(learned[of], envelopes=(learned[of].envelopes[0].widened(0.05),))
-    outcome = TwoStagePlanner(wide, programs=programs).solve(course)
+    outcome = TwoStage(envelopes=wide, programs=programs).solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert np.isnan(outcome.bound)  # a learned box proves no bound
 
@@ -387,7 +387,7 @@ def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(
 @pytest.mark.parametrize("projection", ["fix-p", "fix-toes"])
 def test_the_papers_projections_are_there_too(projection, learned, programs):
     course = read_course("walls", frames=3)
-    outcome = TwoStagePlanner(learned["wall-3"], projection=projection, programs=programs).solve(
+    outcome = TwoStage(envelopes=learned["wall-3"], projection=projection, programs=programs).solve(
         course
     )
     assert outcome.status is Status.FEASIBLE, outcome.message
@@ -395,7 +395,7 @@ def test_the_papers_projections_are_there_too(projection, learned, programs):
 
 def test_a_box_too_small_is_reported_with_its_margin_and_proves_nothing(learned, programs):
     narrow = replace(learned["wall-3"], envelopes=(_shrunk(learned["wall-3"].envelopes[0], 0.1),))
-    outcome = TwoStagePlanner(narrow, programs=programs).solve(read_course("walls", frames=3))
+    outcome = TwoStage(envelopes=narrow, programs=programs).solve(read_course("walls", frames=3))
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "infeasible")
     assert outcome.details["margin"] > 1e-3
     assert outcome.certificate is None
@@ -407,7 +407,7 @@ def test_of_several_envelopes_the_one_that_fits_is_taken(learned, programs):
     up = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
     away = Envelope(low=box.low + up, high=box.high + up)
     several = replace(learned["wall-3"], envelopes=(away, box))
-    outcome = TwoStagePlanner(several, programs=programs).solve(read_course("walls", frames=2))
+    outcome = TwoStage(envelopes=several, programs=programs).solve(read_course("walls", frames=2))
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert outcome.solution.modes is None  # envelopes of one terrain are no modes
 
@@ -419,7 +419,7 @@ def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learn
         com_radius_m=np.full(3, 1e-3),
         steps=replace(course.steps, com_m=0.01, progress_m=0.0),
     )
-    outcome = TwoStagePlanner(learned["wall-3"], programs=programs).solve(short)
+    outcome = TwoStage(envelopes=learned["wall-3"], programs=programs).solve(short)
     assert outcome.status is Status.INFEASIBLE
     assert check_certificate(outcome.certificate.of(short)).accepted
 

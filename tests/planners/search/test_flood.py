@@ -269,7 +269,7 @@ def test_between_places_infeasible_is_of_the_question_and_no_time_limit_changes_
     tmp_path: Path,
 ) -> None:
     path = _mesh(tmp_path, 0.9)
-    ends = {"start_xy_m": (0.0, 0.0), "goal_xy_m": (1.4, 0.0)}
+    ends = {"start": (0.0, 0.0), "goal": (1.4, 0.0)}
     for limit_s in (0.0, 60.0):
         answer = stancekit.plan(path, **ends, time_limit_s=limit_s)
         assert answer.status is Status.INFEASIBLE
@@ -289,7 +289,7 @@ def _dog(folder: Path, trunk: float) -> Robot:
 
 def test_where_a_robot_may_leap_the_answer_is_undecided_with_the_proof(tmp_path: Path) -> None:
     dog = _dog(tmp_path, 12.0)
-    path, ends = _mesh(tmp_path, 1.3), {"start_xy_m": (0.0, 0.0), "goal_xy_m": (1.4, 0.0)}
+    path, ends = _mesh(tmp_path, 1.3), {"start": (0.0, 0.0), "goal": (1.4, 0.0)}
     for settings, status in (
         (PlanSettings(), Status.UNDECIDED),
         (PlanSettings(push_n=1.0), Status.UNDECIDED),
@@ -312,7 +312,7 @@ def test_a_sentence_assumes_how_deep_the_centre_of_mass_gets_where_a_step_needs_
 
 def test_standing_still_is_a_question_with_a_plan(tmp_path: Path) -> None:
     path = _mesh(tmp_path, 0.1)
-    answer = stancekit.plan(path, start_xy_m=(0.0, 0.0), goal_xy_m=(0.0, 0.0))
+    answer = stancekit.plan(path, start=(0.0, 0.0), goal=(0.0, 0.0))
     assert answer.status is Status.FEASIBLE
 
 

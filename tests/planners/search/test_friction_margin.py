@@ -12,7 +12,7 @@ from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.answer import TimeLimited
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
 from tests.refusals import assert_names
 
@@ -96,12 +96,12 @@ def test_one_time_limit_is_for_all_shares_together(
 
 
 def test_a_limited_planner_keeps_the_usual_limit_of_postures() -> None:
-    planner = ExactPlanner()
+    planner = Exact()
     assert (planner.limit_s("postures"), planner.limit_s("courses")) == (30.0, 60.0)
     limited = planner.with_limit(45.0)
     assert (limited.limit_s("postures"), limited.limit_s("courses")) == (30.0, 45.0)
     assert limited.with_limit(100.0).limit_s("courses") == 45.0
-    assert ExactPlanner(time_limit_s=5.0).with_limit(45.0).limit_s("postures") == 5.0
+    assert Exact(time_limit_s=5.0).with_limit(45.0).limit_s("postures") == 5.0
 
 
 def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_cannot_be_limited(

@@ -22,8 +22,8 @@ from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach import ReachRows
 from stancekit.planners.search.answer import plan_of
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_certificates, check_plan, explain
 
@@ -33,7 +33,7 @@ CUBE = np.vstack([np.eye(3), -np.eye(3)])
 
 @pytest.fixture(scope="module")
 def planner(programs):
-    return ExactPlanner(programs=programs, max_nodes=60, time_limit_s=5.0)
+    return Exact(programs=programs, max_nodes=60, time_limit_s=5.0)
 
 
 def on_one_foot(ahead_m: float, tilt: float = 0.0) -> Problem:
@@ -248,7 +248,7 @@ def planned(ragged, bounded, programs):
     """A course with half-spaces and its plan."""
     for seed in range(20):
         course = bounded(ragged(seed, frames=3, ice=0.0), seed, 0.15)
-        outcome = TwoStagePlanner(programs=programs).solve(course)
+        outcome = TwoStage(programs=programs).solve(course)
         if outcome.solution is not None:
             return outcome.solution
     raise AssertionError("no course has a plan")
@@ -320,7 +320,7 @@ def test_files_give_half_spaces_back_and_files_without_them_are_as_they_were(
 
 
 def test_a_posture_is_the_same_as_a_course(planner, drawn, bounded, programs):
-    decided, courses = 0, TwoStagePlanner(programs=programs, max_nodes=30, time_limit_s=1.0)
+    decided, courses = 0, TwoStage(programs=programs, max_nodes=30, time_limit_s=1.0)
     for seed in range(6):
         problem = bounded(replace(drawn("wall-3", seed), tilt_limit_rad=0.05), seed, 0.06)
         one, other = planner.solve(problem), courses.solve(problem.course())

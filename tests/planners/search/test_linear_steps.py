@@ -14,8 +14,8 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import StepLimits
 from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.micp import NlpPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.micp import Nlp
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.lagrangian import Multipliers
 from stancekit.planners.verify.stances import Schedule
@@ -41,7 +41,7 @@ def limited(course, yaw_rad: float):
     return replace(course, steps=replace(course.steps, yaw_rad=yaw_rad))
 
 
-@pytest.mark.parametrize("make", [TwoStagePlanner, NlpPlanner])
+@pytest.mark.parametrize("make", [TwoStage, Nlp])
 def test_plans_turn_no_farther_and_would_without(turning, programs, make):
     planner, turned = make(programs=programs), 0
     for course in turning:
@@ -67,7 +67,7 @@ def test_the_lift_is_that_of_the_reference_and_below_every_plan(turning, program
             solve_lift(each, scaled, least_moment=False) for each in (programs, reference)
         )
         assert mine.status is theirs.status
-        plan = TwoStagePlanner(programs=programs).solve(limited(course, YAW_RAD))
+        plan = TwoStage(programs=programs).solve(limited(course, YAW_RAD))
         if plan.solution is not None:
             compared += 1
             assert mine.bound == pytest.approx(theirs.bound, rel=1e-4, abs=1e-8)
@@ -85,7 +85,7 @@ def pinned(climb):
 
 def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan(pinned, programs):
     planner, rng = (
-        TwoStagePlanner(programs=programs, time_limit_s=10.0),
+        TwoStage(programs=programs, time_limit_s=10.0),
         np.random.default_rng(4),
     )
     tight = limited(pinned, 0.0)

@@ -11,7 +11,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import COURSE_METHODS, METHODS, make_planner
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import refuses
@@ -25,9 +25,9 @@ def test_every_planner_is_made_by_its_name(drawn):
         COURSE_METHODS
     )
     assert make_planner("two-stage", envelopes=learned, of="courses").envelopes is learned
-    assert make_planner("micp", envelopes=learned, of="courses").envelope is learned
+    assert make_planner("micp", envelopes=learned, of="courses").envelopes is learned
     for arguments, named in (
-        ({"name": "best"}, "planner"),
+        ({"name": "best"}, "method"),
         ({"name": "two-stage", "relaxation": "boxes"}, "relaxation"),
         ({"name": "two-stage", "relaxation": "p1"}, "envelopes"),
         ({"name": "two-stage", "relaxation": "lift", "envelopes": learned}, "envelopes"),
@@ -64,7 +64,7 @@ def test_every_method_answers_with_evidence_and_never_against_the_exact_one(
         else {}
     )
     planner = make_planner(method, **options)
-    truth = [ExactPlanner().solve(problem).status for problem in problems]
+    truth = [Exact().solve(problem).status for problem in problems]
     assert {Status.FEASIBLE, Status.INFEASIBLE} <= set(truth)
     for problem, status in zip(problems, truth, strict=True):
         outcome = planner.solve(problem)
@@ -77,8 +77,3 @@ def test_every_method_answers_with_evidence_and_never_against_the_exact_one(
             or check_certificate(outcome.certificate.of(problem)).accepted
         )
         assert outcome.effort.seconds > 0.0
-
-
-def test_an_unknown_method_is_refused():
-    with refuses("magic"):
-        make_planner("magic", of="postures")

@@ -24,9 +24,9 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import domain_of
 from stancekit.planners.relaxation.micp import MicpGrid, MicpProgram, cell_error, of_layout
 from stancekit.planners.relaxation.papers import Breaks, p1
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import DecoupledPlanner, MicpPlanner, Positions
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.micp import Decoupled, Micp, Positions
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.planners.oracle import solve
 from tests.refusals import assert_names, refuses
@@ -34,7 +34,7 @@ from tests.refusals import assert_names, refuses
 
 @pytest.fixture(scope="module")
 def planner(programs):
-    return DecoupledPlanner(programs=programs)
+    return Decoupled(programs=programs)
 
 
 def test_on_level_ground_it_plans_as_the_two_stage_planner_does(planner, programs):
@@ -43,7 +43,7 @@ def test_on_level_ground_it_plans_as_the_two_stage_planner_does(planner, program
     assert outcome.status is Status.FEASIBLE
     assert check_plan(outcome.solution).accepted
     assert outcome.objective == pytest.approx(
-        TwoStagePlanner(programs=programs).solve(course).objective, rel=1e-4
+        TwoStage(programs=programs).solve(course).objective, rel=1e-4
     )
     assert outcome.details["on_ice"] == 0.0
 
@@ -52,7 +52,7 @@ def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_
     planner, programs
 ):
     failed = on_ice = 0
-    coupled = TwoStagePlanner(programs=programs)
+    coupled = TwoStage(programs=programs)
     for seed in range(8):
         course = walls_of_ice(seed)
         ours, theirs = coupled.solve(course), planner.solve(course)
@@ -142,7 +142,7 @@ def scenes():
     """Natural wall-3 scenes with the exact planner's answer, the trivially infeasible ones left
     out.
     """
-    rng, exact = np.random.default_rng(1), ExactPlanner()
+    rng, exact = np.random.default_rng(1), Exact()
     answered = [
         (problem, exact.solve(problem))
         for problem in (DISTRIBUTIONS["wall-3"].sample(rng) for _ in range(30))
@@ -239,7 +239,7 @@ def net_moment(course, point):
 
 
 def test_the_grid_leaves_no_posture_out(feasible):
-    planner = MicpPlanner(grid=TWO)
+    planner = Micp(intervals=2)
     for problem, _ in feasible:
         outcome = planner.solve(problem)
         assert outcome.claim == "feasible"
@@ -255,7 +255,7 @@ def test_the_domain_holds_every_witness(scenes):
 
 
 def test_a_claim_of_infeasibility_stays_a_claim(infeasible):
-    planner = MicpPlanner(grid=TWO)
+    planner = Micp(intervals=2)
     outcomes = [planner.solve(problem) for problem, _ in infeasible]
     assert {outcome.status for outcome in outcomes} == {Status.UNDECIDED}
     refused = [outcome for outcome in outcomes if outcome.claim == "infeasible"]
@@ -340,7 +340,7 @@ def test_with_an_envelope_the_claimed_point_of_a_posture_lies_in_it(feasible, us
     found = 0
     for problem, outcome in feasible[:4]:
         envelope = Envelope.around(witness(problem, outcome)).widened(0.1)
-        planner = MicpPlanner(grid=MicpGrid(intervals=2, envelope_use=use), envelope=envelope)
+        planner = Micp(intervals=2, envelope_use=use, envelopes=envelope)
         answer = planner.program(problem).solve(Scaled.of(problem), 60.0)
         assert envelope.contains(coordinates(answer.point), margin=1e-6).all()
         outcome = planner.solve(problem)
@@ -352,7 +352,7 @@ def test_with_an_envelope_the_claimed_point_of_a_posture_lies_in_it(feasible, us
 @pytest.mark.parametrize("use", ["rows", "shrink"])
 def test_an_envelope_confines_the_point_of_a_course(use, walls, learned):
     scaled = Scaled.of(walls)
-    planner = MicpPlanner(envelope=learned, grid=MicpGrid(envelope_use=use))
+    planner = Micp(envelopes=learned, envelope_use=use)
     box = planner.box(walls)
     answer = planner.program(walls).solve(Scaled.of(walls), 60.0)
     assert answer.claim == "feasible"
@@ -364,9 +364,7 @@ def test_an_envelope_confines_the_point_of_a_course(use, walls, learned):
 
 def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
     for intervals in (1, 8):
-        planner = MicpPlanner(
-            envelope=learned, grid=MicpGrid(envelope_use="shrink", intervals=intervals)
-        )
+        planner = Micp(envelopes=learned, envelope_use="shrink", intervals=intervals)
         box, answer = planner.box(walls), planner.program(walls).solve(Scaled.of(walls), 60.0)
         width = float(np.max(box.high - box.low) / intervals)
         assert answer.claim == "feasible"
@@ -379,14 +377,14 @@ def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
 def test_an_envelope_out_of_reach_of_a_posture_has_no_point(feasible, use):
     problem, outcome = feasible[0]
     far = Envelope.around(witness(problem, outcome) + 3.0).widened(0.1)
-    planner = MicpPlanner(grid=MicpGrid(intervals=2, envelope_use=use), envelope=far)
+    planner = Micp(intervals=2, envelope_use=use, envelopes=far)
     assert planner.solve(problem).claim == "infeasible"
 
 
 def test_an_envelope_out_of_reach_is_a_claim_of_infeasible_that_proves_nothing(walls, learned):
     box, up = learned.envelopes[0], np.array([0.0, 0.0, 0.8, 0.0, 0.0, 0.0])
     away = replace(learned, envelopes=(Envelope(low=box.low + up, high=box.high + up),))
-    outcome = MicpPlanner(envelope=away).solve(walls)
+    outcome = Micp(envelopes=away).solve(walls)
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "infeasible")
     assert outcome.certificate is None
     assert_names(outcome.message, "highs")
@@ -394,7 +392,7 @@ def test_an_envelope_out_of_reach_is_a_claim_of_infeasible_that_proves_nothing(w
 
 @pytest.mark.parametrize("solver", ["highs", pytest.param("scip", marks=NEEDS_SCIP)])
 def test_a_claim_becomes_a_plan_that_the_verifier_accepts(solver, walls):
-    outcome = MicpPlanner(solver=solver).solve(walls)
+    outcome = Micp(solver=solver).solve(walls)
     assert (outcome.status, outcome.claim) == (Status.FEASIBLE, "feasible")
     assert (
         outcome.details["binaries"] == 3 * 6 * 2
@@ -404,7 +402,7 @@ def test_a_claim_becomes_a_plan_that_the_verifier_accepts(solver, walls):
 
 def test_patches_are_chosen_by_binaries():
     course = read_course("icy-walls", frames=1)
-    outcome = MicpPlanner().solve(course)
+    outcome = Micp().solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert outcome.details["binaries"] == 36 + 4 * 6
     carrying = [course.holds[0, limb] for limb in course.stances[0].limbs]
@@ -418,7 +416,7 @@ def test_patches_are_chosen_by_binaries():
 
 def test_candidates_of_several_frames_share_the_axes_of_the_world(ragged):
     course = ragged(2, frames=1, ice=0.0)
-    outcome = MicpPlanner(grid=TWO, time_limit_s=30.0).solve(course)
+    outcome = Micp(intervals=2, time_limit_s=30.0).solve(course)
     assert outcome.claim == "feasible", outcome.message
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert len(set(outcome.solution.choice.tolist())) > 1
@@ -429,7 +427,7 @@ def test_minimising_the_objective_bounds_it_from_below(walls):
         walls, goal_m=walls.goal_m + np.array([0.0, 0.0, 0.2])
     )  # out of the radius about the start
     best = (0.2 - course.com_radius_m[0]) ** 2
-    outcome = MicpPlanner(gap=0.05).solve(course)
+    outcome = Micp(gap=0.05).solve(course)
     assert outcome.status is Status.FEASIBLE
     assert outcome.objective == pytest.approx(best, rel=0.05, abs=1e-4)
 
@@ -437,18 +435,18 @@ def test_minimising_the_objective_bounds_it_from_below(walls):
 def test_an_envelope_of_other_limbs_or_over_several_frames_is_refused(feasible, ragged):
     envelope = Envelope(low=-np.ones((5, 6)), high=np.ones((5, 6)))
     with refuses("contacts"):
-        MicpPlanner(envelope=envelope).solve(feasible[0][0])
+        Micp(envelopes=envelope).solve(feasible[0][0])
     with refuses("frame 0", "limb LR"):
-        MicpPlanner(envelope=envelope).solve(ragged(2, frames=1))
+        Micp(envelopes=envelope).solve(ragged(2, frames=1))
 
 
 def test_a_time_limit_leaves_the_problem_undecided(infeasible):
-    outcome = MicpPlanner(grid=MicpGrid(intervals=8), time_limit_s=0.01).solve(infeasible[2][0])
+    outcome = Micp(intervals=8, time_limit_s=0.01).solve(infeasible[2][0])
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "unknown")
 
 
 def test_an_answer_does_not_depend_on_the_ones_before_it(feasible):
-    planner = MicpPlanner(grid=TWO)
+    planner = Micp(intervals=2)
     (first, _), (second, _) = feasible[:2]
     one, _, again = (planner.solve(problem) for problem in (first, second, first))
     np.testing.assert_array_equal(one.solution.toes_m, again.solution.toes_m)
@@ -456,7 +454,7 @@ def test_an_answer_does_not_depend_on_the_ones_before_it(feasible):
 
 
 def test_the_program_that_postures_share_is_the_one_written_for_each_of_them(scenes):
-    planner = MicpPlanner(grid=TWO)
+    planner = Micp(intervals=2)
     for problem, _ in scenes[:4]:
         scaled, ours = Scaled.of(problem), planner.program(problem)
         own = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), TWO.counts), TWO)
@@ -488,7 +486,7 @@ def test_scip_with_true_cones_agrees_with_highs(scenes):
 
 @NEEDS_GUROBI
 def test_gurobis_free_licence_says_that_the_program_is_too_large():
-    outcome = MicpPlanner(solver="gurobi").solve(read_course("walls", frames=4))
+    outcome = Micp(solver="gurobi").solve(read_course("walls", frames=4))
     assert outcome.status is not Status.INFEASIBLE
     if outcome.status is Status.UNDECIDED:
         assert_names(outcome.message, "licence", "2000")
@@ -498,7 +496,7 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
     ("make", "message"),
     [
         (
-            lambda: MicpPlanner(solver="cplex"),
+            lambda: Micp(solver="cplex"),
             "solver",
         ),
         (lambda: MicpGrid(encoding="hot"), "encoding"),
@@ -513,13 +511,13 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
         ),
         (lambda: MicpGrid(domain="mine"), "domain"),
         (
-            lambda: MicpPlanner(grid=MicpGrid(cones="exact")),
+            lambda: Micp(cones="exact"),
             "cones",
         ),
-        (lambda: MicpPlanner(gap=-0.1), "gap"),
-        (lambda: MicpPlanner(time_limit_s=0.0), "time_limit_s"),
+        (lambda: Micp(gap=-0.1), "gap"),
+        (lambda: Micp(time_limit_s=0.0), "time_limit_s"),
         (
-            lambda: MicpPlanner(projection="up"),
+            lambda: Micp(projection="up"),
             "projection",
         ),
     ],
@@ -533,16 +531,16 @@ def test_options_that_there_are_not_are_refused(make, message):
 def test_a_set_of_several_envelopes_is_refused(learned):
     two = replace(learned, envelopes=learned.envelopes * 2)
     with refuses("envelopes"):
-        MicpPlanner(envelope=two)
+        Micp(envelopes=two)
 
 
 def test_a_solver_that_is_not_installed_is_named_with_the_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(InvalidInput) as caught:
-        MicpPlanner(solver="scip")
+        Micp(solver="scip")
     assert_names(str(caught.value), "solver", "[exact]")
 
 
 def test_it_prints_nothing(feasible, capfd):
-    MicpPlanner(grid=TWO).solve(feasible[0][0])
+    Micp(intervals=2).solve(feasible[0][0])
     assert capfd.readouterr() == ("", "")

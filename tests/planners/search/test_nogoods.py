@@ -18,7 +18,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.choice import nearest
 from stancekit.planners.search.nogoods import Nogoods
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -110,7 +110,7 @@ def test_rows_of_all_kinds_come_up(hard):
 
 
 def test_no_choice_that_a_nogood_covers_has_a_plan_and_some_that_none_covers_has(programs, hard):
-    planner, seen = TwoStagePlanner(programs=programs), set()
+    planner, seen = TwoStage(programs=programs), set()
     course, nogoods = hard[0]
     rng = np.random.default_rng(1)
     for choice in rng.integers(3, size=(8, 3)):
@@ -169,7 +169,7 @@ def test_a_whole_search_that_ends_in_nogoods_has_a_certificate_of_all_of_them(
     programs, drawn, as_course
 ):
     course = as_course(drawn("wall-3", 225), 2)
-    planner = TwoStagePlanner(programs=programs, time_limit_s=300.0)
+    planner = TwoStage(programs=programs, time_limit_s=300.0)
     search = planner.search(Scaled.of(course), Clock.start())
     assert search.found is None
     assert search.certificate() is not None
@@ -186,7 +186,7 @@ def test_among_patches_of_which_most_cannot_be_held_the_search_finds_one_that_ca
     course = as_course(drawn("wall-3", 234), 3, 0, 2e-2)
     scaled, nogoods = Scaled.of(course), Nogoods(programs, Scaled.of(course), Clock.start())
     assert nogoods.learn(nearest(scaled), float("inf"))
-    outcome = TwoStagePlanner(programs=programs).solve(course)
+    outcome = TwoStage(programs=programs).solve(course)
     assert outcome.status is Status.FEASIBLE
     assert check_plan(outcome.solution).accepted
     assert nogoods.refuting(np.eye(scaled.options)[outcome.solution.choice]) is None

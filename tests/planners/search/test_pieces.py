@@ -18,7 +18,7 @@ from stancekit.planners.formats.motion_file import PartialPlan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search import pieces
 from stancekit.planners.search.pieces import Standing, course_window, in_pieces, plan_pieces
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 
 
@@ -57,7 +57,7 @@ def course():
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStagePlanner()
+    return TwoStage()
 
 
 def piece_of(planner, fails=()):

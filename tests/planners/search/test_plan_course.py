@@ -24,7 +24,7 @@ from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.walker import sets_of
 from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course, replan
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import Report, check_certificate, check_plan
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
@@ -75,11 +75,11 @@ def test_a_robots_sets_are_told_from_its_numbers_and_survive_a_file(
 def test_inner_sets_prove_nothing_of_a_robot(high: Callable[..., Path], laid_out: bool) -> None:
     path = high(0.58)
     course = read_course(path)
-    inner = TwoStagePlanner().solve(course)
+    inner = TwoStage().solve(course)
     assert (inner.status, inner.sets) == (Status.INFEASIBLE, "inner")  # of these sets it is true
     outcome = plan_course(
         course if laid_out else lambda sets, _: read_course(path, sets=sets),
-        TwoStagePlanner(),
+        TwoStage(),
     )
     assert (outcome.status, outcome.message) == (Status.UNDECIDED, UNPROVED)
     assert outcome.certificate is None
@@ -92,7 +92,7 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
 ) -> None:
     path = high(0.69)
     question: Problem | LayOut = lambda sets, _: read_course(path, sets=sets)  # noqa: E731
-    outcome = plan_course(read_course(path) if laid_out else question, TwoStagePlanner())
+    outcome = plan_course(read_course(path) if laid_out else question, TwoStage())
     assert (outcome.status, outcome.sets) == (Status.INFEASIBLE, "outer")
     assert outcome.certificate is not None
     assert outcome.problem is not None
@@ -123,7 +123,7 @@ def test_a_course_and_its_file_are_proved_with_the_same_tilt_limit(
     def asked(question: Problem | LayOut) -> list[tuple[str | None, float]]:
         seen = list[tuple[str | None, float]]()
 
-        class Listening(TwoStagePlanner):
+        class Listening(TwoStage):
             """One that proves nothing over outer sets, and takes no time to."""
 
             def solve(self, course: Problem) -> Answer[Plan]:
@@ -209,7 +209,7 @@ class Walked:
 
 @pytest.fixture(scope="module")
 def climb() -> Plan:
-    plan = TwoStagePlanner().solve(read_course("walls", frames=3)).solution
+    plan = TwoStage().solve(read_course("walls", frames=3)).solution
     assert plan is not None
     return plan
 

@@ -20,14 +20,14 @@ from stancekit.planners.search.pieces import (
     joined,
     one_at_a_time,
 )
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStagePlanner()
+    return TwoStage()
 
 
 @pytest.fixture(scope="module")

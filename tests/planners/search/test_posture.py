@@ -17,9 +17,9 @@ from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search import two_stage
 from stancekit.planners.search.answer import Acceptance, Claim, Clock
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner, settings_of
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import assert_names
 
@@ -30,7 +30,7 @@ NO_PROOF = "the relaxation is infeasible; over a learned box that is no proof"
 @pytest.fixture(scope="module")
 def truth(programs, drawn):
     """Wall-3 problems with the exact planner's answer."""
-    planner = ExactPlanner(programs=programs)
+    planner = Exact(programs=programs)
     return [(drawn("wall-3", seed), planner.solve(drawn("wall-3", seed))) for seed in SEEDS]
 
 
@@ -60,7 +60,7 @@ def point_box(value):
 def test_a_status_is_always_one_of_the_whole_problem(
     programs, truth, learned, projection, with_box
 ):
-    planner = TwoStagePlanner(
+    planner = TwoStage(
         envelopes=learned if with_box else None, projection=projection, programs=programs
     )
     seen = dict.fromkeys(Status, 0)
@@ -86,7 +86,7 @@ def test_a_status_is_always_one_of_the_whole_problem(
 
 
 def test_scp_from_the_lift_decides_nearly_all(programs, truth):
-    planner = TwoStagePlanner(programs=programs)
+    planner = TwoStage(programs=programs)
     outcomes = [planner.solve(problem) for problem, _ in truth]
     agreed = [mine.status is exact.status for mine, (_, exact) in zip(outcomes, truth, strict=True)]
     assert sum(agreed) == len(truth)
@@ -128,7 +128,7 @@ def test_what_no_box_can_help_comes_with_the_lifts_certificate(programs, truth, 
 
 
 def test_the_numbers_of_p1_are_those_of_its_programs(programs, truth, learned):
-    planner = TwoStagePlanner(envelopes=learned, projection="fix-toes", programs=programs)
+    planner = TwoStage(envelopes=learned, projection="fix-toes", programs=programs)
     for problem, _ in truth[:20]:
         scaled = Scaled.of(problem)
         answer = programs.get(McCormick, scaled.layout).solve_any(scaled, learned.envelopes)
@@ -160,7 +160,7 @@ def test_a_projection_without_answer_is_told(truth, programs, monkeypatch):
         two_stage, "project", lambda *given: replace(project(*given), residual=float("inf"))
     )
     problem = next(p for p, o in truth if o.status is Status.FEASIBLE)
-    outcome = TwoStagePlanner(projection="fix-f", programs=programs).solve(problem)
+    outcome = TwoStage(projection="fix-f", programs=programs).solve(problem)
     assert outcome.status is Status.UNDECIDED
     assert_names(outcome.message, "fix-f")
 
@@ -178,9 +178,7 @@ def test_a_relaxation_that_was_not_solved_is_told(truth, learned, programs, monk
 
     monkeypatch.setattr(LiftProgram, "solve", gave_up)
     monkeypatch.setattr(McCormick, "solve_any_of_each", unknown)
-    outcome = TwoStagePlanner(envelopes=learned if with_box else None, programs=programs).solve(
-        problem
-    )
+    outcome = TwoStage(envelopes=learned if with_box else None, programs=programs).solve(problem)
     assert outcome.status is Status.UNDECIDED
     assert_names(outcome.message, "relaxation")
     assert outcome.claim == ""
@@ -228,7 +226,7 @@ def refusal(call, *values, **named):
 
 
 def test_an_envelope_of_another_class_is_refused(programs, drawn, learned):
-    planner = TwoStagePlanner(envelopes=learned, programs=programs)
+    planner = TwoStage(envelopes=learned, programs=programs)
     assert_names(refusal(planner.solve, drawn("wall-5", 0)), "contacts")
     assert_names(
         refusal(planner.solve, replace(drawn("wall-3", 0), force_scale_n=50.0)), "force_scale_n"
@@ -240,21 +238,21 @@ def test_an_envelope_of_another_class_is_refused(programs, drawn, learned):
         learned, normals=np.tile([0.0, 1.0, 0.0], (3, 1)), tilt_rad=np.full(3, np.deg2rad(30.0))
     )
     assert_names(
-        refusal(TwoStagePlanner(envelopes=up, programs=programs).solve, drawn("ground-3", 0)),
+        refusal(TwoStage(envelopes=up, programs=programs).solve, drawn("ground-3", 0)),
         "contacts[0].normal",
     )
 
 
 def test_an_unknown_projection_is_refused():
-    assert_names(refusal(TwoStagePlanner, projection="fix-toe"), "projection")
+    assert_names(refusal(TwoStage, projection="fix-toe"), "projection")
 
 
 def test_names_say_what_runs(learned):
-    assert TwoStagePlanner(envelopes=learned).posture_name == "two-stage"
-    assert TwoStagePlanner(envelopes=learned, projection=None).posture_name == "p1"
-    assert TwoStagePlanner().posture_name == "lift+scp"
-    assert TwoStagePlanner(projection="fix-p").posture_name == "lift+fix-p"
-    assert TwoStagePlanner(projection=None).posture_name == "lift"
+    assert TwoStage(envelopes=learned).posture_name == "two-stage"
+    assert TwoStage(envelopes=learned, projection=None).posture_name == "p1"
+    assert TwoStage().posture_name == "lift+scp"
+    assert TwoStage(projection="fix-p").posture_name == "lift+fix-p"
+    assert TwoStage(projection=None).posture_name == "lift"
 
 
 def test_planners_are_made_by_name(learned):
@@ -280,7 +278,7 @@ def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):
     found.
     """
     problem, exact = next((p, o) for p, o in truth if 1e-3 < o.bound < 1.0)
-    planner = TwoStagePlanner(acceptance=Acceptance(gap=2.0), programs=programs)
+    planner = TwoStage(acceptance=Acceptance(gap=2.0), programs=programs)
     outcome = planner.solve(problem)
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "feasible")
     assert outcome.residual >= exact.bound

@@ -13,8 +13,8 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.reach import ReachRows, RelativeReach
-from stancekit.planners.search.micp import DecoupledPlanner, NlpPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.micp import Decoupled, Nlp
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import refuses
 
@@ -35,7 +35,7 @@ def farthest(course: Problem, toes_m: np.ndarray) -> float:
     return worst
 
 
-@pytest.mark.parametrize("make", [TwoStagePlanner, NlpPlanner, DecoupledPlanner])
+@pytest.mark.parametrize("make", [TwoStage, Nlp, Decoupled])
 def test_plans_keep_feet_within_reach_of_one_another(ragged, paired, programs, make):
     """And what a planner finds without it does not, so that there is something to keep."""
     planner, found, broken = make(programs=programs), 0, 0
@@ -57,7 +57,7 @@ def test_proofs_are_verified_and_prove_nothing_of_a_course_that_has_a_plan(
     ragged, paired, programs
 ):
     planner, proved, rng = (
-        TwoStagePlanner(programs=programs, time_limit_s=10.0),
+        TwoStage(programs=programs, time_limit_s=10.0),
         0,
         np.random.default_rng(3),
     )
@@ -84,7 +84,7 @@ def test_a_half_space_that_cuts_a_step_off_decides_it_to_a_millimetre(ragged, pr
     """All limbs have room but one pair, whose distance along x is pinned beyond what the patches
     leave.
     """
-    planner = TwoStagePlanner(programs=programs, time_limit_s=10.0)
+    planner = TwoStage(programs=programs, time_limit_s=10.0)
     free = next(
         c
         for c in (ragged(s, frames=2) for s in SEEDS)
@@ -107,7 +107,7 @@ def test_a_half_space_that_cuts_a_step_off_decides_it_to_a_millimetre(ragged, pr
 
 
 def test_a_toe_that_is_drawn_away_is_a_foot_out_of_reach(ragged, paired, programs):
-    planner = TwoStagePlanner(programs=programs, time_limit_s=10.0)
+    planner = TwoStage(programs=programs, time_limit_s=10.0)
     plans = [planner.solve(paired(ragged(seed, frames=2), seed, 0.2)).solution for seed in SEEDS]
     plan = next(plan for plan in plans if plan is not None)
     toes = plan.toes_m.copy()

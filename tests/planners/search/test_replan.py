@@ -12,7 +12,7 @@ from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.pieces import Standing, course_window, joined
 from stancekit.planners.search.plan_course import replan
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.refusals import refuses
 
@@ -52,15 +52,15 @@ def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
 
 def test_it_is_the_planner_on_the_window_and_without_a_horizon_on_all_that_is_left(course):
     first = replan(None, course)
-    assert same(first, TwoStagePlanner().solve(course_window(course, 0, course.frames - 1)))
+    assert same(first, TwoStage().solve(course_window(course, 0, course.frames - 1)))
     state = Standing.at_end(replan(None, course, horizon=2).solution)
     window = course_window(course, 2, course.frames - 1, state)
-    assert same(replan(state, course, frame=2), TwoStagePlanner().solve(window))
+    assert same(replan(state, course, frame=2), TwoStage().solve(window))
 
 
 def test_the_answer_depends_on_the_arguments_alone(course, climb, rough):
     state = Standing.at_end(replan(None, course, horizon=2).solution)
-    planner = TwoStagePlanner(programs=Programs())
+    planner = TwoStage(programs=Programs())
     first, kept = (
         replan(state, course, frame=2, horizon=2, planner=some) for some in (None, planner)
     )
@@ -79,7 +79,7 @@ def test_a_policy_is_asked_for_the_window_and_its_planner_answers(course):
 
     def policy(window):
         seen.append(window)
-        return TwoStagePlanner(projection="fix-toes")
+        return TwoStage(projection="fix-toes")
 
     outcome = replan(None, course, horizon=1, planner=policy)
     assert [window.frames for window in seen] == [2]
@@ -91,9 +91,7 @@ def test_with_shares_it_keeps_a_reserve_of_friction_where_there_is_one(course):
     assert outcome.solution.provenance["friction_share"] == 0.9
     assert check_plan(outcome.solution).accepted
     window = slippery(course_window(course, 0, 1), 0.9)
-    np.testing.assert_array_equal(
-        outcome.solution.com_m, TwoStagePlanner().solve(window).solution.com_m
-    )
+    np.testing.assert_array_equal(outcome.solution.com_m, TwoStage().solve(window).solution.com_m)
 
 
 def test_a_frame_that_cannot_be_held_has_no_plan_and_a_proof(course):

@@ -12,14 +12,14 @@ from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.scaled import Point
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.search.batch import DIRECTIONS, stands, unsupported
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.verify import check_certificates
 
 
 @pytest.fixture(scope="module")
 def drawn():
     """Problems of wall-3, their numbers, and what the exact planner says of each."""
-    batch, planner = distribution("wall-3").batch(np.random.default_rng(2), 60), ExactPlanner()
+    batch, planner = distribution("wall-3").batch(np.random.default_rng(2), 60), Exact()
     scaled = ScaledBatch.of(batch)
     return batch, scaled, planner, [planner.solve(problem) for problem in batch.problems]
 
@@ -43,8 +43,7 @@ def test_what_stands_on_the_corners_near_its_shoulders_is_feasible_and_most_that
 ):
     batch, scaled, planner, outcomes = drawn
     said = [
-        stands(planner.programs, scaled.problem(k), scaled.near_corners[k])
-        for k in range(len(batch))
+        stands(planner.kept, scaled.problem(k), scaled.near_corners[k]) for k in range(len(batch))
     ]
     feasible = [outcome.status is Status.FEASIBLE for outcome in outcomes]
     assert all(one for one, stood in zip(feasible, said, strict=True) if stood)
@@ -73,8 +72,8 @@ def test_what_stands_is_what_fix_toes_leaves_no_moment_of(drawn):
             forces=toes,
             residual=float("inf"),
         )
-        left = project(planner.programs, "fix-toes", numbers, start).residual
-        assert stands(planner.programs, numbers, toes) == (left <= SURFACE)
+        left = project(planner.kept, "fix-toes", numbers, start).residual
+        assert stands(planner.kept, numbers, toes) == (left <= SURFACE)
 
 
 @pytest.mark.parametrize("wanted", [Status.FEASIBLE, Status.INFEASIBLE])
@@ -104,7 +103,7 @@ def test_a_search_for_a_proof_ends_at_a_point_that_no_proof_can_be_above():
     """
     source, rng = distribution("wall-3"), np.random.default_rng(5)
     source.skip(rng, 73 * 64)
-    numbers, planner = ScaledBatch.of(source.batch(rng, 64)).problem(52), ExactPlanner(max_nodes=40)
+    numbers, planner = ScaledBatch.of(source.batch(rng, 64)).problem(52), Exact(max_nodes=40)
     assert planner.search(numbers).nodes > 40
     search = planner.search(numbers, wanted=Status.INFEASIBLE)
     assert search.stopped

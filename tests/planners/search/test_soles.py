@@ -27,11 +27,11 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.robot_file import hexapod_urdf
 from stancekit.planners.search.answer import plan_of
-from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import DecoupledPlanner
+from stancekit.planners.search.exact import Exact
+from stancekit.planners.search.micp import Decoupled
 from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.plan_course import replan
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import (
     check_certificate,
@@ -83,7 +83,7 @@ terrain:
 
 @pytest.fixture(scope="module")
 def planner(programs):
-    return ExactPlanner(programs=programs, max_nodes=300, time_limit_s=10.0)
+    return Exact(programs=programs, max_nodes=300, time_limit_s=10.0)
 
 
 def ground(size_m: float = 1.0) -> Patch:
@@ -357,7 +357,7 @@ def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_co
     programs, ragged, bounded, soled
 ):
     """Over several candidates, whose trees and nogoods carry all multipliers."""
-    courses = TwoStagePlanner(programs=programs, max_nodes=60, time_limit_s=4.0)
+    courses = TwoStage(programs=programs, max_nodes=60, time_limit_s=4.0)
     plans, proofs = [], []
     for seed in range(10):
         rough = replace(ragged(seed, frames=2, ice=0.1), tilt_limit_rad=0.05)
@@ -393,7 +393,7 @@ def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Problem:
     )
 
 
-@pytest.mark.parametrize("make", [TwoStagePlanner, ExactPlanner])
+@pytest.mark.parametrize("make", [TwoStage, Exact])
 def test_the_yaw_that_carries_is_chosen_and_where_none_does_there_is_a_proof(make):
     for com_y, chosen in ((0.03, None), (0.08, 1)):
         outcome = make().solve(beam_course(com_y))
@@ -407,7 +407,7 @@ def test_the_yaw_that_carries_is_chosen_and_where_none_does_there_is_a_proof(mak
 
 
 def test_decoupled_plans_with_soles_or_says_that_it_cannot():
-    outcome = DecoupledPlanner().solve(beam_course(0.03, (0.0,)))
+    outcome = Decoupled().solve(beam_course(0.03, (0.0,)))
     assert outcome.status is Status.FEASIBLE
 
 
@@ -417,7 +417,7 @@ def climbed(tmp_path_factory):
     path = tmp_path_factory.mktemp("soles") / "stairs.yaml"
     path.write_text(STAIRS)
     course = read_course(path)
-    return course, TwoStagePlanner().solve(course)
+    return course, TwoStage().solve(course)
 
 
 def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbed, tmp_path):

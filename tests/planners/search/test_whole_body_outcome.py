@@ -14,7 +14,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped
 
@@ -26,7 +26,7 @@ from tests.refusals import assert_names, refuses
 
 @pytest.fixture(scope="module")
 def planned() -> Answer[Plan]:
-    return plan_with_reserve(TwoStagePlanner(), read_course("walls", frames=4))
+    return plan_with_reserve(TwoStage(), read_course("walls", frames=4))
 
 
 def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(
@@ -119,7 +119,7 @@ def test_a_plan_for_own_legs_that_is_about_to_tip_is_undecided_and_says_where(
         "name: flat\nrobot: dog.urdf\nframes: 2\ngait: wave\nstart_m: [0.0, 0.0]\ngoal_m: [0.05, 0.0, 0.45]\n"
         "terrain: {kind: flat, friction: 0.7}\n"
     )
-    planned = plan_with_reserve(TwoStagePlanner(), read_course(tmp_path / "flat.yaml"))
+    planned = plan_with_reserve(TwoStage(), read_course(tmp_path / "flat.yaml"))
     stands = with_whole_body(planned)
     assert stands.report is not None
     least = stands.report.group("margin").figures["push_n"] / planned.problem.weight_n

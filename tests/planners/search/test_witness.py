@@ -16,7 +16,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search import witness
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import LONG, SHORT, canonical, solve_all
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.witness import Iteration, witnesses
 from stancekit.planners.verify import check_plan
 from tests.planners.oracle import OraclePrograms
@@ -94,8 +94,8 @@ def test_no_solver_takes_part_in_a_witness(name, programs):
     """
     batch = batch_of(name, 30, seed=4)
     found = contents(canonical(batch))
-    answers = solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf), batch)
-    other = solve_all(ExactPlanner(programs=OraclePrograms(), time_limit_s=np.inf), batch)
+    answers = solve_all(Exact(programs=programs, time_limit_s=np.inf), batch)
+    other = solve_all(Exact(programs=OraclePrograms(), time_limit_s=np.inf), batch)
     for k, (ours, theirs) in enumerate(zip(answers, other, strict=True)):
         assert ours.status is theirs.status
         if k in found:
@@ -106,7 +106,7 @@ def test_no_solver_takes_part_in_a_witness(name, programs):
 @NAMES
 def test_nothing_infeasible_is_ever_claimed(name, programs):
     batch = batch_of(name, 60)
-    planner = ExactPlanner(programs=programs, time_limit_s=np.inf)
+    planner = Exact(programs=programs, time_limit_s=np.inf)
     infeasible = {
         k
         for k, problem in enumerate(batch.problems)
@@ -125,7 +125,7 @@ def test_a_claim_that_the_verifier_refuses_is_none():
 def test_of_nothing_nothing_is_found(programs):
     nothing = batch_of("wall-3", 0)
     assert canonical(nothing) == {}
-    assert solve_all(ExactPlanner(programs=programs), nothing) == []
+    assert solve_all(Exact(programs=programs), nothing) == []
 
 
 @pytest.mark.parametrize("low", [0.0, 0.2])
@@ -153,13 +153,13 @@ def test_a_body_that_may_not_move_has_no_middle_and_is_left_to_the_search(read_o
     batch = batch_of("ground-3", 20)
     stiff = replace(batch, like=batch.like.posture_with(**{read_only: 0.0}))
     assert canonical(stiff) == {}
-    answers = solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf), stiff)
+    answers = solve_all(Exact(programs=programs, time_limit_s=np.inf), stiff)
     assert sum(answer.status is Status.FEASIBLE for answer in answers) > 10
 
 
 @NAMES
 def test_a_batch_is_decided_as_its_problems_are_one_by_one(name, programs):
-    planner = ExactPlanner(programs=programs, acceptance=Acceptance(), time_limit_s=np.inf)
+    planner = Exact(programs=programs, acceptance=Acceptance(), time_limit_s=np.inf)
     batch = batch_of(name, 40, seed=8)
     answers, found = solve_all(planner, batch), contents(canonical(batch))
     for k, (together, problem) in enumerate(zip(answers, batch.problems, strict=True)):
@@ -182,18 +182,19 @@ def test_a_batch_is_decided_as_its_problems_are_one_by_one(name, programs):
 
 
 def test_what_neither_iteration_nor_lift_decides_goes_through_the_search(programs, monkeypatch):
-    planner = ExactPlanner(
+    planner = Exact(
         programs=programs, acceptance=Acceptance(gap=0.3), max_nodes=3, time_limit_s=np.inf
     )
     batch = batch_of("wall-3", 40)
     asked = []
-    solve = planner.solve
-    monkeypatch.setattr(
-        planner, "solve", lambda problem, root: asked.append(problem) or solve(problem, root=root)
-    )
-    answers = solve_all(planner, batch)
+    solve = Exact.solve
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            Exact, "solve", lambda it, one, root: asked.append(one) or solve(it, one, root=root)
+        )
+        answers = solve_all(planner, batch)
     assert 0 < len(asked) < 40
-    assert [a.status for a in answers] == [solve(p).status for p in batch.problems]
+    assert [a.status for a in answers] == [planner.solve(p).status for p in batch.problems]
     assert Status.UNDECIDED in {a.status for a in answers}
 
 
@@ -216,7 +217,7 @@ def test_an_iteration_that_is_gone_on_with_for_some_comes_to_the_same_points_as_
 
 
 def test_what_the_search_finds_is_put_into_the_middle_of_what_its_toes_leave(programs, monkeypatch):
-    planner, batch = ExactPlanner(programs=programs, time_limit_s=np.inf), batch_of("ground-3", 30)
+    planner, batch = Exact(programs=programs, time_limit_s=np.inf), batch_of("ground-3", 30)
     easy = contents(canonical(batch))
     empty = (np.zeros(0, dtype=np.intp), PointBatch.none(3))
     real = Iteration.claims

@@ -21,8 +21,8 @@ from stancekit.planners.projection.force_distribution import (
 )
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.batch import decide_all, unsupported
-from stancekit.planners.search.exact import BoxSearch, ExactPlanner
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.exact import BoxSearch, Exact
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import refuses
 
@@ -69,7 +69,7 @@ def test_a_batch_decides_as_its_problems_do_one_by_one(programs: Programs) -> No
     problems = stancekit.sample("wall-3", rng=3, count=30)
     wrench = random_wrench(problems[0], np.random.default_rng(2))
     batch = PostureBatch.stacked([problem.posture_with(wrench=wrench) for problem in problems])
-    planner = ExactPlanner(programs=programs)
+    planner = Exact(programs=programs)
     together, alone = (
         decide_all(planner, batch).outcomes,
         [planner.solve(problem) for problem in batch.problems],
@@ -108,7 +108,7 @@ def test_boxes_are_cut_until_a_wrench_is_carried_or_refuted(
                 break
             search.cut(int((search.current.box.high - search.current.box.low).argmax()))
         if search.verdict is not Status.UNDECIDED:
-            assert search.verdict is ExactPlanner(programs=programs).solve(problem).status
+            assert search.verdict is Exact(programs=programs).solve(problem).status
             decided += 1
     assert decided > 3
 
@@ -122,8 +122,8 @@ def test_courses_carry_a_wrench_that_changes_or_it_is_proved_that_none_can(
         course = replace(
             plain, wrench=np.array([0.4 * random_wrench(plain, rng) for _ in range(plain.frames)])
         )
-        best = ExactPlanner(programs=programs, time_limit_s=20.0).solve(course)
-        found = TwoStagePlanner(programs=programs).solve(course)
+        best = Exact(programs=programs, time_limit_s=20.0).solve(course)
+        found = TwoStage(programs=programs).solve(course)
         for answer in (best, found):
             if answer.solution is not None:
                 assert check_plan(answer.solution).accepted
@@ -138,7 +138,7 @@ def test_courses_carry_a_wrench_that_changes_or_it_is_proved_that_none_can(
 
 
 def test_a_wrench_of_zeros_is_none(ragged: Callable[..., Problem], programs: Programs) -> None:
-    planner, compared = TwoStagePlanner(programs=programs), 0
+    planner, compared = TwoStage(programs=programs), 0
     for seed in range(10):
         course = ragged(seed, frames=2)
         plain, zeros = (

@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.families import (
     SCENE,
     SCENES,
@@ -42,7 +42,7 @@ def lines(spacing):
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStagePlanner(programs=Programs(), time_limit_s=10.0)
+    return TwoStage(programs=Programs(), time_limit_s=10.0)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -5,6 +5,7 @@ noisy maps as well.
 import numpy as np
 import pytest
 
+from stancekit.planners.errors import NoPlace
 from stancekit.planners.problem.course_between import course_between
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.course_terrain import FileTerrain
@@ -250,5 +251,5 @@ def test_islands_are_of_one_plane_only_as_far_as_each_fits_it():
 def test_an_exact_map_without_any_surface_has_no_footholds(heights_m, tmp_path):
     path = tmp_path / "map.npy"
     np.save(path, heights_m)
-    with refuses():
+    with refuses(kind=NoPlace):
         read_footholds(path, ImportOptions(spacing_m=0.02))

@@ -151,19 +151,17 @@ def test_tasks_are_those_of_the_paper():
     ]
     ripple, cone = reference_tasks("ripple"), reference_tasks("cone")
     assert all(
-        np.linalg.norm(task.goal_xy_m) == pytest.approx(2.0) and not any(task.adhesive)
+        np.linalg.norm(task.goal) == pytest.approx(2.0) and not any(task.adhesive)
         for task in ripple
     )
-    np.testing.assert_allclose(ripple[6].goal_xy_m, [2.0, 0.0], atol=1e-12)
-    assert all(np.allclose(task.start_xy_m, -task.goal_xy_m) for task in cone)
+    np.testing.assert_allclose(ripple[6].goal, [2.0, 0.0], atol=1e-12)
+    assert all(np.allclose(task.start, -task.goal) for task in cone)
     for name in ("hill", "pit"):
         field, tasks = reference_terrain(name), reference_tasks(name)
         assert all(task.adhesive == (True, True, False, False) for task in tasks)
-        climbs = [
-            float(field.height(task.goal_xy_m) - field.height(task.start_xy_m)) for task in tasks
-        ]
+        climbs = [float(field.height(task.goal) - field.height(task.start)) for task in tasks]
         assert min(climbs) > 0.95
-        assert len({tuple(task.goal_xy_m) for task in tasks}) == 15
+        assert len({tuple(task.goal) for task in tasks}) == 15
 
 
 @pytest.mark.filterwarnings("ignore:.* is what walks had")

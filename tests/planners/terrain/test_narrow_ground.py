@@ -5,6 +5,7 @@ true reason.
 import numpy as np
 import pytest
 
+from stancekit.planners.errors import NoPlace
 from stancekit.planners.problem.course_terrain import Bars, FileTerrain
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.footholds import (
@@ -64,7 +65,7 @@ def test_every_bar_of_a_grating_is_found_to_its_size(tmp_path, gap_m):
 
 
 def test_a_bar_that_is_narrower_than_a_foot_says_so(tmp_path):
-    with refuses("margin_m"):
+    with refuses("margin_m", kind=NoPlace):
         found_of(
             tmp_path / "grating.stl", bar(0.0, 0.015), bar(0.06, 0.015), limits=FootholdLimits()
         )
@@ -115,7 +116,7 @@ def test_rungs_askew_on_a_slope_between_rails_and_under_a_plate(tmp_path):
     askew = found_of(tmp_path / "askew.stl", *(rung(0.1 * k, yaw=0.5) for k in range(4)))
     assert len(askew.pieces) == 4
     assert len(found_of(tmp_path / "tilted.stl", rung(0.0, tilt=0.5)).pieces) == 1
-    with refuses("steep"):
+    with refuses("steep", kind=NoPlace):
         found_of(tmp_path / "steep.stl", rung(0.0, tilt=0.7))
     rails = [
         trimesh.creation.box(bounds=[[-0.3, y, -0.05], [0.3, y + 0.04, 0.0]]) for y in (-0.42, 0.38)
@@ -137,7 +138,7 @@ def test_rungs_askew_on_a_slope_between_rails_and_under_a_plate(tmp_path):
 
 def test_what_is_no_rung_has_none(tmp_path):
     for shape in (trimesh.creation.cone(0.1, 0.2), trimesh.creation.icosphere(3, 0.05)):
-        with refuses():
+        with refuses(kind=NoPlace):
             found_of(tmp_path / "shape.stl", shape)
     pillar = found_of(
         tmp_path / "pillar.stl", rung(0.0, sides=8, radius_m=0.2)

@@ -15,7 +15,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate
 from stancekit.planners.verify.lagrangian import multiplier_count, multiplier_shapes
 from stancekit.planners.verify.stances import Schedule
@@ -43,7 +43,7 @@ def slippery():
             for put in base.footholds
         )
         course = replace(base, footholds=footholds)
-        return course, TwoStagePlanner(programs=PROGRAMS).solve(course)
+        return course, TwoStage(programs=PROGRAMS).solve(course)
 
     return made
 
@@ -138,7 +138,7 @@ def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasib
             ),
         )
         course = replace(base, footholds=footholds, robot=robot)
-        outcome = TwoStagePlanner(programs=PROGRAMS).solve(course)
+        outcome = TwoStage(programs=PROGRAMS).solve(course)
         if outcome.status is Status.FEASIBLE:
             feasible.append(course)
         else:

@@ -15,7 +15,7 @@ from stancekit.planners.formats.motion_file import check_file, read_evidence, wr
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.exact import Exact
 from stancekit.planners.verify import check_certificate, check_certificates, explain
 from stancekit.planners.verify.certificate import forest_of
 from stancekit.planners.verify.geometry import cut
@@ -32,7 +32,7 @@ def refuted():
     """Natural problems that the exact planner refutes, one of them by a tree, with their
     certificates.
     """
-    rng, planner, found = np.random.default_rng(1), ExactPlanner(), []
+    rng, planner, found = np.random.default_rng(1), Exact(), []
     while len(found) < 9 or not any(len(proof.multipliers) > 1 for _, proof in found):
         problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[len(found) % 3]].sample(rng)
         outcome = planner.solve(problem)
@@ -156,7 +156,7 @@ def test_no_tree_refutes_a_course_that_has_a_plan(walk, seed):
 
 
 def test_no_foreign_certificate_is_accepted_where_there_is_an_answer(refuted):
-    rng, planner, looked = np.random.default_rng(7), ExactPlanner(), 0
+    rng, planner, looked = np.random.default_rng(7), Exact(), 0
     while looked < 120:
         problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[looked % 3]].sample(rng)
         if planner.solve(problem).solution is None:

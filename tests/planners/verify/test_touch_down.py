@@ -23,7 +23,7 @@ def answer():
     rng = np.random.default_rng(0)
     heights = 0.01 * rng.standard_normal((101, 61))
     found = stancekit.terrain(stancekit.HeightField.from_array(heights, spacing_m=0.02))
-    return stancekit.plan(found, start_xy_m=[-0.2, 0.0], goal_xy_m=[0.1, 0.0])
+    return stancekit.plan(found, start=[-0.2, 0.0], goal=[0.1, 0.0])
 
 
 def with_certainty(plan, certainty):
@@ -130,7 +130,7 @@ def test_exact_maps_carry_toes_up_to_their_samples_and_bodies_keep_out_of_half_a
     heights = np.zeros((round(2.0 / spacing_m) + 1, round(1.2 / spacing_m) + 1))
     half_m = 0.5 * spacing_m * (heights.shape[1] - 1)
     found = stancekit.terrain(stancekit.HeightField.from_array(heights, spacing_m=spacing_m))
-    plan = stancekit.plan(found, start_xy_m=[-0.2, 0.0], goal_xy_m=[0.1, 0.0]).solution
+    plan = stancekit.plan(found, start=[-0.2, 0.0], goal=[0.1, 0.0]).solution
     last = plan.toes_m[-1]
     for out_m, verdict in ((-0.002, "holds"), (0.003, "violated")):
         place = np.array([last[0], half_m + out_m, last[2]])

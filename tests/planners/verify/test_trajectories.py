@@ -112,8 +112,8 @@ def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
         terrain=terrain,
         friction=friction,
         adhesive=np.zeros(4, dtype=bool),
-        start_xy_m=torso[:2],
-        goal_xy_m=torso[:2],
+        start=torso[:2],
+        goal=torso[:2],
         heading_rad=0.0,
         still=(True, True),
         provenance={"chart": "by hand", "seconds": 0.5},
@@ -158,8 +158,8 @@ def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2
         feet_m=torso[:, None] + np.einsum("kij,ej->kei", rotation, nominal(body)),
         forces_n=np.zeros((count, 4, 3)),
         contact=np.zeros((count, 4), dtype=bool),
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[-1, :2],
+        start=torso[0, :2],
+        goal=torso[-1, :2],
         heading_rad=None,
         still=(False, False),
     )
@@ -213,8 +213,8 @@ def stepping() -> Trajectory:
         feet_m=feet,
         forces_n=forces,
         contact=contact,
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[0, :2],
+        start=torso[0, :2],
+        goal=torso[0, :2],
     )
 
 
@@ -464,13 +464,13 @@ FAULTS = {
     "rotation": (standing, stretched, "torso", 0.1),
     "start": (
         standing,
-        lambda t: replace(t, start_xy_m=t.start_xy_m + np.array([0.006, 0.0])),
+        lambda t: replace(t, start=t.start + np.array([0.006, 0.0])),
         "torso",
         0.0,
     ),
     "goal": (
         standing,
-        lambda t: replace(t, goal_xy_m=t.goal_xy_m + np.array([0.0, -0.006])),
+        lambda t: replace(t, goal=t.goal + np.array([0.0, -0.006])),
         "torso",
         0.5,
     ),
@@ -716,8 +716,8 @@ def test_the_verdict_does_not_depend_on_where_north_is(yaw, x, y):
         rotation=turn @ sway.rotation,
         feet_m=sway.feet_m @ turn.T + shift,
         forces_n=sway.forces_n @ turn.T,
-        start_xy_m=torso[0, :2],
-        goal_xy_m=torso[-1, :2],
+        start=torso[0, :2],
+        goal=torso[-1, :2],
         heading_rad=yaw,
     )
     here, there = check_trajectory(sway), check_trajectory(elsewhere)
@@ -742,7 +742,7 @@ def test_what_is_no_trajectory_is_refused_and_never_raises():
         ("feet_m", still.feet_m[:, :3]),
         ("contact", still.contact[:, 0]),
         ("adhesive", still.adhesive[:2]),
-        ("goal_xy_m", [0.0, 0.0, 0.0]),
+        ("goal", [0.0, 0.0, 0.0]),
         ("feet_m", still.feet_m + 1e9),
         ("times_s", TIMES_S[:2]),
         ("times_s", TIMES_S[:3]),
@@ -761,7 +761,7 @@ def test_what_is_no_trajectory_is_refused_and_never_raises():
 
 @settings(max_examples=60)
 @given(
-    name=st.sampled_from(["times_s", "torso_m", "rotation", "feet_m", "forces_n", "start_xy_m"]),
+    name=st.sampled_from(["times_s", "torso_m", "rotation", "feet_m", "forces_n", "start"]),
     value=st.sampled_from([0.0, -1.0, 1e6, -1e6, 1e-300, np.inf, -np.inf, np.nan, 1e308]),
     share=st.floats(0.0, 1.0),
     seed=st.integers(0, 2**16),

@@ -19,7 +19,7 @@ from matplotlib.colors import to_rgb
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStagePlanner
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.views.playground import pictures as session_module
 from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.page_parts import (
@@ -100,7 +100,7 @@ def test_it_is_opened_dragged_and_read(shown, folder):
     tab.wait_for(
         f"{VERDICT}.dataset.patient === '1' && {VERDICT}.dataset.change >= {change_of(tab)}"
     )
-    found = TwoStagePlanner().solve(scenario.course())
+    found = TwoStage().solve(scenario.course())
     assert f"after {found.solution.problem.frames} key frames" in tab.text()
 
     for words in ("save plan", "save course"):

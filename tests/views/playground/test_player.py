@@ -113,7 +113,7 @@ def test_a_walk_takes_its_time_until_that_is_slid(scenario):
         [1.5, 0.0, 0.03 * np.sin(3.0) + far.walker.stand_height_m], abs=1e-3
     )
     assert start.axes == (True, True, False)
-    with refuses("goal_xy_m"):
+    with refuses("goal"):
         scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).task()
 
 
@@ -191,7 +191,7 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for("document.querySelector('#saved') !== null")
     trajectory = read_motion(tmp_path / "played-walk.json")[0]
     assert check_trajectory(trajectory).accepted
-    assert trajectory.goal_xy_m == pytest.approx(page.playground.scenario.goal_m)
+    assert trajectory.goal == pytest.approx(page.playground.scenario.goal_m)
 
 
 def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():

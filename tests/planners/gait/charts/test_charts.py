@@ -43,8 +43,8 @@ def test_the_warped_chart_over_the_identity_is_the_ambient_chart(name: str) -> N
     task = Walk(
         robot=anymal(),
         terrain=level,
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.2, 0.1]),
+        start=np.zeros(2),
+        goal=np.array([0.2, 0.1]),
         duration_s=2.0,
     )
     warped = formulate(task, GaitSettings(chart=name), warp=identity(level))  # type: ignore[arg-type]
@@ -67,9 +67,7 @@ def test_the_warped_chart_over_the_identity_is_the_ambient_chart(name: str) -> N
 
 def test_a_terrain_with_a_map_is_not_scaled(small: Build) -> None:
     level = HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25)
-    task = Walk(
-        robot=anymal(), terrain=level, start_xy_m=[0, 0], goal_xy_m=[0.2, 0.1], duration_s=2.0
-    )
+    task = Walk(robot=anymal(), terrain=level, start=[0, 0], goal=[0.2, 0.1], duration_s=2.0)
     program = formulate(task, GaitSettings(chart="warped-exact"), warp=identity(level))
     with refuses("height_factor"):
         program.solve(height_factor=0.5)
@@ -120,8 +118,8 @@ def test_a_hexapod_walks_on_its_tripods(field: HeightField) -> None:
     task = Walk(
         robot=hexapod_walker(),
         terrain=field.scaled(0.3),
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.1, 0.0]),
+        start=np.zeros(2),
+        goal=np.array([0.1, 0.0]),
         duration_s=2.0,
         gait="tripod",
     )
@@ -132,9 +130,7 @@ def test_a_hexapod_may_stand_wherever_its_boxes_hold_ground() -> None:
     ripple = reference_terrain("ripple")
     for goal in ([1.2, 0.0], [0.4, 0.4], [-2.0, 1.2]):
         assert (
-            walk(
-                robot=hexapod_walker(), terrain=ripple, gait="tripod", goal_xy_m=goal
-            ).goal_xy_m.tolist()
+            walk(robot=hexapod_walker(), terrain=ripple, gait="tripod", goal=goal).goal.tolist()
             == goal
         )
 
@@ -144,8 +140,8 @@ def walk(**changes: object) -> Walk:
     asked = {
         "robot": anymal(),
         "terrain": PIT,
-        "start_xy_m": [0.0, 0.0],
-        "goal_xy_m": [2.2, 0.0],
+        "start": [0.0, 0.0],
+        "goal": [2.2, 0.0],
         **changes,
     }
     return Walk(**asked)  # type: ignore[arg-type]
@@ -158,10 +154,10 @@ CLIFF = HeightField.from_function(lambda x, y: np.tanh(20.0 * (x - 1.3)), 4.0, 0
 @pytest.mark.parametrize(
     ("changes", "name"),
     [
-        ({"goal_xy_m": [3.9, 0.0]}, "goal_xy_m"),
-        ({"goal_xy_m": [1.3, 0.0]}, "goal_xy_m"),
-        ({"terrain": CLIFF, "start_xy_m": [1.15, 0.0]}, "start_xy_m"),
-        ({"goal_xy_m": [np.nan, 0.0]}, "goal_xy_m"),
+        ({"goal": [3.9, 0.0]}, "goal"),
+        ({"goal": [1.3, 0.0]}, "goal"),
+        ({"terrain": CLIFF, "start": [1.15, 0.0]}, "start"),
+        ({"goal": [np.nan, 0.0]}, "goal"),
         ({"gait": "moonwalk"}, "gait"),
         ({"adhesive": (True,)}, "adhesive"),
     ],

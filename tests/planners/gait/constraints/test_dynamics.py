@@ -77,8 +77,8 @@ def pit(duration_s: float = 10.0) -> GaitProgram:
     task = Walk(
         robot=anymal(),
         terrain=reference_terrain("pit"),
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([2.0, 0.0]),
+        start=np.zeros(2),
+        goal=np.array([2.0, 0.0]),
         adhesive=(True, True, False, False),
         duration_s=duration_s,
     )
@@ -211,8 +211,8 @@ def over(terrain: HeightField, adhesive: tuple[bool, ...] = ()) -> Walk:
     return Walk(
         robot=anymal(),
         terrain=terrain,
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.3, 0.0]),
+        start=np.zeros(2),
+        goal=np.array([0.3, 0.0]),
         duration_s=3.0,
         adhesive=adhesive,
     )
@@ -303,8 +303,8 @@ def program(chart: str = "decoupled") -> GaitProgram:
     task = Walk(
         robot=stepping().robot,
         terrain=slope,
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.15, 0.05]),
+        start=np.zeros(2),
+        goal=np.array([0.15, 0.05]),
         duration_s=2.0,
     )
     return formulate(task, GaitSettings(chart=chart))

@@ -42,9 +42,7 @@ from tests.refusals import refuses
 BUMPS = HeightField.from_function(
     lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps"
 )
-TASK = Walk(
-    robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0
-)
+TASK = Walk(robot=anymal(), terrain=BUMPS, start=[0.0, 0.0], goal=[0.25, 0.1], duration_s=2.0)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +134,7 @@ def test_points_come_back_to_the_same_task_and_to_no_other(tmp_path, found):
     for change in (
         {"task": replace(TASK, friction=0.5)},
         {"settings": GaitSettings(chart="shear")},
-        {"task": replace(TASK, goal_xy_m=[0.25, 0.11])},
+        {"task": replace(TASK, goal=[0.25, 0.11])},
         {"task": replace(TASK, terrain=BUMPS.scaled(0.9))},
     ):
         assert kept(out, **change).begin(0) == (None, 0)
@@ -327,8 +325,8 @@ def test_a_step_of_84_degrees_is_climbed_by_widening_it():
     task = Walk(
         robot=anymal(),
         terrain=step,
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.3, 0.0]),
+        start=np.zeros(2),
+        goal=np.array([0.3, 0.0]),
         duration_s=4,
     )
     asked = []
@@ -352,8 +350,8 @@ def test_terrain_that_no_gaussian_fits_is_solved_as_it_is(flat_bench):
     flat_bench.task = Walk(
         robot=anymal(),
         terrain=HeightField(2 * lines, 2 * lines, heights),
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.1, 0.0]),
+        start=np.zeros(2),
+        goal=np.array([0.1, 0.0]),
     )
     solve, asked = answers(fails=lambda factor, at: False)
     assert (
@@ -367,8 +365,8 @@ def test_warped_stages_have_a_map_of_their_own_terrain():
     task = Walk(
         robot=anymal(),
         terrain=bumps,
-        start_xy_m=np.zeros(2),
-        goal_xy_m=np.array([0.2, 0.0]),
+        start=np.zeros(2),
+        goal=np.array([0.2, 0.0]),
         duration_s=2,
     )
     flat_bench = Workbench(task)

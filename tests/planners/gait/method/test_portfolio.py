@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
+from stancekit.planners.errors import NoPlace
 from stancekit.planners.gait.method import way
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.budget import CUT, DONE, ROUND, Checkpoint, SolveBudget, cpu_s
@@ -17,7 +18,6 @@ from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_att
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import guided, pieces_of, plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
-from stancekit.planners.problem.candidates import NoPlace
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
@@ -30,9 +30,7 @@ pytestmark = pytest.mark.usefixtures("each_gait_is_written_once")
 BUMPS = HeightField.from_function(
     lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps"
 )
-TASK = Walk(
-    robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0
-)
+TASK = Walk(robot=anymal(), terrain=BUMPS, start=[0.0, 0.0], goal=[0.25, 0.1], duration_s=2.0)
 FIRST = [Attempt(chart="decoupled")]
 LAGGING = GaitSettings(dynamics="printed")  # the printed PCDM balances the forces of a step later
 PLAIN = Caps(smoothing=Smoothing(rounds=0), densifications=0)
@@ -165,7 +163,7 @@ def test_an_account_that_is_used_up_ends_the_plan():
 
 @pytest.mark.parametrize("apart", [False, True])
 def test_a_search_that_fails_ends_with_its_time(apart):
-    places = {"start_xy_m": [-2.6, 0.0], "goal_xy_m": [-0.4, 0.35]}
+    places = {"start": [-2.6, 0.0], "goal": [-0.4, 0.35]}
     steep = Walk(robot=anymal(), terrain=reference_terrain("hill"), **places, duration_s=10.0)
     began = cpu_s()
     found = plan_gait(steep, caps=Caps(total_s=3.0, in_subprocess=apart))
@@ -195,8 +193,8 @@ def test_steep_terrain_gets_stages_in_the_world_chart():
     pit = Walk(
         robot=anymal(),
         terrain=reference_terrain("pit"),
-        start_xy_m=[0.0, 0.0],
-        goal_xy_m=[2.2, 0.0],
+        start=[0.0, 0.0],
+        goal=[2.2, 0.0],
     )
     heights = default_attempts(pit)[-1].heights
     assert len(heights) > 2
@@ -208,8 +206,8 @@ def test_walls_beyond_81_degrees_are_widened_first():
     deep = Walk(
         robot=anymal(),
         terrain=reference_terrain("pit-87"),
-        start_xy_m=[0.0, 0.0],
-        goal_xy_m=[2.2, 0.0],
+        start=[0.0, 0.0],
+        goal=[2.2, 0.0],
     )
     first = default_attempts(deep)[0]
     assert first.name == "ambient, 4 smoothings"
@@ -230,8 +228,8 @@ def test_a_gentler_terrain_that_is_walked_is_no_answer():
     asked = replace(
         TASK,
         terrain=reference_terrain("hill"),
-        start_xy_m=np.array([-1.95, 0.0]),
-        goal_xy_m=np.array([-1.7, 0.0]),
+        start=np.array([-1.95, 0.0]),
+        goal=np.array([-1.7, 0.0]),
         adhesive=(True, True, False, False),
     )
     growing = [Attempt(chart="ambient", heights=(0.05, 1.0))]
@@ -287,7 +285,7 @@ def level(block: tuple[float, float, float, float] | None = None) -> HeightField
 
 def walk(goal: float = 1.0, seconds: float = 6.0, terrain: HeightField | None = None) -> Walk:
     """Straight ahead from the origin."""
-    return Walk.over(terrain or level(), (goal, 0.0), start_xy_m=(0.0, 0.0), duration_s=seconds)
+    return Walk.over(terrain or level(), (goal, 0.0), start=(0.0, 0.0), duration_s=seconds)
 
 
 @pytest.fixture
@@ -317,7 +315,7 @@ def test_pieces_are_one_walk_that_goes_on_after_a_stop_to_the_same(short, tmp_pa
     assert check_trajectory(trajectory).accepted
     assert trajectory.provenance["pieces"] == 2.0
     np.testing.assert_allclose(trajectory.torso_m[0, :2], 0.0, atol=1e-6)
-    np.testing.assert_allclose(trajectory.goal_xy_m, (1.0, 0.0))
+    np.testing.assert_allclose(trajectory.goal, (1.0, 0.0))
     assert {phase.split(",")[0] for phase in told} == {"piece 1 of 2", "piece 2 of 2"}
 
     def stop(attempt, iteration, violation, cost, phase):
@@ -361,11 +359,11 @@ def test_a_piece_that_fails_is_cut_and_then_goes_another_way_before_the_whole_fa
     monkeypatch.setattr(way, "plan_gait", answer)
     with pytest.raises(KeyboardInterrupt):
         planned(task)
-    np.testing.assert_array_equal(calls[0].goal_xy_m, straight[0].goal_xy_m)
+    np.testing.assert_array_equal(calls[0].goal, straight[0].goal)
     if len(fails) == 1:  # half of it
-        np.testing.assert_allclose(calls[1].goal_xy_m, 0.5 * straight[0].goal_xy_m)
+        np.testing.assert_allclose(calls[1].goal, 0.5 * straight[0].goal)
     else:  # the other side of the block
-        assert np.sign(calls[-1].goal_xy_m[1]) == -np.sign(straight[0].goal_xy_m[1])
+        assert np.sign(calls[-1].goal[1]) == -np.sign(straight[0].goal[1])
 
 
 def test_the_same_outcomes_leave_the_same_pieces():
@@ -377,9 +375,9 @@ def test_the_same_outcomes_leave_the_same_pieces():
     assert len(one.paths_m) == 2
     for (piece, cut), (same, level_) in zip(one.left, other.left, strict=True):
         assert cut == level_
-        np.testing.assert_array_equal(piece.goal_xy_m, same.goal_xy_m)
+        np.testing.assert_array_equal(piece.goal, same.goal)
         assert piece.duration_s == same.duration_s
-    np.testing.assert_array_equal(one.left[-1][0].goal_xy_m, task.goal_xy_m)
+    np.testing.assert_array_equal(one.left[-1][0].goal, task.goal)
 
 
 def test_a_walk_without_a_way_says_how_far_it_came(monkeypatch):
@@ -395,15 +393,15 @@ def test_a_walk_without_a_way_says_how_far_it_came(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("start", "goal", "name"), [((2, 0), (4, 0), "start_xy_m"), ((0, 0), (2, 0), "goal_xy_m")]
+    ("start", "goal", "name"), [((2, 0), (4, 0), "start"), ((0, 0), (2, 0), "goal")]
 )
 def test_a_walk_from_or_to_a_solid_is_refused_at_once(start, goal, name):
-    task = Walk.over(level((1.8, 2.2, -0.8, 0.9)), goal, start_xy_m=start, duration_s=10.0)
+    task = Walk.over(level((1.8, 2.2, -0.8, 0.9)), goal, start=start, duration_s=10.0)
     with refuses(name, kind=NoPlace):
         planned(task)
 
 
 def test_the_top_of_a_wide_block_is_a_place_to_stand():
     terrain = level((1.0, 4.0, -2.0, 2.0))
-    task = Walk.over(terrain, (2.6, 0.0), start_xy_m=(2.4, 0.0), duration_s=4.0)
+    task = Walk.over(terrain, (2.6, 0.0), start=(2.4, 0.0), duration_s=4.0)
     assert guided(task) is None

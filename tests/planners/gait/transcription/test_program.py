@@ -213,7 +213,7 @@ from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 field = HeightField.from_function(lambda x, y: 0.08 * np.sin(2.5 * x + 0.3) * np.cos(2.0 * y), 2.0, 0.1)
-task = Walk(robot=anymal(), terrain=field, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0)
+task = Walk(robot=anymal(), terrain=field, start=np.zeros(2), goal=np.array([0.2, 0.1]), duration_s=2.0)
 found = formulate(task).solve()
 print(found.iterations, [pair for pair in found.history], hashlib.sha256(found.x.tobytes()).hexdigest())
 """
