@@ -812,5 +812,5 @@ def _most(kinematics: Kinematics) -> float:
 
 def _of_file(kinematics: Kinematics) -> tuple[Drives, WorldCapabilities]:
     """The drives of a robot as its file says, and what they can do."""
-    drives = Drives.of(kinematics.robot, kinematics.servo, kinematics.model)
+    drives = Drives.of(kinematics.model)
     return drives, WorldCapabilities.of_drives(drives, RATE_HZ, senses=False)

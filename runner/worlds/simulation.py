@@ -80,13 +80,8 @@ def simulated_body(
             inertia of rotors.
 
     Raises:
-        InvalidInput: for a model whose legs have joints that slide, and for links with masses or
-            inertias that no body has.
+        InvalidInput: for links with masses or inertias that no body has.
     """
-    if sliding := [joint.name for leg in model.legs for joint in leg.joints if joint.slides]:
-        raise InvalidInput(
-            f"robot {model.name}: expected joints that turn, got {sliding[0]}, which slides"
-        )
     root = deepcopy(model.tree)
     for unseen in ("visual", "transmission", "gazebo", "material"):
         for parent in list(root.iter()):
@@ -327,7 +322,7 @@ class SimulatedWorld(LatchedWorld):
         if contact is not None:
             contact.check_bears(robot.mass_kg * gravity_m_s2)
         self.contact = contact
-        self.drives = Drives.of(robot, servo, self.model, actuators)
+        self.drives = Drives.of(self.model, actuators)
         self.joints = self.drives.joints
         self.capabilities = WorldCapabilities.of_drives(self.drives, rate_hz, senses=True)
         self._substeps = max(1, round(1.0 / (rate_hz * PHYSICS_S)))

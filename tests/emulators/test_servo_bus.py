@@ -164,15 +164,6 @@ def test_a_damaged_request_is_answered_by_a_crc_error(bus: EmulatedBus, port: An
     assert bytes(port.readPort(64)) == p2.status(1, p2.BAD_CRC)
 
 
-def test_a_servo_at_another_baud_rate_is_silent(bus: EmulatedBus) -> None:
-    handler = sdk.PortHandler(bus.path)
-    assert handler.setBaudRate(57600)
-    assert packets.ping(handler, 1)[1] == sdk.COMM_RX_TIMEOUT
-    assert handler.setBaudRate(1000000)
-    assert packets.ping(handler, 1)[1] == 0
-    handler.closePort()
-
-
 def alone(**registers: int) -> Servos:
     """One servo in current-based position control, its torque on, its table as given by
     r<address>.

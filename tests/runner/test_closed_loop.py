@@ -25,7 +25,6 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.boxes import boxes_of
 from stancekit.planners.relaxation.envelope import EnvelopeSet, expert_envelopes
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.pieces import Standing, with_pause
@@ -561,7 +560,7 @@ PERIOD_S = 0.005
 
 
 def drives() -> Drives:
-    return Drives.of(hexapod(), Servo(), hexapod().source.legs(Servo()))
+    return Drives.of(hexapod().legs)
 
 
 def state(sent: Array, angles: Array, rates: Array) -> State:

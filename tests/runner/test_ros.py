@@ -17,7 +17,6 @@ import yaml
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.robot_file import Servo
 from stancekit.runner.worlds.ros.bridge import RosLink
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.joint_states import RobotClock, stamp_of, version_of
@@ -91,17 +90,6 @@ def test_directions_and_offsets_are_applied_to_what_is_sent_and_what_is_measured
         np.testing.assert_allclose(
             turned, [0.1 * each.direction for each in joints.values()], atol=5e-3
         )
-
-
-def test_targets_are_clipped_to_limits_and_speed_and_what_was_sent_comes_back() -> None:
-    with armed() as (_, world):
-        state = world.step(START + 1.0)
-        np.testing.assert_allclose(state.sent_rad, START + Servo().velocity_rad_s / world.rate_hz)
-        for _ in range(60):
-            state = world.step(np.full(len(JOINTS), 9.0))
-        np.testing.assert_allclose(state.sent_rad, world.capabilities.upper_rad)
-        with refuses("24"):
-            world.step(np.full(len(JOINTS), np.nan))
 
 
 def wave(world: RosWorld) -> None:

@@ -370,26 +370,6 @@ def test_ground_that_cannot_bear_the_robot_is_refused(made: Callable[..., World]
         made(OF, contact=SoftContact(stiffness_n_m=5e3))
 
 
-@pytest.mark.parametrize(
-    ("numbers", "said"),
-    [
-        ((0.0, None), "contact_stiffness_n_m"),
-        ((float("nan"), None), "contact_stiffness_n_m"),
-        ((1e4, -1.0), "contact_damping_ns_m"),
-        ((None, 5.0), "contact_damping_ns_m"),
-    ],
-)
-def test_numbers_out_of_range_are_named(
-    numbers: tuple[float | None, float | None], said: str
-) -> None:
-    with refuses(said):
-        SoftContact.of(*numbers)
-
-
-def test_no_numbers_are_hard_ground() -> None:
-    assert SoftContact.of(None, None) is None
-
-
 def test_a_set_up_file_says_how_the_ground_yields(
     tmp_path: Path, made: Callable[..., World]
 ) -> None:

@@ -19,7 +19,6 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.control.tracker import command
 from stancekit.runner.worlds import WORLDS, make_world
-from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.world import Ground, State, World
 from tests.planners.robot.small_urdfs import biped
 from tests.refusals import refuses
@@ -259,13 +258,6 @@ def test_joints_that_drive_themselves_are_refused() -> None:
     wrong = biped().replace('velocity="8"/>', 'velocity="8"/><dynamics damping="-4"/>', 1)
     with refuses("left_hip_roll_j", "damping", "-4"):
         make_world("mujoco", contact_robot(model_of(wrong)))
-
-
-def test_sendable_targets_never_leap() -> None:
-    before = np.zeros(24)
-    drives = Drives.of(ROBOT, Servo(), ROBOT.legs)
-    sent = drives.sendable(np.linspace(-9.0, 9.0, 24), before, 0.005)
-    assert np.abs(sent - before).max() <= 0.02 + 1e-12
 
 
 def test_nothing_is_printed_on_standard_output() -> None:
