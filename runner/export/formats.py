@@ -24,7 +24,6 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
 
-from ..control.tracker import command
 from ..motion.time_parametrization import RATE_HZ, joint_motion
 from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulation import SimulatedBody
@@ -77,9 +76,8 @@ def _mjcf_of(moved: Moved) -> str:
     assert table.angles_rad is not None
     assert table.rates_rad_s is not None
     assert table.torques_nm is not None
-    targets = command(
-        world.drives, table.angles_rad, table.torques_nm, table.rates_rad_s, np.zeros(())
-    )
+    pressed = table.torques_nm + world.drives.damping_nms_rad * table.rates_rad_s
+    targets = table.angles_rad + pressed / world.drives.stiffness_nm_rad
     names = _key_names(table.time_s, moved.keys_s)
     keys = zip(
         names, table.time_s.tolist(), qpos.tolist(), qvel.tolist(), targets.tolist(), strict=True

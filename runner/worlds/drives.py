@@ -11,10 +11,7 @@ from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, read_only
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
-from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel
-
-_SLOW_RAD_S = 0.1
-"""Joints that turn faster meet their dry friction, slower ones a part of it [rad/s]."""
+from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel, resisting_nm
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,9 +107,7 @@ class Drives:
 
     def resistance(self, rates_rad_s: Array) -> Array:
         """Torque that joints turn against at these speeds, beside their loops' Kd q̇ [Nm]."""
-        return np.asarray(
-            self.viscous_nms_rad * rates_rad_s + self.dry_nm * np.tanh(rates_rad_s / _SLOW_RAD_S)
-        )
+        return resisting_nm(self.viscous_nms_rad, self.dry_nm, rates_rad_s)
 
     def torque_range(self, rates_rad_s: Array) -> tuple[Array, Array]:
         """The least and the greatest torque at these speeds, shape (J,) each: a joint that is

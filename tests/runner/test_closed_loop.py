@@ -344,11 +344,6 @@ def test_a_push_gives_a_robot_that_falls_the_velocity_that_its_impulse_makes(nam
     assert np.mean(speeds[40:]) == pytest.approx(30.0 * 0.1 / COURSE.robot.mass_kg, rel=0.1)
 
 
-def test_a_push_that_makes_no_sense_is_refused() -> None:
-    with refuses("push.seconds"):
-        Push(force_n=(1.0, 0.0, 0.0), at_s=0.0, seconds=0.0)
-
-
 REPLANNER = TwoStagePlanner()
 REPLANNED = read_course("walls", frames=3)
 

@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.cli.main import run
-from stancekit.cli.run import RunMotion
 from stancekit.planners.answer.plan import MARGIN, Plan
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
@@ -568,17 +566,3 @@ def test_robots_without_legs_of_a_file_are_not_limited() -> None:
     plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
     assert isinstance(plan, Plan)
     assert tipping(plan, 1.0) == ""
-
-
-def test_the_command_says_its_own_option(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = run(RunMotion(plan=file, least_push=0.9))
-    said = capsys.readouterr()
-    assert (code, said.out) == (2, "")
-    assert said.err.count("\n") == 1
-    assert "; --least-push 0 runs it all the same" in said.err
-
-
-def test_soft_ground_is_for_simulations(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(RunMotion(plan=file, contact_stiffness_n_m=2e4, world="ros")) == 2
-    said = "--contact-stiffness-n-m: expected a simulated world with it, got ros"
-    assert said in capsys.readouterr().err

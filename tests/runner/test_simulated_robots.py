@@ -15,6 +15,7 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
@@ -29,7 +30,7 @@ from stancekit.runner.worlds import Imperfections, SoftContact, WorldSettings, m
 from stancekit.runner.worlds.settings import SimulationSetup
 from stancekit.runner.worlds.simulation import simulated_body
 from stancekit.runner.worlds.world import Ground, State, Terrain, World
-from tests.planners.robot.small_urdfs import quadruped
+from tests.planners.robot.small_urdfs import fixed, link, quadruped
 from tests.refusals import assert_names, refuses
 
 MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
@@ -107,15 +108,25 @@ def test_its_base_is_where_it_was_put_wherever_the_base_s_mass_is(
     assert state.position_m[2] == pytest.approx(1.0 - 0.5 * 9.81 * 0.1**2, abs=2e-3)
 
 
-def test_joints_have_the_torque_and_the_speed_of_their_file(made: Callable[..., World]) -> None:
-    of = model(quadruped(effort=15.0))
-    with made(of) as world:
-        state = dropped(world, of, periods=1)
-        state = world.step(stance(of) + 0.9)
-        np.testing.assert_allclose(state.sent_rad - stance(of), 10.0 / world.rate_hz, atol=1e-12)
-        for _ in range(40):
-            state = world.step(stance(of) + 0.9)
-            assert np.abs(state.torques_nm).max() <= 15.0 + 1e-9
+def test_a_robot_that_is_written_otherwise_is_the_same_in_every_world(
+    made: Callable[..., World],
+) -> None:
+    """Axes of any length, a link without mass, and efforts that actuators replace."""
+    odd = quadruped(effort=5.0).replace('axis xyz="0 1 0"', 'axis xyz="0 2 0"')
+    odd = odd.replace("</robot>", f"{link('cam', 0.0)}{fixed('mount', 'base', 'cam')}</robot>")
+    kind = ActuatorModel(stall_nm=15.0, no_load_rad_s=10.0, curve="flat")
+    strong, states = Actuators(joints={"*": "strong"}, actuators={"strong": kind}), list[State]()
+    for text, actuators in ((quadruped(effort=15.0), None), (odd, strong)):
+        of = model(text)
+        with made(of, actuators=actuators) as world:
+            dropped(world, of, periods=0, above_m=5.0)
+            states += [world.step(stance(of) + 0.9) for _ in range(60)]
+    one, other = states[59], states[119]
+    np.testing.assert_allclose(other.angles_rad, one.angles_rad, atol=1e-6)
+    np.testing.assert_allclose(other.position_m, one.position_m, atol=1e-6)
+    torques = np.abs([state.torques_nm for state in states])
+    np.testing.assert_allclose(torques[60:], torques[:60], atol=1e-4)
+    assert 14.0 < torques.max() <= 15.0 + 1e-9
 
 
 def with_mesh(folder: Path, name: str) -> RobotModel:
@@ -189,8 +200,8 @@ def test_a_root_without_mass_and_inertias_that_files_rounded_off_are_made_ones_t
     text = text.replace('ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".01"', flat, 1)
     body = simulated_body(model(text))
     assert body.base == "root"
-    for link in ElementTree.fromstring(body.urdf).findall("link"):
-        inertia = link.find("inertial/inertia")
+    for each in ElementTree.fromstring(body.urdf).findall("link"):
+        inertia = each.find("inertial/inertia")
         assert inertia is not None
         xx, xy, xz, yy, yz, zz = (
             float(inertia.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

@@ -208,14 +208,6 @@ def test_targets_are_sent_within_the_limits_of_joints_and_of_their_speed(world: 
     assert np.abs(state.torques_nm).max() <= world.servo.torque_nm + 1e-9
 
 
-def test_feet_are_where_the_joints_and_the_body_put_them(world: World) -> None:
-    from stancekit.planners.robot.kinematics import Kinematics
-
-    _, last = stood(world, 0.7, Rotation.from_rotvec([0.05, 0.1, -0.2]), 40)
-    feet = last.position_m + Kinematics(ROBOT).feet(last.angles_rad) @ last.rotation.T
-    np.testing.assert_allclose(last.feet_m, feet, atol=1e-5)
-
-
 def test_it_says_what_it_can_do_and_closes_more_than_once(world: World) -> None:
     assert world.joints == joint_names(ROBOT)
     assert world.rate_hz == 200.0
