@@ -30,13 +30,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1394, 15723),
+    "api": (1394, 15716),
     "cli": (3586, 40074),
     "configs": (3, 30),
     "envs": (3167, 43722),
     "learners": (5513, 80005),
     "planners": (35062, 562703),
-    "runner": (7186, 95836),
+    "runner": (7245, 96620),
     "views": (4522, 70427),
 }
 CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
@@ -48,7 +48,7 @@ ALLOWANCES: dict[str, int] = {
     "MJCF": 0,
     "training": 82,
     "promises": 135,
-    "worlds": 159,
+    "worlds": 100,
     "formats": 0,
     "stepping over": 0,
     "sequences": 300,

@@ -41,6 +41,9 @@ _SPECK_M = 0.1
 LEAST = 1e-6
 """Share of a link's largest principal moment: the smallest that it may have."""
 _ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_FAR_M = 100.0
+"""Farther from the world's origin than this simulators, whose meshes have seven digits, get one of
+their own, at the robot's start."""
 _NEAR = 2
 """Joints between two links of a leg whose shapes, where no SRDF says anything of them, are taken to
 overlap."""
@@ -307,6 +310,12 @@ def _set_inertia(element: Element, inertia: Array) -> None:
         element.set(key, repr(float(value)))
 
 
+def local_origin(position_m: Array, far_m: float) -> Array:
+    """Whole metres at a place that is so far from the world's origin, 0 nearer to it, shape (3,)."""
+    far = bool(np.abs(position_m).max() > far_m)
+    return np.round(position_m) if far else np.zeros(3)
+
+
 PHYSICS_S = 1e-3
 _RATE_HZ = 200.0
 SPACING_M = 0.025
@@ -364,6 +373,7 @@ class SimulatedWorld(LatchedWorld):
         self._felt: deque[Array] = deque()
         self._carried = np.zeros(6)
         self._loads: Array | None = None
+        self._origin_m = np.zeros(3)
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
@@ -395,9 +405,9 @@ class SimulatedWorld(LatchedWorld):
         self._sent, self._loads = np.array(angles_rad, dtype=float), None
         self._waiting = deque([self._sent] * self._late)
         self._felt = deque([np.zeros((len(self.robot.limbs), 3))] * self._felt_late)
-        return self._measured(
-            self._placed(terrain, self._sent - self._offset, position_m, rotation)
-        )
+        self._origin_m = local_origin(position_m, _FAR_M)
+        place = position_m - self._origin_m
+        return self._measured(self._placed(terrain, self._sent - self._offset, place, rotation))
 
     def preload(self, targets_rad: Array) -> bool:
         """After ``reset``: the joints were sent this before, shape (J,) [rad], and press from the
@@ -436,7 +446,10 @@ class SimulatedWorld(LatchedWorld):
         return self._measured(self._advanced(self._waiting.popleft() - self._offset))
 
     def _measured(self, state: State) -> State:
-        """State as the sensors of joints and feet read it."""
+        """State as the sensors of joints and feet read it, in the world."""
+        if self._origin_m.any():
+            place, feet = (self._origin_m + at for at in (state.position_m, state.feet_m))
+            state = replace(state, position_m=place, feet_m=feet)
         if self._perfect:
             return state
         noise = self.imperfections.noise_rad
@@ -449,7 +462,9 @@ class SimulatedWorld(LatchedWorld):
     def _placed(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
-        """The robot at rest in this pose over this terrain; the joints' true angles."""
+        """The robot at rest in this pose over this terrain; the joints' true angles. Position and
+        state are from the simulator's own origin, terrain is in the world.
+        """
 
     @abstractmethod
     def _advanced(self, targets_rad: Array) -> State:

@@ -311,14 +311,6 @@ def written(tmp_path: Path, **changes: object) -> Path:
     return path
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
-    setup = RosSetup(
-        ros=1, port=9091, joints={"LF_yaw": RosJoint(name="j1", direction=-1, offset_rad=0.25)}
-    )
-    setup.write(tmp_path / "robot.yaml")
-    assert RosSetup.from_yaml(tmp_path / "robot.yaml", ("LF_yaw",)) == setup
-
-
 def test_angles_go_to_ros_by_direction_and_offset_and_come_back() -> None:
     joints = {
         "LF_hip": RosJoint(name="b"),

@@ -560,9 +560,3 @@ def test_the_verifier_accepts_it(tipped: Accepted) -> None:
     push_n = report.group(MARGIN).figures["push_n"]
     assert tipping(tipped.plan, 1.01 * push_n / tipped.plan.problem.weight_n)
     assert not tipping(tipped.plan, 0.99 * push_n / tipped.plan.problem.weight_n)
-
-
-def test_robots_without_legs_of_a_file_are_not_limited() -> None:
-    plan = TwoStagePlanner().solve(read_course("walls", frames=2)).solution
-    assert isinstance(plan, Plan)
-    assert tipping(plan, 1.0) == ""

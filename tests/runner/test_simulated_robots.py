@@ -347,12 +347,6 @@ def test_a_robot_at_rest_sinks_by_its_weight_over_the_stiffness_of_its_feet(
     assert state.forces_n[:, 2].sum() == pytest.approx(OF.body.mass_kg * GRAVITY, rel=0.01)
 
 
-def test_hard_ground_is_as_it_was(made: Callable[..., World]) -> None:
-    with made(OF) as world:
-        state = stood(world, patch())[-1]
-    assert depths(state).max() < 1e-3
-
-
 def test_a_robot_on_little_damped_ground_swings_and_on_damped_ground_does_not(
     made: Callable[..., World],
 ) -> None:

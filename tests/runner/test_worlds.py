@@ -5,6 +5,7 @@ output.
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,6 +86,17 @@ def test_a_robot_that_stands_feels_its_weight_in_its_feet_and_nowhere_else(world
         first.feet_m, TOES + np.array([0.0, 0.0, 0.2 + FOOT_RADIUS_M]), atol=1e-5
     )
     assert last.time_s == pytest.approx(0.5)
+
+
+def test_a_robot_stands_far_from_the_origin_as_near_to_it(world: World) -> None:
+    angles, targets = standing()
+    for at in (np.zeros(3), np.array([5e5, -2e5, 300.0])):
+        level = ground(0.7)
+        level = replace(level, vertices_m=level.vertices_m + at)
+        world.reset([level], angles, at + np.array([0.0, 0.0, 0.2]), np.eye(3))
+        state = [world.step(targets) for _ in range(40)][-1]
+        np.testing.assert_allclose(state.position_m - at, [0.0, 0.0, 0.2], atol=5e-4)
+        np.testing.assert_allclose(state.forces_n.sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
 
 
 def hollow(friction: float) -> Ground:

@@ -25,7 +25,7 @@ from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.verify.motions import check_motion
-from stancekit.runner.export.formats import FORMATS, Moved, moved_of
+from stancekit.runner.export.formats import FORMATS, Moved, moved_of, read_keys
 from stancekit.runner.motion.time_parametrization import streamed
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
@@ -159,6 +159,29 @@ def test_a_plans_key_frames_have_their_names(plan: Plan, tmp_path: Path) -> None
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "climb.xml"))
     named = [model.key(k).name for k in range(model.nkey) if "frame" in model.key(k).name]
     assert [name.partition(", ")[2] for name in named] == ["frame 0", "frame 1", "frame 2"]
+
+
+def test_a_file_for_mujoco_is_right_to_a_hundredth_of_a_millimetre_anywhere(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved, at = moved_of(plan, "mujoco", 50.0), np.array([5e4 + 0.1234567, -9e5, 7.0])
+    there = [replace(patch, vertices_m=patch.vertices_m + at) for patch in moved.terrain]
+    table = replace(moved.table, origin_m=moved.table.origin_m + at)
+    places = []
+    for name, each in (("near", moved), ("far", replace(moved, table=table, terrain=there))):
+        FORMATS["mujoco"].write(each, tmp_path / f"{name}.xml")
+        read = read_keys(tmp_path / f"{name}.xml")
+        np.testing.assert_allclose(read.origin_m, each.table.origin_m, rtol=0.0, atol=1e-9)
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{name}.xml"))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 9)
+        mujoco.mj_kinematics(model, data)
+        places.append(data.geom_xpos - data.qpos[:3])
+    np.testing.assert_allclose(places[1], places[0], rtol=0.0, atol=1e-5)
+    monkeypatch.setattr("stancekit.runner.export.formats._OFF_M", 1e-12)
+    with refuses("mujoco"):
+        FORMATS["mujoco"].write(moved, tmp_path / "none.xml")
+    assert not (tmp_path / "none.xml").exists()
 
 
 def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
