@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Self
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element, SubElement, indent
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.leg import Leg
-from stancekit.planners.robot.meshes import Shape, pose_of
+from stancekit.planners.robot.meshes import Shape, pose_of, write_pose
 from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, link_inertia
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import RobotModel
@@ -107,6 +107,9 @@ def simulated_body(
         for joint in root.findall("joint"):
             if (name := joint.get("name", "")) in rotors:
                 _add_rotor(links[joint.find("child").get("link", "")], joint, rotors[name])  # type: ignore[union-attr]
+        for inertial in root.findall("link/inertial"):
+            _write_principal(inertial)
+    indent(root)  # PyBullet breaks long lines, wherever that is
     return SimulatedBody(
         urdf=ElementTree.tostring(root, encoding="unicode"),
         hulls=hulls,
@@ -289,6 +292,20 @@ def _add_rotor(link: Element, joint: Element, rotor_kg_m2: float) -> None:
     axis, inertia = turn.T @ axis, link.find("inertial/inertia")
     rotor = 0.5 * rotor_kg_m2 * (np.eye(3) + np.outer(axis, axis))
     _set_inertia(inertia, _inertia(inertia) + rotor)  # type: ignore[arg-type]
+
+
+def _write_principal(inertial: Element) -> None:
+    """Write an inertia along its principal axes: PyBullet takes those with products, even of 1e-21,
+    for other ones, or for none.
+    """
+    origin, inertia = inertial.find("origin"), inertial.find("inertia")
+    turn, place = pose_of(origin, "inertial")
+    if origin is not None:
+        inertial.remove(origin)
+    moments, axes = np.linalg.eigh(_inertia(inertia))  # type: ignore[arg-type]
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    write_pose(inertial, turn @ axes, place)
+    _set_inertia(inertia, np.diag(moments))  # type: ignore[arg-type]
 
 
 def _rounded_off(inertia: Array) -> float:

@@ -111,8 +111,8 @@ def test_its_base_is_where_it_was_put_wherever_the_base_s_mass_is(
 def test_a_robot_that_is_written_otherwise_is_the_same_in_every_world(
     made: Callable[..., World],
 ) -> None:
-    """Axes of any length, a link without mass, and efforts that actuators replace."""
-    odd = quadruped(effort=5.0).replace('axis xyz="0 1 0"', 'axis xyz="0 2 0"')
+    """Axes of any length, digits that are none, a link without mass, efforts that are replaced."""
+    odd = quadruped(effort=5.0).replace('axis xyz="0 1 0"', 'axis xyz="3e-20 2 5e-20"')
     odd = odd.replace("</robot>", f"{link('cam', 0.0)}{fixed('mount', 'base', 'cam')}</robot>")
     kind = ActuatorModel(stall_nm=15.0, no_load_rad_s=10.0, curve="flat")
     strong, states = Actuators(joints={"*": "strong"}, actuators={"strong": kind}), list[State]()
