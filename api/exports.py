@@ -22,7 +22,7 @@ from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_text, shown
 from stancekit.planners.files.writing import alone_in, check_writable, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
-from stancekit.runner.export.formats import FORMATS, beside, moved_of
+from stancekit.runner.export.formats import FORMATS, beside, moved_of, write_moved
 from stancekit.runner.motion.time_parametrization import RATE_HZ
 
 from .walks import walk
@@ -146,7 +146,7 @@ def export(
     else:
         _check_accepted(motion := subject, source)
     moved = moved_of(motion, chosen, rate_hz, source)
-    FORMATS[chosen].write(moved, path)
+    write_moved(moved, chosen, path)
     if progress is not None:
         progress(1, 1)
     return ExportedMotions(paths=(path,), without=moved.without)
@@ -342,5 +342,5 @@ def _one(ground: str, folder: Path, to: str, rate_hz: float, robot: str) -> dict
         moved = moved_of(attempts.solution, to, rate_hz, ground)
     except InvalidInput as error:
         return {**record, "refused": "run refuses the motion", "why": str(error)}
-    FORMATS[to].write(moved, path)
+    write_moved(moved, to, path)
     return {**record, "file": path.name}

@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 from stancekit.envs.data.ledger import software
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
+from stancekit.planners.robot import Robot
 from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -249,9 +250,9 @@ def tally(words: Iterable[str]) -> str:
     return ", ".join(f"{count} × {word}" for word, count in sorted(Counter(words).items()))
 
 
-def resting(joints: Iterable[str], start: ArrayLike, port: str, **settings: Any) -> Calibration:
+def resting(robot: Robot, start: ArrayLike, port: str, **settings: Any) -> Calibration:
     """A calibration of servos that rest at these angles [rad]."""
-    found = nominal(tuple(joints), port=port, **settings)
+    found = nominal(robot, port=port, **settings)
     pairs = zip(found.joints.items(), np.asarray(start).tolist(), strict=True)
     return replace(
         found, joints={name: replace(each, rest_rad=angle) for (name, each), angle in pairs}

@@ -94,10 +94,9 @@ class FaultyRunner(Runner):
 def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
     """A fault of the bus or of the host, while the runner runs."""
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
-    joints = joint_names(accepted.plan.problem.robot)
     start = first_pose(accepted)
     with bus_process(start, int(rng.integers(1 << 30))) as bus:
-        calibration = resting(joints, start, bus.where["path"])
+        calibration = resting(accepted.plan.problem.robot, start, bus.where["path"])
         if kind == WRONG_CALIBRATION:
             calibration, _ = spoiled(calibration, rng)
         runner = FaultyRunner(

@@ -228,7 +228,7 @@ def stopped(
                 "controller off"
             )  # as it is found, so that an interrupted arming must leave it
         else:
-            resting(joints, start, device.where["path"]).write(folder / "setup.yaml")
+            resting(hexapod(), start, device.where["path"]).write(folder / "setup.yaml")
         host = forked(kind, arguments, folder / "errors")
         try:
             begun_s = host.said("arming")

@@ -32,6 +32,7 @@ import tyro
 from _bench import ROOT, Lines, Options, launch, realtime
 from _device_runs import ended, forked, planned, rows, running, said, wait
 
+from stancekit.planners.formats.motion_file import read_motion
 from stancekit.runner.worlds.dynamixel.control_table import nominal
 from tests.emulators.devices import start_of
 
@@ -119,8 +120,14 @@ def main(arguments: Arguments) -> int:
     results = Lines(folder / "results.jsonl")
     if not arguments.tell:
         build(folder, arguments.sources)
-        names, start = start_of(planned(folder))
-        calibration = nominal(names, port=str(folder / "bus"), desk=True, watchdog_s=WATCHDOG_S)
+        plan = planned(folder)
+        names, start = start_of(plan)
+        calibration = nominal(
+            read_motion(plan)[0].robot,
+            port=str(folder / "bus"),
+            desk=True,
+            watchdog_s=WATCHDOG_S,
+        )
         calibration.write(folder / "servos.yaml")
         shafts = ",".join(f"{angle:.5f}" for angle in calibration.shafts(names, start))
         for case in CASES:

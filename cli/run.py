@@ -105,6 +105,8 @@ def _run_table(report: RunReport) -> Table:
             )
     if report.friction is not None:
         table.add_row("friction", report.friction.line)
+    if report.lacks:
+        table.add_row("world", report.lacks)
     median, late = (1e3 * value for value in report.cycle_s)
     if math.isfinite(median):
         table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")

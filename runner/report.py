@@ -54,6 +54,7 @@ class RunReport:
             by which a leap of a simulation landed, whose write returned up to after_s later.
         load: processes that wanted a processor in the last minute, for each that there is; NaN
             where nobody says.
+        lacks: what the world cannot do as the robot has it, empty where it says nothing.
     Source:
         None: planned against measured.
 
@@ -97,6 +98,7 @@ class RunReport:
     after: int = 0
     after_s: float = 0.0
     load: float = float("nan")
+    lacks: str = ""
 
     @classmethod
     def of(
@@ -165,6 +167,7 @@ class RunReport:
             after=latch.after,
             after_s=latch.after_s,
             load=load(),
+            lacks=getattr(world.world, "lacks", ""),
         )
 
     def to_json(self) -> dict[str, Any]:

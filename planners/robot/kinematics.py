@@ -25,6 +25,7 @@ from .leg import Mount, levelled
 from .leg_ik import limb_postures
 from .model import Robot
 from .robot_file import Servo
+from .robot_model import resisting_nm
 from .urdf_reader import at_rest, pinocchio
 
 
@@ -177,6 +178,10 @@ class Kinematics:
         form.
         """
         return self.model.servo is not None
+
+    def resistance(self, rates_rad_s: Array) -> Array:
+        """Torque of damping and dry friction of the joints, shape (…, J) [Nm]."""
+        return resisting_nm(*self.model.resistance, rates_rad_s)
 
     def joints_of(self, leg: int) -> NDArray[np.int_]:
         """Numbers of a leg's joints, from the base outward."""

@@ -202,6 +202,16 @@ IDENTITY_DIGITS = 12
 """Number of digits of a digest in a name."""
 
 
+_SLOW_RAD_S = 0.1
+"""Joints that turn faster meet their dry friction, slower ones a part of it [rad/s]."""
+
+
+def resisting_nm(damping_nms_rad: Array, friction_nm: Array, rates_rad_s: Array) -> Array:
+    """Torque that joints themselves turn against at these speeds [Nm]."""
+    slowed = friction_nm * np.tanh(rates_rad_s / _SLOW_RAD_S)
+    return np.asarray(damping_nms_rad * rates_rad_s + slowed)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Remark:
     """Remark on how a file was read: a guess to confirm, or a number that is hard to believe."""

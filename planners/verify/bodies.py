@@ -382,8 +382,8 @@ class MovingBodyMeasurements:
     @cached_property
     def torques_nm(self) -> Array:
         """Torques of the joints at the inner samples, (K − 2, J) [Nm]: τ = M q̈ + C q̇ + g − Σ Jᵢᵀ
-        fᵢ + I q̈, the rows of the joints, with the whole robot moving as the trajectory has it and
-        the feet pressed by its forces; I of the rotors.
+        fᵢ + I q̈ + r(q̇), the rows of the joints, with the whole robot moving as the trajectory has
+        it and the feet pressed by its forces; I of the rotors, r of damping and friction.
         """
         return self._torques(self.path.forces_n)
 
@@ -405,6 +405,7 @@ class MovingBodyMeasurements:
         rotation, forces = self.path.rotation[1:-1], forces_n[1:-1]
         levers = self._legs[1][1:-1] @ np.swapaxes(rotation, 1, 2)
         turned = solver.rotor_kg_m2 * rising[:, solver.columns]
+        turned += solver.resistance(velocity[:, solver.columns])
         return np.asarray(moved + turned - np.einsum("kji,kji->kj", levers, forces[:, solver.legs]))
 
     def torque(self) -> Series:

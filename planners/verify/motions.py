@@ -365,12 +365,16 @@ class _Measured:
 
     @cached_property
     def _torques(self) -> Array:
-        """Torques that carry the links' weight and press with the table's forces, shape (T, J)."""
+        """Torques that carry the links' weight, press with the table's forces, and turn joints against
+        damping and friction, shape (T, J).
+        """
         kinematics, forces = self.kinematics, self.known["forces_n"]
         rows = zip(self.angles, self.table.rotation, forces, strict=True)
-        return np.array(
+        held = np.array(
             [kinematics.torques_of(kinematics.loads(q, turn), f) for q, turn, f in rows]
         )
+        rates = np.gradient(np.unwrap(self.angles, axis=0), self.times_s, axis=0)
+        return np.asarray(held + kinematics.resistance(rates))
 
     def contact_gap(self) -> _Worst:
         """Distance to the terrain of feet that are said to stand, (T, N)."""

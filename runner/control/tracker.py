@@ -308,7 +308,7 @@ class Tracker:
             1.0 / rate_hz,
         )
         model = kinematics.model
-        self._drives = drives or Drives.of(kinematics.robot, kinematics.servo, model)
+        self._drives = drives or Drives.of(model)
         self._rolls = 0.5 * kinematics.radii_m[:, None]
         self._weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
         self._body = BodyController(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import MotionTable
@@ -16,18 +17,23 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked
 from stancekit.planners.files.writing import check_writable, replaced, write_bytes
-from stancekit.planners.formats.table_file import csv_of, joint_trajectory_bytes, npz_of
+from stancekit.planners.formats.table_file import (
+    csv_of,
+    joint_trajectory_bytes,
+    npz_of,
+    read_table,
+)
 from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Played, table_of
 from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.legged import walking_robot
+from stancekit.planners.robot.meshes import numbers_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
 
-from ..control.tracker import command
 from ..motion.time_parametrization import RATE_HZ, joint_motion
 from ..worlds.mujoco import MujocoWorld, mujoco_module
-from ..worlds.simulation import SimulatedBody
+from ..worlds.simulation import SimulatedBody, local_origin
 from ..worlds.world import Terrain
 
 
@@ -67,19 +73,18 @@ def _mjcf_of(moved: Moved) -> str:
     Raises InvalidInput without MuJoCo, and for a robot that it cannot hold.
     """
     assert moved.robot is not None
-    world = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2)
-    spec = world.scene(moved.terrain)
+    world, table = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2), moved.table
+    origin_m = local_origin(table.known()["origin_m"][0], _FAR_M)
+    spec = world.scene(moved.terrain, origin_m)
     _embed(spec, world.body)
     model = spec.compile()
     spec.modelname = moved.robot.name
-    qpos, qvel = states(model, moved.table, world.body.base)
-    table = moved.table
+    qpos, qvel = states(model, table, world.body.base, origin_m)
     assert table.angles_rad is not None
     assert table.rates_rad_s is not None
     assert table.torques_nm is not None
-    targets = command(
-        world.drives, table.angles_rad, table.torques_nm, table.rates_rad_s, np.zeros(())
-    )
+    pressed = table.torques_nm + world.drives.damping_nms_rad * table.rates_rad_s
+    targets = table.angles_rad + pressed / world.drives.stiffness_nm_rad
     names = _key_names(table.time_s, moved.keys_s)
     keys = zip(
         names, table.time_s.tolist(), qpos.tolist(), qvel.tolist(), targets.tolist(), strict=True
@@ -89,7 +94,47 @@ def _mjcf_of(moved: Moved) -> str:
         for name, time_s, q, v, target in keys
     ]
     head, end, _ = str(spec.to_xml()).rpartition("</mujoco>")
-    return "\n".join([f"{head}  <keyframe>", *lines, "  </keyframe>", f"{end}\n"])
+    if origin_m.any():
+        place = _text(origin_m.tolist())
+        head += f'  <custom>\n    <text name="{_ORIGIN}" data="{place}"/>\n  </custom>\n\n'
+    text = "\n".join([f"{head}  <keyframe>", *lines, "  </keyframe>", f"{end}\n"])
+    _check_written(text, model, qpos)
+    return text
+
+
+_FAR_M = 5.0
+"""Farther from the world's origin than this a file for MuJoCo, whose writer keeps six digits, has one
+of its own."""
+_ORIGIN = "origin_m"
+"""Name of the text that says where in the world the file's own origin is."""
+_OFF_M = 1e-5
+"""Farther off nothing may be in a file that was written [m]."""
+
+
+def _check_written(text: str, model: Any, qpos: Array) -> None:
+    """Raise InvalidInput unless MuJoCo reads a file back as it was meant: bodies and shapes of robot
+    and terrain at their places in the first, middle and last row.
+    """
+    mujoco = mujoco_module()
+    try:
+        read = mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        why = " ".join(str(error).split())[:200]
+        raise InvalidInput(
+            f"mujoco: expected a file that is read back, got one that is not: {why}"
+        ) from None
+    for row in (0, len(qpos) // 2, -1):
+        places = []
+        for one, q in ((read, read.key_qpos[row]), (model, qpos[row])):
+            data = mujoco.MjData(one)
+            data.qpos[:] = q
+            mujoco.mj_kinematics(one, data)
+            places.append(np.concatenate([data.xpos, data.geom_xpos]))
+        off = float(np.abs(places[0] - places[1]).max())
+        if off > _OFF_M:
+            raise InvalidInput(
+                f"mujoco: expected places to {1e3 * _OFF_M:g} mm in the file, got {1e3 * off:.2g}"
+            )
 
 
 def _text(numbers: list[float]) -> str:
@@ -107,9 +152,11 @@ def _key_names(times_s: Array, keys_s: tuple[float, ...]) -> list[str]:
     return names
 
 
-def states(model: Any, table: MotionTable, base: str) -> tuple[Array, Array]:
-    """qpos and qvel of every row, shape (T, nq), (T, nv): turning velocities of the base are in its
-    own frame.
+def states(
+    model: Any, table: MotionTable, base: str, origin_m: ArrayLike = 0.0
+) -> tuple[Array, Array]:
+    """qpos and qvel of every row, shape (T, nq), (T, nv), from the model's own origin: turning
+    velocities of the base are in its own frame.
     """
     known = table.known()
     if not {"angles_rad", "rates_rad_s", "origin_m"} <= set(known):
@@ -118,7 +165,9 @@ def states(model: Any, table: MotionTable, base: str) -> tuple[Array, Array]:
     qpos, qvel = np.tile(model.qpos0, (rows, 1)), np.zeros((rows, model.nv))
     root = int(model.body(base).jntadr[0])
     at, speed = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
-    qpos[:, at : at + 7] = np.concatenate([known["origin_m"], known["quaternion"]], axis=1)
+    qpos[:, at : at + 7] = np.concatenate(
+        [known["origin_m"] - origin_m, known["quaternion"]], axis=1
+    )
     qvel[:, speed : speed + 3] = np.gradient(known["origin_m"], table.time_s, axis=0)
     qvel[:, speed + 3 : speed + 6] = np.einsum("tji,tj->ti", table.rotation, known["turning_rad_s"])
     for k, name in enumerate(table.joints):
@@ -129,7 +178,15 @@ def states(model: Any, table: MotionTable, base: str) -> tuple[Array, Array]:
 
 
 def _embed(spec: Any, body: SimulatedBody) -> None:
-    """Put the shapes of the robot's hulls into the file in place of the names of theirs."""
+    """Put the shapes of the robot's hulls into the file in place of the names of theirs, and those of
+    the terrain about places in whole millimetres, so that six digits are enough.
+    """
+    for geom in spec.worldbody.geoms:
+        if geom.meshname:
+            mesh = spec.mesh(geom.meshname)
+            corners = np.reshape(mesh.uservert, (-1, 3))
+            geom.pos = np.round(corners.mean(axis=0), 3)
+            mesh.uservert = (corners - geom.pos).ravel()
     for mesh in spec.meshes:
         content = body.hulls.get(mesh.file)
         if content is not None:
@@ -164,6 +221,10 @@ def read_keys(path: Path) -> MotionTable:
     turning = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     joints = [i for i in range(model.njnt) if int(model.jnt_type[i]) in turning]
     at = int(model.jnt_qposadr[free[0]])
+    origin_m, number = np.zeros(3), mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, _ORIGIN)
+    if number >= 0:
+        said = bytes(model.text_data).split(b"\0")[number].decode()
+        origin_m = np.array(numbers_of(said, 3, f"{path}: {_ORIGIN}"))
     try:
         return MotionTable(
             joints=tuple(model.joint(i).name for i in joints),
@@ -171,7 +232,7 @@ def read_keys(path: Path) -> MotionTable:
             time_s=times,
             angles_rad=qpos[:, model.jnt_qposadr[joints]],
             rates_rad_s=qvel[:, model.jnt_dofadr[joints]] if qvel.any() else None,
-            origin_m=qpos[:, at : at + 3],
+            origin_m=qpos[:, at : at + 3] + origin_m,
             quaternion=qpos[:, at + 3 : at + 7],
             source=str(path),
         )
@@ -187,9 +248,10 @@ def _reference_of(moved: Moved) -> dict[str, Any]:
     assert moved.robot is not None
     mujoco, table = mujoco_module(), moved.table
     world = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2)
-    model = world.scene(moved.terrain).compile()
+    origin_m = local_origin(table.known()["origin_m"][0], _FAR_M)
+    model = world.scene(moved.terrain, origin_m).compile()
     data = mujoco.MjData(model)
-    qpos, qvel = states(model, table, world.body.base)
+    qpos, qvel = states(model, table, world.body.base, origin_m)
     bodies = range(1, model.nbody)
     place, turn = np.zeros((len(qpos), len(bodies), 3)), np.zeros((len(qpos), len(bodies), 4))
     moving, turning = np.zeros_like(place), np.zeros_like(place)
@@ -199,7 +261,7 @@ def _reference_of(moved: Moved) -> dict[str, Any]:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_fwdVelocity(model, data)
-        place[row], turn[row] = data.xpos[1:], data.xquat[1:]
+        place[row], turn[row] = data.xpos[1:] + origin_m, data.xquat[1:]
         for k, body in enumerate(bodies):
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
             turning[row, k], moving[row, k] = velocity[:3], velocity[3:]
@@ -292,6 +354,20 @@ FORMATS: Mapping[str, _Format] = {
     "foxglove": _Format(suffixes=(".mcap",), joints=False, write=_foxglove),
 }
 """By the name that ``export --to`` takes."""
+
+
+def write_moved(moved: Moved, to: str, path: Path) -> None:
+    """Write a motion in a format, and read it back where that is one of ours to read.
+
+    Raises InvalidInput where nothing can be written, or something else is there then.
+    """
+    FORMATS[to].write(moved, path)
+    if to not in ("csv", "npz", "jointtrajectory"):
+        return
+    meant = moved.table.known()
+    for name, there in read_table(path).known().items():
+        if not np.allclose(there, meant[name], rtol=0.0, atol=1e-8):
+            raise InvalidInput(f"{path}: expected {name} as it was written, got others")
 
 
 def moved_of(subject: Motion, to: str, rate_hz: float = RATE_HZ, source: str = "") -> Moved:

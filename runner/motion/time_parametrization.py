@@ -248,8 +248,8 @@ class JointProfile:
     Arguments:
         time_s: shape (T,).
         angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm: shape (T, J);
-            static_nm are torques at rest under the planned forces, dynamic_nm what accelerations
-            add.
+            static_nm are torques at rest under the planned forces, dynamic_nm what accelerations,
+            damping and friction add.
         error_m: of inverse kinematics, shape (T, N).
         targets: what a tracker sends where all goes as planned, T of them.
         wished: what it is drawn to.
@@ -454,7 +454,7 @@ def joint_profile(
         velocity_rad_s=velocity,
         acceleration_rad_s2=acceleration,
         static_nm=np.array(static),
-        dynamic_nm=np.array(dynamic),
+        dynamic_nm=np.array(dynamic) + kinematics.resistance(velocity),
         error_m=np.array([target.error_m for target in targets]),
         targets=tuple(targets),
         wished=wished,
@@ -812,5 +812,5 @@ def _most(kinematics: Kinematics) -> float:
 
 def _of_file(kinematics: Kinematics) -> tuple[Drives, WorldCapabilities]:
     """The drives of a robot as its file says, and what they can do."""
-    drives = Drives.of(kinematics.robot, kinematics.servo, kinematics.model)
+    drives = Drives.of(kinematics.model)
     return drives, WorldCapabilities.of_drives(drives, RATE_HZ, senses=False)

@@ -202,10 +202,12 @@ class SafeWorld:
         )
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self.gravity_m_s2: float | None = getattr(world, "gravity_m_s2", None)
-        self.capabilities = capabilities_of(world)
+        self._drives: Drives | None = getattr(world, "drives", None)
+        self.capabilities = getattr(world, "capabilities", None) or WorldCapabilities.of_drives(
+            self.drives, world.rate_hz, senses=True
+        )
         self._bounds = _bounds(self.capabilities, limits)
         self._path = np.full(len(world.joints), limits.path_rad)
-        self._drives: Drives | None = getattr(world, "drives", None)
         if self._drives is not None and world.kind != "hardware":
             self._path = np.maximum(
                 self._path, _SATURATED * self._drives.torque_nm / self._drives.stiffness_nm_rad
@@ -241,7 +243,7 @@ class SafeWorld:
         """
         if self._drives is not None:
             return self._drives
-        result = Drives.of(self.robot, self.servo, self.robot.source.legs(self.servo))
+        result = Drives.of(self.robot.source.legs(self.servo))
         return replace(result, yields=False)
 
     def reset(
@@ -441,16 +443,6 @@ class SafeWorld:
         if self._first is None or np.abs(state.angles_rad - self._first).max() > _STILL_RAD:
             return False
         return bool(np.count_nonzero(np.abs(state.sent_rad - self._first) > _SENT_RAD) > 1)
-
-
-def capabilities_of(world: World) -> WorldCapabilities:
-    """Capabilities that the world declares; for a simulation those of its servos, and that it feels
-    everything.
-    """
-    can: WorldCapabilities | None = getattr(world, "capabilities", None)
-    if can is not None:
-        return can
-    return WorldCapabilities.of_servos(world.robot, world.servo, world.rate_hz, senses=True)
 
 
 def _bounds(can: WorldCapabilities, limits: Limits) -> tuple[Array, Array, Array]:

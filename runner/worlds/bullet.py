@@ -28,6 +28,7 @@ class BulletWorld(SimulatedWorld):
     """
 
     name = "bullet"
+    lacks = "rotors count as parts of links, dry friction fades below 0.1 rad/s"
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -158,12 +159,10 @@ class BulletWorld(SimulatedWorld):
                 numHeightfieldColumns=len(y),
                 physicsClientId=client,
             )
-            middle = [
-                x.mean(),
-                y.mean(),
-                0.5 * (heights.min() + heights.max()),
-            ]  # where PyBullet has its origin
-            self._still(shape, middle, terrain.friction)
+            middle = np.array(  # where PyBullet has its origin
+                [x.mean(), y.mean(), 0.5 * (heights.min() + heights.max())]
+            )
+            self._still(shape, middle - self._origin_m, terrain.friction)
             return
         for patch in terrain:
             solid = patch.solid
@@ -174,12 +173,14 @@ class BulletWorld(SimulatedWorld):
                 indices=solid.triangles.ravel().tolist(),
                 physicsClientId=client,
             )
-            self._still(shape, middle.tolist(), patch.friction)
+            self._still(shape, middle - self._origin_m, patch.friction)
 
-    def _still(self, shape: int, middle: Sequence[float], friction: float) -> None:
+    def _still(self, shape: int, middle: Array, friction: float) -> None:
         """A body that does not move."""
         bullet, client = self._bullet, self._client
-        body = bullet.createMultiBody(0.0, shape, basePosition=list(middle), physicsClientId=client)
+        body = bullet.createMultiBody(
+            0.0, shape, basePosition=middle.tolist(), physicsClientId=client
+        )
         bullet.changeDynamics(
             body,
             -1,

@@ -8,14 +8,10 @@ from typing import Any, Self
 import numpy as np
 
 from stancekit.planners.arguments import cached_property
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, read_only
-from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
-from stancekit.planners.robot.robot_file import Servo
-from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel
-
-_SLOW_RAD_S = 0.1
-"""Joints that turn faster meet their dry friction, slower ones a part of it [rad/s]."""
+from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel, resisting_nm
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,9 +54,7 @@ class Drives:
                 )
 
     @classmethod
-    def of(
-        cls, robot: Robot, servo: Servo, model: RobotModel, actuators: Actuators | None = None
-    ) -> Self:
+    def of(cls, model: RobotModel, actuators: Actuators | None = None) -> Self:
         """The servo's at every joint that is drawn up; of a robot with a model of its own, its
         file's limits, and a loop as stiff as such a weight needs.
 
@@ -68,10 +62,14 @@ class Drives:
             actuators: in place of either; of those without a loop of their own the loops stay.
 
         Raises:
-            InvalidInput: for a joint without a limit of torque or velocity, and for actuators of
-                other joints.
+            InvalidInput: for a joint that slides, one without a limit of torque or velocity, and
+                for actuators of other joints.
         """
         joints = [joint for leg in model.legs for joint in leg.joints]
+        if sliding := [joint.name for joint in joints if joint.slides]:
+            raise InvalidInput(
+                f"robot {model.name}: expected joints that turn, got {sliding[0]}, which slides"
+            )
         names = tuple(joint.name for joint in joints)
         models = (
             tuple(ActuatorModel.of_joint(joint) for joint in joints)
@@ -109,9 +107,7 @@ class Drives:
 
     def resistance(self, rates_rad_s: Array) -> Array:
         """Torque that joints turn against at these speeds, beside their loops' Kd q̇ [Nm]."""
-        return np.asarray(
-            self.viscous_nms_rad * rates_rad_s + self.dry_nm * np.tanh(rates_rad_s / _SLOW_RAD_S)
-        )
+        return resisting_nm(self.viscous_nms_rad, self.dry_nm, rates_rad_s)
 
     def torque_range(self, rates_rad_s: Array) -> tuple[Array, Array]:
         """The least and the greatest torque at these speeds, shape (J,) each: a joint that is

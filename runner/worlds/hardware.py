@@ -121,7 +121,7 @@ class ReplayWorld(LatchedWorld):
             raise InvalidInput(
                 f"{path}: expected measurements, got none: the run ended before it began"
             )
-        self.drives = _loops(plan, Drives.of(robot, servo, robot.source.legs(servo)), path)
+        self.drives = _loops(plan, Drives.of(robot.source.legs(servo)), path)
         self._sees = bool(plan.get("sees", True))
         self._preloaded = any(each["what"] == LOADED for each in recorded.of("decision"))
         self._row = 0
@@ -218,6 +218,13 @@ class HardwareWorld(LatchedWorld):
         self._kinematics = Kinematics(robot, servo)
         self.armed, self.late, self._open = False, 0, False
         self._sent = np.zeros(len(self.joints))
+
+    def _limits(self, drives: Drives) -> WorldCapabilities:
+        """Limits of these drives, at joints that turn no faster than the robot's file allows."""
+        can = WorldCapabilities.of_drives(drives, self.rate_hz, senses=False)
+        own = self._kinematics.velocity_rad_s
+        slower = np.where(own > 0.0, own, np.inf)
+        return replace(can, velocity_rad_s=np.minimum(can.velocity_rad_s, slower))
 
     def sendable(self, targets_rad: Array) -> Array:
         """The targets as ``step`` would send them now: no farther than a joint turns in a period,

@@ -152,7 +152,7 @@ class MujocoWorld(SimulatedWorld):
         return wrench
 
     def _compiled(self, terrain: Terrain) -> Any:
-        spec, kinds = self.scene(terrain), self._mujoco
+        spec, kinds = self.scene(terrain, self._origin_m), self._mujoco
         wanted = kinds.mjtConDataField.mjCONDATA_FOUND, kinds.mjtConDataField.mjCONDATA_FORCE
         for foot in self.body.feet:
             spec.add_sensor(
@@ -166,15 +166,17 @@ class MujocoWorld(SimulatedWorld):
             )
         return spec.compile() if self.contact is None else self._softened(spec)
 
-    def scene(self, terrain: Terrain) -> Any:
-        """The robot over a terrain, an MjSpec that nobody compiled yet."""
+    def scene(self, terrain: Terrain, origin_m: Array) -> Any:
+        """The robot over a terrain, an MjSpec that nobody compiled yet, whose origin is at this place
+        of the terrain's, shape (3,) [m].
+        """
         spec = self._spec(
             self.body.apart if self._touching is None else (*self.body.apart, *self._touching)
         )
         if self._touching is None:
             self._touching = self._touching_at_rest(spec.compile())
             spec = self._spec((*self.body.apart, *self._touching))
-        self._lay(spec, terrain)
+        self._lay(spec, terrain, origin_m)
         return spec
 
     def _spec(self, apart: Sequence[tuple[str, str]]) -> Any:
@@ -253,7 +255,7 @@ class MujocoWorld(SimulatedWorld):
         )
         return tuple((first, second) for first, second in bodies)
 
-    def _lay(self, spec: Any, terrain: Terrain) -> None:
+    def _lay(self, spec: Any, terrain: Terrain, origin_m: Array) -> None:
         """Every patch as a static convex body, or heights as a field, whose friction counts, not
         the larger of two.
         """
@@ -275,7 +277,7 @@ class MujocoWorld(SimulatedWorld):
                 size=[np.ptp(x) / 2, np.ptp(y) / 2, high - low, _UNDER_M],
                 userdata=((heights.T - low) / (high - low)).ravel().tolist(),
             )
-            middle = [float(x.mean()), float(y.mean()), low]
+            middle = (np.array([x.mean(), y.mean(), low]) - origin_m).tolist()
             spec.worldbody.add_geom(
                 type=kinds.mjGEOM_HFIELD,
                 hfieldname="ground",
@@ -285,7 +287,7 @@ class MujocoWorld(SimulatedWorld):
             )
             return
         for index, patch in enumerate(terrain):
-            spec.add_mesh(name=f"patch_{index}", uservert=patch.solid.corners.ravel())
+            spec.add_mesh(name=f"patch_{index}", uservert=(patch.solid.corners - origin_m).ravel())
             spec.worldbody.add_geom(
                 type=kinds.mjGEOM_MESH,
                 meshname=f"patch_{index}",

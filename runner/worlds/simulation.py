@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Self
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element, SubElement, indent
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.leg import Leg
-from stancekit.planners.robot.meshes import Shape
+from stancekit.planners.robot.meshes import Shape, pose_of, write_pose
 from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, link_inertia
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import RobotModel
@@ -34,11 +34,16 @@ from .world import LatchedWorld, State, Terrain, WorldCapabilities, WorldKind
 _SPECK = 1e-6
 """Share of the robot's mass that a root without one gets: simulators take what weighs nothing for
 what never moves."""
+_GRAIN = 1e-9
+"""The same of any other link, which no simulator takes for anything."""
 _SPECK_M = 0.1
 """Its radius of gyration."""
 LEAST = 1e-6
 """Share of a link's largest principal moment: the smallest that it may have."""
 _ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_FAR_M = 100.0
+"""Farther from the world's origin than this simulators, whose meshes have seven digits, get one of
+their own, at the robot's start."""
 _NEAR = 2
 """Joints between two links of a leg whose shapes, where no SRDF says anything of them, are taken to
 overlap."""
@@ -76,28 +81,19 @@ def simulated_body(
     Arguments:
         mass_share: of all masses and inertias, for robots heavier than their files say.
         rotors_kg_m2: of every joint, shape (J,), added to the inertia of the link that it turns,
-            about every axis so that a simulator takes it for a body's; for those that know no
-            inertia of rotors.
+            about the joint's axis, and the half across, so that a simulator takes it for a body's;
+            for those that know no inertia of rotors.
 
     Raises:
-        InvalidInput: for a model whose legs have joints that slide, and for links with masses or
-            inertias that no body has.
+        InvalidInput: for links with masses or inertias that no body has.
     """
-    if sliding := [joint.name for leg in model.legs for joint in leg.joints if joint.slides]:
-        raise InvalidInput(
-            f"robot {model.name}: expected joints that turn, got {sliding[0]}, which slides"
-        )
     root = deepcopy(model.tree)
     for unseen in ("visual", "transmission", "gazebo", "material"):
         for parent in list(root.iter()):
             for element in parent.findall(unseen):
                 parent.remove(element)
     joints = tuple(name for leg in model.legs for name in leg.joint_names)
-    for joint in root.findall("joint"):
-        if joint.get("name") not in joints:
-            joint.set("type", "fixed")
-        for again in joint.findall("axis")[1:]:  # of which the first counts
-            joint.remove(again)
+    _write_joints(root, model)
     links = {link.get("name", ""): link for link in root.findall("link")}
     hulls, missing = _hulled(links, [shape for shape in model.shapes if shape.collides])
     for leg in model.legs:
@@ -106,13 +102,14 @@ def simulated_body(
     base = next(name for name in links if name not in children)
     _check_weights(root, model)
     _weigh(links, base, model.body.mass_kg, mass_share)
-    turned = dict[str, str]()
-    for joint in root.findall("joint"):
-        turned[joint.get("name", "")] = joint.find("child").get("link", "")  # type: ignore[union-attr]
-    for name, rotor in zip(
-        joints, () if rotors_kg_m2 is None else rotors_kg_m2, strict=rotors_kg_m2 is not None
-    ):
-        _add_rotor(links[turned[name]], float(rotor))
+    if rotors_kg_m2 is not None:
+        rotors = dict(zip(joints, rotors_kg_m2.tolist(), strict=True))
+        for joint in root.findall("joint"):
+            if (name := joint.get("name", "")) in rotors:
+                _add_rotor(links[joint.find("child").get("link", "")], joint, rotors[name])  # type: ignore[union-attr]
+        for inertial in root.findall("link/inertial"):
+            _write_principal(inertial)
+    indent(root)  # PyBullet breaks long lines, wherever that is
     return SimulatedBody(
         urdf=ElementTree.tostring(root, encoding="unicode"),
         hulls=hulls,
@@ -123,6 +120,33 @@ def simulated_body(
         apart=_apart(model, set(links)),
         missing=missing,
     )
+
+
+def _write_joints(root: Element, model: RobotModel) -> None:
+    """Let joints be what the planner takes them for: those of legs have their unit axes, limits,
+    damping and friction, all others are fixed. What torque they bear is their drives' to say.
+    """
+    joints = [
+        each
+        for leg in model.legs
+        for each in zip(leg.joints, leg.chain.axes, leg.turns, strict=True)
+    ]
+    resisted = zip(*model.resistance, strict=True)
+    known = {each[0].name: (*each, *pair) for each, pair in zip(joints, resisted, strict=True)}
+    for element in root.findall("joint"):
+        for child in list(element):
+            if child.tag not in ("parent", "child", "origin"):
+                element.remove(child)
+        element.set("type", "fixed")
+        if (name := element.get("name", "")) in known:
+            joint, axis, turns, damping, friction = known[name]
+            element.set("type", "continuous" if turns else "revolute")
+            SubElement(element, "axis", xyz=" ".join(map(repr, axis.tolist())))
+            if not turns:
+                ends = {"lower": repr(joint.lower_rad), "upper": repr(joint.upper_rad)}
+                SubElement(element, "limit", ends)
+            resisting = {"damping": repr(float(damping)), "friction": repr(float(friction))}
+            SubElement(element, "dynamics", resisting)
 
 
 def _apart(model: RobotModel, links: set[str]) -> tuple[tuple[str, str], ...]:
@@ -239,7 +263,8 @@ def _check_weights(root: Element, model: RobotModel) -> None:
 
 def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float) -> None:
     """Scale all masses, make inertias ones that bodies have, and give the root, and links that are
-    there to have two joints at one place, a speck of mass where they have less.
+    there to have two joints at one place, a speck of mass where they have less; all others that have
+    none get a grain, or PyBullet takes them for 1 kg.
     """
     for link in links.values():
         if (mass := link.find("inertial/mass")) is not None and share != 1.0:
@@ -247,21 +272,40 @@ def _weigh(links: Mapping[str, Element], base: str, mass_kg: float, share: float
         if (inertia := link.find("inertial/inertia")) is not None:
             inertia_given = share * _inertia(inertia)
             _set_inertia(inertia, inertia_given + _rounded_off(inertia_given) * np.eye(3))
-    for link in (links[base], *(link for link in links.values() if link.get(BETWEEN))):
+    for name, link in links.items():
         mass = link.find("inertial/mass")
-        if mass is None or float(mass.get("value", "0")) < _SPECK * mass_kg:
+        least = (_SPECK if name == base or link.get(BETWEEN) else _GRAIN) * mass_kg
+        if mass is None or float(mass.get("value", "0")) < least:
             for inertial in link.findall("inertial"):
                 link.remove(inertial)
             inertial = SubElement(link, "inertial")
-            SubElement(inertial, "mass", {"value": repr(_SPECK * mass_kg)})
-            _set_inertia(
-                SubElement(inertial, "inertia"), _SPECK * mass_kg * _SPECK_M**2 * np.eye(3)
-            )
+            SubElement(inertial, "mass", {"value": repr(least)})
+            _set_inertia(SubElement(inertial, "inertia"), least * _SPECK_M**2 * np.eye(3))
 
 
-def _add_rotor(link: Element, rotor_kg_m2: float) -> None:
-    if (inertia := link.find("inertial/inertia")) is not None:
-        _set_inertia(inertia, _inertia(inertia) + rotor_kg_m2 * np.eye(3))
+def _add_rotor(link: Element, joint: Element, rotor_kg_m2: float) -> None:
+    """Add a rotor's inertia about a joint's axis, and the half of it across, which is the least that
+    a body has.
+    """
+    axis = np.array(joint.find("axis").get("xyz", "").split(), dtype=float)  # type: ignore[union-attr]
+    turn, _ = pose_of(link.find("inertial/origin"), "inertial")
+    axis, inertia = turn.T @ axis, link.find("inertial/inertia")
+    rotor = 0.5 * rotor_kg_m2 * (np.eye(3) + np.outer(axis, axis))
+    _set_inertia(inertia, _inertia(inertia) + rotor)  # type: ignore[arg-type]
+
+
+def _write_principal(inertial: Element) -> None:
+    """Write an inertia along its principal axes: PyBullet takes those with products, even of 1e-21,
+    for other ones, or for none.
+    """
+    origin, inertia = inertial.find("origin"), inertial.find("inertia")
+    turn, place = pose_of(origin, "inertial")
+    if origin is not None:
+        inertial.remove(origin)
+    moments, axes = np.linalg.eigh(_inertia(inertia))  # type: ignore[arg-type]
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    write_pose(inertial, turn @ axes, place)
+    _set_inertia(inertia, np.diag(moments))  # type: ignore[arg-type]
 
 
 def _rounded_off(inertia: Array) -> float:
@@ -281,6 +325,12 @@ def _inertia(element: Element) -> Array:
 def _set_inertia(element: Element, inertia: Array) -> None:
     for key, value in zip(_ENTRIES, inertia[np.triu_indices(3)], strict=True):
         element.set(key, repr(float(value)))
+
+
+def local_origin(position_m: Array, far_m: float) -> Array:
+    """Whole metres at a place that is so far from the world's origin, 0 nearer to it, shape (3,)."""
+    far = bool(np.abs(position_m).max() > far_m)
+    return np.round(position_m) if far else np.zeros(3)
 
 
 PHYSICS_S = 1e-3
@@ -327,7 +377,7 @@ class SimulatedWorld(LatchedWorld):
         if contact is not None:
             contact.check_bears(robot.mass_kg * gravity_m_s2)
         self.contact = contact
-        self.drives = Drives.of(robot, servo, self.model, actuators)
+        self.drives = Drives.of(self.model, actuators)
         self.joints = self.drives.joints
         self.capabilities = WorldCapabilities.of_drives(self.drives, rate_hz, senses=True)
         self._substeps = max(1, round(1.0 / (rate_hz * PHYSICS_S)))
@@ -340,6 +390,7 @@ class SimulatedWorld(LatchedWorld):
         self._felt: deque[Array] = deque()
         self._carried = np.zeros(6)
         self._loads: Array | None = None
+        self._origin_m = np.zeros(3)
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
@@ -371,9 +422,9 @@ class SimulatedWorld(LatchedWorld):
         self._sent, self._loads = np.array(angles_rad, dtype=float), None
         self._waiting = deque([self._sent] * self._late)
         self._felt = deque([np.zeros((len(self.robot.limbs), 3))] * self._felt_late)
-        return self._measured(
-            self._placed(terrain, self._sent - self._offset, position_m, rotation)
-        )
+        self._origin_m = local_origin(position_m, _FAR_M)
+        place = position_m - self._origin_m
+        return self._measured(self._placed(terrain, self._sent - self._offset, place, rotation))
 
     def preload(self, targets_rad: Array) -> bool:
         """After ``reset``: the joints were sent this before, shape (J,) [rad], and press from the
@@ -412,7 +463,10 @@ class SimulatedWorld(LatchedWorld):
         return self._measured(self._advanced(self._waiting.popleft() - self._offset))
 
     def _measured(self, state: State) -> State:
-        """State as the sensors of joints and feet read it."""
+        """State as the sensors of joints and feet read it, in the world."""
+        if self._origin_m.any():
+            place, feet = (self._origin_m + at for at in (state.position_m, state.feet_m))
+            state = replace(state, position_m=place, feet_m=feet)
         if self._perfect:
             return state
         noise = self.imperfections.noise_rad
@@ -425,7 +479,9 @@ class SimulatedWorld(LatchedWorld):
     def _placed(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
-        """The robot at rest in this pose over this terrain; the joints' true angles."""
+        """The robot at rest in this pose over this terrain; the joints' true angles. Position and
+        state are from the simulator's own origin, terrain is in the world.
+        """
 
     @abstractmethod
     def _advanced(self, targets_rad: Array) -> State:

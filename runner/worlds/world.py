@@ -23,7 +23,7 @@ from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.plugins import Registry
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.robot_file import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Ground as Ground
 from stancekit.planners.terrain.patch import Solid
@@ -197,25 +197,6 @@ class WorldCapabilities:
     torque_nm: Array
     has_body_pose: bool
     has_contact_forces: bool
-
-    @classmethod
-    def of_servos(cls, robot: Robot, servo: Servo, rate_hz: float, *, senses: bool) -> Self:
-        """Capabilities of such servos at every joint.
-
-        Arguments:
-            senses: the body's pose and contact forces are measured.
-        """
-        joints, limbs = joint_names(robot), len(robot.limbs)
-        return cls(
-            joints=joints,
-            rate_hz=rate_hz,
-            lower_rad=np.tile(servo.lower_rad, limbs),
-            upper_rad=np.tile(servo.upper_rad, limbs),
-            velocity_rad_s=np.full(len(joints), servo.velocity_rad_s),
-            torque_nm=np.full(len(joints), servo.torque_nm),
-            has_body_pose=senses,
-            has_contact_forces=senses,
-        )
 
     @classmethod
     def of_drives(cls, drives: Drives, rate_hz: float, *, senses: bool) -> Self:

@@ -405,7 +405,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     stancekit.save(plan, folder / "climb.json")
     stancekit.label("wall-3", folder / "rows", rows=(1, 1))
     joints = joint_names(plan.problem.robot)
-    nominal(joints, port="/dev/null").write(folder / "servos.yaml")
+    nominal(plan.problem.robot, port="/dev/null").write(folder / "servos.yaml")
     names = "\n".join(f"  {name}: {{name: {name}}}" for name in joints)
     (folder / "ros.yaml").write_text(f"format: stancekit/ros/1\nrobot: hexapod\njoints:\n{names}\n")
     (folder / "task.yaml").write_bytes(config_path("train-selection.yaml").read_bytes())

@@ -386,7 +386,7 @@ def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_moti
 ) -> None:
     joints = joint_names(hexapod())
     data = asdict(
-        nominal(joints, port="bus", desk=True) if world == "dynamixel" else same_names(joints)
+        nominal(hexapod(), port="bus", desk=True) if world == "dynamixel" else same_names(joints)
     )
     for joint, fields in change.pop("joints", {}).items():
         data["joints"][joint] = None if fields is None else data["joints"][joint] | fields
@@ -520,6 +520,7 @@ SERVOS = '''
 from dataclasses import dataclass
 import numpy as np
 from stancekit.planners.robot.robot_file import joint_names
+from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.world import WorldCapabilities
 from stancekit.runner.worlds.world import LatchedWorld, State
 
@@ -538,7 +539,7 @@ class Servos(LatchedWorld):
         super().__init__()
         self.robot, self.servo, self.rate_hz = settings.robot, settings.servo, settings.rate_hz or 40.0
         self.joints, self.bench = joint_names(self.robot), Bench()
-        self.capabilities = WorldCapabilities.of_servos(self.robot, self.servo, self.rate_hz, senses=False)
+        self.capabilities = WorldCapabilities.of_drives(Drives.of(self.robot.source.legs()), self.rate_hz, senses=False)
 
     def reset(self, terrain, angles_rad, position_m, rotation):
         self.angles, self.pose, self.time_s = np.array(angles_rad), (position_m, rotation), 0.0

@@ -112,7 +112,7 @@ def _plans(folder: Path) -> None:
     )
     _shortened(folder / "long.mcap", folder / "run.mcap")
     joints = joint_names(plan.problem.robot)
-    nominal(joints, port="/dev/none").write(folder / "servos.yaml")
+    nominal(plan.problem.robot, port="/dev/none").write(folder / "servos.yaml")
     same_names(joints, host="127.0.0.1", port=1, timeout_s=0.1).write(folder / "ros.yaml")
 
 

@@ -49,11 +49,12 @@ class Bus:
         angles, link = [float(angle) for angle in self.position.split(",") if angle], self.link
         servos = {"ids": range(1, 1 + len(angles)), "firmware": self.firmware, "seed": self.seed}
         if self.plan is not None:
+            from stancekit.planners.formats.motion_file import read_motion
             from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 
             names, start = start_of(self.plan)
             calibration = (
-                nominal(names, port="bus", desk=True)
+                nominal(read_motion(self.plan)[0].robot, port="bus", desk=True)
                 if self.setup is None
                 else Calibration.from_yaml(self.setup, names)
             )

@@ -14,7 +14,6 @@ import pytest
 
 from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
@@ -36,7 +35,7 @@ def folder_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bus")
     plan = TwoStage().solve(read_course("walls")).solution
     write_motion(path / "plan.json", plan, check_plan(plan))
-    usual = nominal(joint_names(plan.problem.robot), port="bus", latency_ms=40.0)
+    usual = nominal(plan.problem.robot, port="bus", latency_ms=40.0)
     turned = {
         name: replace(
             each,
@@ -83,7 +82,8 @@ def test_without_a_calibration_file_they_are_those_that_a_run_is_tried_with(fold
     with DeviceProcess("bus", "plan.json") as bus:
         state = bus.state()
     assert state["ids"] == list(range(1, 25))
-    shafts = nominal(names, port="bus").shafts(names, angles)
+    robot = read_motion("plan.json")[0].problem.robot
+    shafts = nominal(robot, port="bus").shafts(names, angles)
     np.testing.assert_allclose(state["position_rad"], shafts)
 
 

@@ -186,15 +186,6 @@ def test_the_examples_of_the_protocol_are_accepted() -> None:
         assert operation_wrong(example) is None
 
 
-def test_the_emulated_joints_answer_a_step_as_a_critically_damped_second_order_system() -> None:
-    w = 40.0
-    robot = Controller(["a"], np.zeros(1), bandwidth_rad_s=w, most_rad_s=1e6)
-    robot.load(path(1e-6, [1.0]) | {"joint_names": ["a"]}, "nanosec")
-    robot.advance(0.05)
-    t = robot.now_s
-    assert robot.position[0] == pytest.approx(1.0 - (1.0 + w * t) * np.exp(-w * t), abs=0.05)
-
-
 def test_a_trajectory_with_velocities_is_the_cubic_through_its_points_and_one_without_is_straight() -> (
     None
 ):

@@ -4,7 +4,6 @@ forms.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -123,10 +122,6 @@ def test_the_sdk_pings_reads_and_writes(port: Any) -> None:
     assert packets.read4ByteTxRx(port, 1, 132) == (2048 + round(0.1 * 4096 / (2 * np.pi)), 0, 0)
 
 
-def test_the_sdk_finds_everyone_by_one_ping(port: Any) -> None:
-    assert packets.broadcastPing(port) == ({servo: [1120, 45] for servo in (1, 2, 3, 4)}, 0)
-
-
 def test_sync_reads_fast_or_not_agree_and_indirect_data_are_what_they_point_to(port: Any) -> None:
     answers = []
     for fast in (False, True):
@@ -153,24 +148,6 @@ def test_errors_are_those_of_the_protocol(port: Any) -> None:
     assert error(64, 1, 1) == 0
     assert error(38, 2, 300) == p2.ACCESS  # the EEPROM is locked while the torque is on
     assert error(64, 1, 0) == 0
-
-
-def test_a_damaged_request_is_answered_by_a_crc_error(bus: EmulatedBus, port: Any) -> None:
-    broken = bytearray(p2.packet(1, p2.PING))
-    broken[-1] ^= 1
-    port.clearPort()
-    port.writePort(bytes(broken))
-    time.sleep(0.05)
-    assert bytes(port.readPort(64)) == p2.status(1, p2.BAD_CRC)
-
-
-def test_a_servo_at_another_baud_rate_is_silent(bus: EmulatedBus) -> None:
-    handler = sdk.PortHandler(bus.path)
-    assert handler.setBaudRate(57600)
-    assert packets.ping(handler, 1)[1] == sdk.COMM_RX_TIMEOUT
-    assert handler.setBaudRate(1000000)
-    assert packets.ping(handler, 1)[1] == 0
-    handler.closePort()
 
 
 def alone(**registers: int) -> Servos:

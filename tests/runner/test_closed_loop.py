@@ -25,7 +25,6 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.boxes import boxes_of
 from stancekit.planners.relaxation.envelope import EnvelopeSet, expert_envelopes
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.pieces import Standing, with_pause
@@ -345,11 +344,6 @@ def test_a_push_gives_a_robot_that_falls_the_velocity_that_its_impulse_makes(nam
     assert np.mean(speeds[40:]) == pytest.approx(30.0 * 0.1 / COURSE.robot.mass_kg, rel=0.1)
 
 
-def test_a_push_that_makes_no_sense_is_refused() -> None:
-    with refuses("push.seconds"):
-        Push(force_n=(1.0, 0.0, 0.0), at_s=0.0, seconds=0.0)
-
-
 REPLANNER = TwoStage()
 REPLANNED = read_course("walls", frames=3)
 
@@ -561,7 +555,7 @@ PERIOD_S = 0.005
 
 
 def drives() -> Drives:
-    return Drives.of(hexapod(), Servo(), hexapod().source.legs(Servo()))
+    return Drives.of(hexapod().legs)
 
 
 def state(sent: Array, angles: Array, rates: Array) -> State:

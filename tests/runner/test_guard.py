@@ -20,7 +20,7 @@ from stancekit.runner import acceptance
 from stancekit.runner.acceptance import JointNeeds, thermal_load
 from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.estop import Stopped
-from stancekit.runner.safety.guard import Limits, SafeWorld, capabilities_of
+from stancekit.runner.safety.guard import Limits, SafeWorld
 from stancekit.runner.worlds.world import Actuator, Stoppable, World
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
 from tests.refusals import assert_names, refuses
@@ -321,9 +321,6 @@ def test_a_world_is_an_actuator_by_what_it_can_do() -> None:
 
     with make_world("mujoco", world.robot) as simulated:
         assert not isinstance(simulated, Stoppable)
-        can = capabilities_of(simulated)
-        assert can.joints == simulated.joints
-        assert can.has_body_pose
         safe = SafeWorld(simulated, dry=True)
         assert (safe.real, safe.dry) == (False, False)
 

@@ -17,7 +17,6 @@ import yaml
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.robot_file import Servo
 from stancekit.runner.worlds.ros.bridge import RosLink
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.joint_states import RobotClock, stamp_of, version_of
@@ -91,17 +90,6 @@ def test_directions_and_offsets_are_applied_to_what_is_sent_and_what_is_measured
         np.testing.assert_allclose(
             turned, [0.1 * each.direction for each in joints.values()], atol=5e-3
         )
-
-
-def test_targets_are_clipped_to_limits_and_speed_and_what_was_sent_comes_back() -> None:
-    with armed() as (_, world):
-        state = world.step(START + 1.0)
-        np.testing.assert_allclose(state.sent_rad, START + Servo().velocity_rad_s / world.rate_hz)
-        for _ in range(60):
-            state = world.step(np.full(len(JOINTS), 9.0))
-        np.testing.assert_allclose(state.sent_rad, world.capabilities.upper_rad)
-        with refuses("24"):
-            world.step(np.full(len(JOINTS), np.nan))
 
 
 def wave(world: RosWorld) -> None:
@@ -321,14 +309,6 @@ def written(tmp_path: Path, **changes: object) -> Path:
     same_names(NAMES, estop="/e_stop").write(path)
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | changes, sort_keys=False))
     return path
-
-
-def test_what_is_written_is_read(tmp_path: Path) -> None:
-    setup = RosSetup(
-        ros=1, port=9091, joints={"LF_yaw": RosJoint(name="j1", direction=-1, offset_rad=0.25)}
-    )
-    setup.write(tmp_path / "robot.yaml")
-    assert RosSetup.from_yaml(tmp_path / "robot.yaml", ("LF_yaw",)) == setup
 
 
 def test_angles_go_to_ros_by_direction_and_offset_and_come_back() -> None:

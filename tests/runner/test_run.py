@@ -13,9 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.cli.main import run
-from stancekit.cli.run import RunMotion
-from stancekit.cli.simulate import Simulate
 from stancekit.planners.answer.plan import MARGIN, Plan
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
@@ -29,7 +26,7 @@ from stancekit.planners.search.friction_margin import plan_with_reserve, slipper
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.geometry import LEAST_PUSH, tipping
+from stancekit.planners.verify.geometry import tipping
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.execution import Execution, Tolerance
 from stancekit.runner.log import McapLog, read_log
@@ -378,7 +375,7 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
     course, joints = accepted.plan.problem, joint_names(accepted.plan.problem.robot)
     setup = tmp_path / "setup.yaml"
     for who in (None, "hexapod"):
-        nominal(joints, port="none", robot=who).write(setup)
+        nominal(course.robot, port="none", robot=who).write(setup)
         with make_world("dynamixel", course.robot, setup=setup) as world:
             assert world.joints == joints
         same_names(joints, robot=who).write(setup)
@@ -387,7 +384,7 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
     same_names(joints, robot="ant").write(setup)
     with refuses("setup.yaml", "robot"):
         make_world("ros", course.robot, setup=setup)
-    nominal(joints, port="none", robot="ant").write(setup)
+    nominal(course.robot, port="none", robot="ant").write(setup)
     with refuses("setup.yaml", "robot"):
         make_world("dynamixel", course.robot, setup=setup)
 
@@ -539,10 +536,6 @@ def prepare(tipped: Accepted, **settings: object) -> Prepared:
         return Runner(world, settings=RunSettings(**settings)).prepare(tipped)  # type: ignore[arg-type]
 
 
-def test_run_has_the_limit_of_plan() -> None:
-    assert RunSettings().least_push == LEAST_PUSH
-
-
 def test_a_plan_that_bears_less_is_refused_in_one_line(tipped: Accepted, file: Path) -> None:
     with refuses(file):
         prepare(tipped, least_push=0.9)
@@ -565,51 +558,3 @@ def test_the_verifier_accepts_it(tipped: Accepted) -> None:
     push_n = report.group(MARGIN).figures["push_n"]
     assert tipping(tipped.plan, 1.01 * push_n / tipped.plan.problem.weight_n)
     assert not tipping(tipped.plan, 0.99 * push_n / tipped.plan.problem.weight_n)
-
-
-def test_robots_without_legs_of_a_file_are_not_limited() -> None:
-    plan = TwoStage().solve(read_course("walls", frames=2)).solution
-    assert isinstance(plan, Plan)
-    assert tipping(plan, 1.0) == ""
-
-
-def test_the_command_says_its_own_option(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = run(RunMotion(plan=file, least_push=0.9))
-    said = capsys.readouterr()
-    assert (code, said.out) == (2, "")
-    assert said.err.count("\n") == 1
-    assert "; --least-push 0 runs it all the same" in said.err
-
-
-def test_a_share_out_of_range_is_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(RunMotion(plan=file, least_push=2.0)) == 2
-    assert "--least-push: expected a number in [0, 1], got 2" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (
-            {"contact_stiffness_n_m": -1.0},
-            "--contact-stiffness-n-m: expected a number in (0, 1e+07], got -1",
-        ),
-        (
-            {"contact_damping_ns_m": 5.0},
-            "--contact-damping-ns-m: expected contact_stiffness_n_m with it, got none",
-        ),
-    ],
-)
-def test_ground_that_makes_no_sense_is_named_by_its_option(
-    file: Path, capsys: pytest.CaptureFixture[str], options: dict[str, float], said: str
-) -> None:
-    for verb in (RunMotion(plan=file, **options), Simulate(plan=file, **options)):
-        assert run(verb) == 2
-        err = capsys.readouterr().err
-        assert said in err
-        assert err.count("\n") == 1
-
-
-def test_soft_ground_is_for_simulations(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(RunMotion(plan=file, contact_stiffness_n_m=2e4, world="ros")) == 2
-    said = "--contact-stiffness-n-m: expected a simulated world with it, got ros"
-    assert said in capsys.readouterr().err

@@ -19,7 +19,6 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.runner.acceptance import Accepted
@@ -72,7 +71,7 @@ def light() -> Plan:
 
 
 def test_a_loop_that_is_sent_a_command_gives_the_torque_at_the_angle() -> None:
-    drives = Drives.of(hexapod(), Servo(), hexapod().legs, SERVOS)
+    drives = Drives.of(hexapod().legs, SERVOS)
     q, torque, rate, rising = np.random.default_rng(0).normal(size=(4, 24))
     found = (
         drives.stiffness_nm_rad * (command(drives, q, torque, rate, rising) - q)
@@ -94,7 +93,7 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
     report = Runner(world, settings=RunSettings(blind=True), log=simulated).run(accepted)
     assert report.succeeded, report.message
     with EmulatedBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
-        calibration = nominal(world.joints, port=bus.path, watchdog_s=1.0)
+        calibration = nominal(robot, port=bus.path, watchdog_s=1.0)
         calibration = replace(
             calibration,
             latency_ms=200.0,  # as above

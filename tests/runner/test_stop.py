@@ -21,7 +21,6 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.motion.plan_motion import PlanMotion, Timing
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Tracker
 from stancekit.runner.motion.time_parametrization import BLIND
@@ -45,7 +44,7 @@ ENDINGS = [("hold", "held", True), ("torque-off", "torque off", False)]
 
 
 def calibrated(bus: EmulatedBus) -> Calibration:
-    return replace(nominal(joint_names(ROBOT), port=bus.path, watchdog_s=1.0), latency_ms=40.0)
+    return replace(nominal(ROBOT, port=bus.path, watchdog_s=1.0), latency_ms=40.0)
 
 
 @pytest.fixture(scope="module")

@@ -162,7 +162,7 @@ def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_ver
     """Not the servos': those are of a hexapod, and heavy or light for others."""
     model = model_of(quadruped(effort=60.0))
     kinematics = Kinematics(robot_of(model))
-    drives = Drives.of(kinematics.robot, Servo(), model)
+    drives = Drives.of(model)
     length_m = np.mean([leg.chain.length_m for leg in model.legs])
     np.testing.assert_allclose(kinematics.rotor_kg_m2, 2e-4 * 9.81 * model.body.mass_kg * length_m)
     np.testing.assert_array_equal(drives.rotor_kg_m2, kinematics.rotor_kg_m2)
@@ -637,7 +637,7 @@ def test_what_is_expected_is_of_the_moment_that_comes(step: Callable[[str], Plan
         motion,
         kinematics,
         100.0,
-        drives=Drives.of(kinematics.robot, kinematics.servo, kinematics.model),
+        drives=Drives.of(kinematics.model),
     )
     tracker.start()
     coming = tracker.coming

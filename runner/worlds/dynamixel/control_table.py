@@ -15,8 +15,8 @@ from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import builtin_actuators
-from stancekit.planners.robot.robot_file import JOINTS, Servo
 
 from ..world import SetupFile, own
 
@@ -239,27 +239,26 @@ class Calibration(SetupFile):
         return np.array([servo.direction for servo in servos]) * angles_rad + RAD * zero
 
 
-def nominal(
-    joints: Sequence[str], servo: Servo = Servo(), *, port: str, **settings: Any
-) -> Calibration:
-    """A calibration to start from: ids from 1 in the joints' order, zero at the servo's centre, the
-    robot's limits.
+def nominal(robot: Robot, *, port: str, **settings: Any) -> Calibration:
+    """A calibration to start from: ids from 1 in the joints' order, and the limits of the robot's
+    joints as far as a servo turns. Its centre is a joint's 0, or the middle of limits that are
+    beyond a servo's turn about 0.
     """
-    current_a = MODELS[settings.get("model", "XM540-W270")].current_a / 2.0
-    limits = list(zip(servo.lower_rad, servo.upper_rad, strict=True))
-    return Calibration(
-        port=port,
-        joints={
-            name: JointServo(
-                id=1 + i,
-                lower_rad=limits[i % len(JOINTS)][0],
-                upper_rad=limits[i % len(JOINTS)][1],
-                current_a=round(current_a, 3),
+    current_a = round(MODELS[settings.get("model", "XM540-W270")].current_a / 2.0, 3)
+    joints = dict[str, JointServo]()
+    for leg in robot.source.legs().legs:
+        for joint in leg.joints:
+            low, high = joint.lower_rad, joint.upper_rad
+            far = 0 if max(-low, high) <= np.pi else round(0.5 * (low + high) / RAD)
+            zero = min(max(_CENTRE_TICK - far, 0), TICKS - 1)
+            joints[joint.name] = JointServo(
+                id=1 + len(joints),
+                zero_tick=zero,
+                lower_rad=max(low, (1 - zero) * RAD),
+                upper_rad=min(high, (TICKS - 1 - zero) * RAD),
+                current_a=current_a,
             )
-            for i, name in enumerate(joints)
-        },
-        **settings,
-    )
+    return Calibration(port=port, joints=joints, **settings)
 
 
 class ServoTicks:

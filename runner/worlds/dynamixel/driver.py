@@ -174,10 +174,7 @@ class DynamixelWorld(HardwareWorld):
         servo = servo or robot.servo
         super().__init__(robot, servo, rate_hz)
         drives = Drives.of(
-            robot,
-            servo,
-            self._kinematics.model,
-            actuators or Actuators(joints={"*": calibration.model}),
+            self._kinematics.model, actuators or Actuators(joints={"*": calibration.model})
         )
         stiffer = 1.0 if actuators is not None else calibration.p_gain / table.P_GAIN
         self.drives = replace(
@@ -185,6 +182,7 @@ class DynamixelWorld(HardwareWorld):
             stiffness_nm_rad=stiffer * drives.stiffness_nm_rad,
             damping_nms_rad=stiffer * drives.damping_nms_rad,
             yields=not calibration.desk,
+            assigned=None if calibration.desk else drives.assigned,
         )
         self.calibration = calibration
         calibration.check(self.joints)
@@ -201,7 +199,7 @@ class DynamixelWorld(HardwareWorld):
             latch=self.latch,
             blame=blame,
         )
-        self.capabilities, self.bus_s = self._capable(), 0.0
+        self.capabilities, self.bus_s = self._capable(replaced=actuators is not None), 0.0
         self._judge = MeasurementJudge(self.bus, self.drives.velocity_rad_s)
         self._driven = False  # goals may have been sent that the servos are still on their way to
         self._found: NDArray[np.bool_] | None = (
@@ -386,17 +384,21 @@ class DynamixelWorld(HardwareWorld):
             time.sleep(0.5 * _AGAIN_S)
         raise HardwareFault(f"{seen}; {within}")
 
-    def _capable(self) -> WorldCapabilities:
-        can = WorldCapabilities.of_servos(self.robot, self.servo, self.rate_hz, senses=False)
+    def _capable(self, *, replaced: bool) -> WorldCapabilities:
+        """The robot's own limits, the servos', and the calibration's, whichever are narrower; its
+        file's torques count unless a person replaced them.
+        """
+        can, own = self._limits(self.drives), self._kinematics.torque_nm
         torque = np.array([each.current_a for each in self._servos]) * self._kind.nm_a
-        torque = np.minimum(torque, self.drives.torque_nm)
+        torque = np.minimum(torque, can.torque_nm)
         return replace(
             can,
             lower_rad=np.maximum(can.lower_rad, [each.lower_rad for each in self._servos]),
             upper_rad=np.minimum(can.upper_rad, [each.upper_rad for each in self._servos]),
-            velocity_rad_s=np.minimum(can.velocity_rad_s, self.drives.velocity_rad_s),
             # on a desk that of the robot that is planned for: here it is no load
-            torque_nm=can.torque_nm if self.calibration.desk else np.minimum(torque, can.torque_nm),
+            torque_nm=np.where(np.isfinite(own), own, torque)
+            if self.calibration.desk
+            else np.minimum(torque, np.inf if replaced else own),
         )
 
     def _switch_on(self) -> None:
@@ -420,9 +422,8 @@ class DynamixelWorld(HardwareWorld):
         self.bus.write_all(table.GOAL_CURRENT, self._current)
         self._everywhere(table.POSITION_P_GAIN, self.calibration.p_gain)
         self._everywhere(table.PROFILE_ACCELERATION, 0)
-        self._everywhere(
-            table.PROFILE_VELOCITY, int(self.capabilities.velocity_rad_s[0] / table.RAD_S)
-        )
+        fastest = np.maximum(self.capabilities.velocity_rad_s / table.RAD_S, 1.0)  # 0 is no limit
+        self.bus.write_all(table.PROFILE_VELOCITY, fastest.astype(np.int64))
         state = self._measured(self._watched())
         self._check_angles(state.angles_rad)
         self._send(state.angles_rad)

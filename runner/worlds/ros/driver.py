@@ -28,7 +28,7 @@ from stancekit.planners.robot.robot_file import Servo, joint_names
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import EstopCheck, WorldSettings
-from ..world import State, Terrain, WorldCapabilities
+from ..world import State, Terrain
 from .follow import Follower
 from .robot import POLL_S, RosRobot
 from .setup import RosSetup
@@ -62,15 +62,12 @@ class RosWorld(HardwareWorld):
     ) -> None:
         servo = servo or robot.servo
         super().__init__(robot, servo, rate_hz)
-        drives = Drives.of(robot, servo, self._kinematics.model, actuators)
+        drives = Drives.of(self._kinematics.model, actuators)
         known = actuators is not None and all(
             each.stiffness_nm_rad is not None for each in drives.actuators
         )
         self.drives = replace(drives, yields=known)
-        self.setup, self.capabilities = (
-            setup,
-            WorldCapabilities.of_servos(robot, servo, rate_hz, senses=False),
-        )
+        self.setup, self.capabilities = setup, self._limits(drives)
         self._robot = self._made()
         self._follower = Follower(self._robot)
         self.estop: EstopCheck = "heard"
@@ -297,7 +294,8 @@ class RosWorld(HardwareWorld):
         if worst.max() > 1e-9:
             index = int(np.argmax(worst))
             raise InvalidInput(
-                f"{self.joints[index]}: expected up to {self.servo.velocity_rad_s:g} rad/s, got "
+                f"{self.joints[index]}: expected up to "
+                f"{self.capabilities.velocity_rad_s[index]:g} rad/s, got "
                 f"{np.abs(rates[:, index]).max():.3g}"
             )
 

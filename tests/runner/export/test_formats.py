@@ -16,15 +16,18 @@ import pytest
 import yaml
 
 import stancekit
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit.planners.answer.plan import LeapPlan, MotionTable, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.table_file import csv_of, read_table
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.legged import walking_robot
-from stancekit.runner.export.formats import FORMATS, Moved, beside, moved_of
+from stancekit.planners.robot.robot_file import robot_of
+from stancekit.planners.verify.motions import check_motion
+from stancekit.runner.export.formats import FORMATS, Moved, moved_of, read_keys
 from stancekit.runner.motion.time_parametrization import streamed
+from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
 
 
@@ -158,6 +161,29 @@ def test_a_plans_key_frames_have_their_names(plan: Plan, tmp_path: Path) -> None
     assert [name.partition(", ")[2] for name in named] == ["frame 0", "frame 1", "frame 2"]
 
 
+def test_a_file_for_mujoco_is_right_to_a_hundredth_of_a_millimetre_anywhere(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved, at = moved_of(plan, "mujoco", 50.0), np.array([5e4 + 0.1234567, -9e5, 7.0])
+    there = [replace(patch, vertices_m=patch.vertices_m + at) for patch in moved.terrain]
+    table = replace(moved.table, origin_m=moved.table.origin_m + at)
+    places = []
+    for name, each in (("near", moved), ("far", replace(moved, table=table, terrain=there))):
+        FORMATS["mujoco"].write(each, tmp_path / f"{name}.xml")
+        read = read_keys(tmp_path / f"{name}.xml")
+        np.testing.assert_allclose(read.origin_m, each.table.origin_m, rtol=0.0, atol=1e-9)
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{name}.xml"))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 9)
+        mujoco.mj_kinematics(model, data)
+        places.append(data.geom_xpos - data.qpos[:3])
+    np.testing.assert_allclose(places[1], places[0], rtol=0.0, atol=1e-5)
+    monkeypatch.setattr("stancekit.runner.export.formats._OFF_M", 1e-12)
+    with refuses("mujoco"):
+        FORMATS["mujoco"].write(moved, tmp_path / "none.xml")
+    assert not (tmp_path / "none.xml").exists()
+
+
 def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
     moved: Moved, tmp_path: Path
 ) -> None:
@@ -208,18 +234,6 @@ def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Trajectory) -> No
     assert not [name for name in header if name.startswith("q.")]
     with refuses("reference"):
         moved_of(boxes, "reference")
-
-
-def test_a_name_beside_the_input_is_none_of_its_own(tmp_path: Path) -> None:
-    names = {to: beside(tmp_path / "walk.json", to).name for to in FORMATS}
-    assert names == {
-        "csv": "walk.csv",
-        "npz": "walk.motion.npz",
-        "jointtrajectory": "walk.jointtrajectory.json",
-        "mujoco": "walk.xml",
-        "reference": "walk.reference.npz",
-        "foxglove": "walk.mcap",
-    }
 
 
 def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> None:
@@ -330,6 +344,25 @@ def test_a_leap_of_a_robot_with_legs_leaves_with_its_joints(tmp_path: Path) -> N
     assert len(table.joints) == 12
     assert np.isfinite(table.angles_rad).all()
     assert np.ptp(table.angles_rad, axis=0).max() > 0.3
+
+
+def test_torques_that_leave_turn_joints_against_their_damping_and_friction(tmp_path: Path) -> None:
+    tables, stiff = list[MotionTable](), 'velocity="10"/><dynamics damping="1" friction="2"/>'
+    for name, text in (
+        ("free", quadruped()),
+        ("stiff", quadruped().replace('velocity="10"/>', stiff)),
+    ):
+        (tmp_path / f"{name}.urdf").write_text(text)
+        robot = robot_of(tmp_path / f"{name}.urdf")
+        walk = stancekit.walk("rough:0:0", (0.2, 0.0), robot=robot, duration_s=2.0).solution
+        moved = moved_of(walk, "npz", 100.0)
+        tables.append(moved.table)
+    free, stiffer = tables
+    against = free.rates_rad_s + 2.0 * np.tanh(free.rates_rad_s / 0.1)
+    np.testing.assert_allclose(stiffer.torques_nm - free.torques_nm, against, atol=1e-9)
+    assert np.abs(against).max() > 3.0
+    groups = check_motion(stiffer, robot, moved.terrain)
+    assert groups.group("effort").worst < 0.1
 
 
 KP_NM_RAD, KD_NMS_RAD = 200.0, 4.0
