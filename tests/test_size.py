@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3167, 43722),
     "learners": (5514, 80034),
-    "planners": (35052, 562632),
+    "planners": (35052, 562631),
     "runner": (7159, 95401),
     "views": (4522, 70411),
 }

@@ -43,7 +43,7 @@ def _columns_of(table: MotionTable) -> dict[str, Array]:
     """The numbers of a table by the names of their columns, in order, each of shape (T,)."""
     known = table.known()
     places = _places(table.joints, table.limbs, known)
-    return {name: known[key][(slice(None), *place)] for name, (key, place) in places.items()}
+    return {name: known[key].T[place[::-1]] for name, (key, place) in places.items()}
 
 
 def csv_of(table: MotionTable) -> bytes:
@@ -230,7 +230,7 @@ def _number(part: str, place: str, name: str) -> float:
     with suppress(ValueError):
         if math.isfinite(number := float(part)):
             return number
-    raise InvalidInput(f"{place} {name}: expected a finite number, got {shown(part, 40)}")
+    raise InvalidInput(f"{place} {name}: expected a finite number, got {shown(part)}")
 
 
 def _truths(numbers: NDArray[Any], where: str) -> NDArray[np.bool_]:
