@@ -27,7 +27,7 @@ class Export:
       jointtrajectory  ROS 2's trajectory_msgs/JointTrajectory, .json or .yaml
       mujoco           MJCF of robot and terrain, with a key frame per row
       reference        the .npz that mjlab's tracking task reads
-      foxglove         MCAP: sensor_msgs/JointState and Foxglove's schemas, and a layout (extra viz)
+      foxglove         MCAP of ROS 2's messages, for Foxglove, too (extra viz)
       minari           one-step episodes of EnvelopeSelection-v0, of a data set of `stancekit label`
 
       stancekit export plan.json --to csv

@@ -31,7 +31,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 
 _ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
 _INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
-"""Entries of the step's info that an episode keeps, each of shape (1,)."""
+"""Entries of the info before and after the step that an episode keeps, each of shape (2, 1)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,8 +116,8 @@ def export(
     episodes = []
     for index, row in enumerate(rows.rows()):
         source.deal([_scene(row)])
-        observation, _ = env.reset(seed=0 if index == 0 else None)
-        episodes.append(_episode(minari, env, index, observation, expert_action(row, room)))
+        shown = env.reset(seed=0 if index == 0 else None)
+        episodes.append(_episode(minari, env, index, shown, expert_action(row, room)))
         if progress is not None:
             progress(index + 1, len(rows))
     with replaced(out, folder=True) as partial:
@@ -145,7 +145,7 @@ def export(
         episodes=len(episodes),
         mean_reward=float(np.mean([episode.rewards[0] for episode in episodes])),
         agreement=float(
-            np.mean([e.infos["label"][0, 0] == e.infos["p1_feasible"][0, 0] for e in episodes])
+            np.mean([e.infos["label"][1, 0] == e.infos["p1_feasible"][1, 0] for e in episodes])
         ),
     )
 
@@ -204,10 +204,11 @@ def _episode(
     minari: Any,
     env: EnvelopeSelectionEnv,
     index: int,
-    observation: dict[str, NDArray[np.float32]],
+    shown: tuple[dict[str, NDArray[np.float32]], dict[str, Any]],
     action: NDArray[np.float32],
 ) -> Any:
-    """One step as Minari keeps it: T actions and T + 1 observations, with T = 1."""
+    """One step as Minari keeps it: T actions, T + 1 observations and infos, with T = 1."""
+    observation, before = shown
     after, reward, terminated, truncated, info = env.step(action)
     return minari.data_collector.EpisodeBuffer(
         id=index,
@@ -216,7 +217,7 @@ def _episode(
         rewards=[reward],
         terminations=[terminated],
         truncations=[truncated],
-        infos={name: np.array([[info[name]]]) for name in _INFOS},
+        infos={name: np.array([[before[name]], [info[name]]]) for name in _INFOS},
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked_name
+from ..files.arrays import Array, checked_name, grain
 from ..files.documents import shown
 from ..problem import Problem
 from ..problem.leap import Leap
@@ -27,10 +27,10 @@ OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
 """Arrays with a column per joint, and what the columns' names begin with."""
 OF_LIMBS = {"contact": "contact", "forces_n": "force", "feet_m": "foot"}
 """The same of those with a column, or three, per limb."""
-_LARGEST = 1e9
-"""No place, speed or force of a motion is larger."""
-_EVEN = 1e-4
-"""Times are a uniform grid to this share of a step; files round them."""
+_LARGEST = 1e10
+"""No place, speed or force of a motion is larger, nor seconds since 1970 for some centuries."""
+_EVEN = 0.1
+"""Times are those of a uniform grid to this share of a step: stamps of logs jitter."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +39,8 @@ class MotionTable:
 
     Arguments:
         joints, limbs: their names, in the order of the columns.
-        time_s: shape (T,) [s].
+        time_s: shape (T,) [s], as the file has them: rounded, and off the grid by as much as the
+            stamps of a log jitter.
         angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J) [rad], [rad/s], [Nm].
         origin_m: of the body's link, world frame, shape (T, 3).
         quaternion: R_WB of the body's link as w, x, y, z, shape (T, 4).
@@ -97,7 +98,7 @@ class MotionTable:
     @property
     def rate_hz(self) -> float:
         """Rows per second."""
-        return float((len(self.time_s) - 1) / (self.time_s[-1] - self.time_s[0]))
+        return 1.0 / _grid(self.time_s)[0]
 
     @property
     def rotation(self) -> Array:
@@ -144,9 +145,16 @@ def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
     }
 
 
+def _grid(times_s: Array) -> tuple[float, Array]:
+    """The step of the uniform grid nearest to times [s], and their distances from it, shape (T,)."""
+    rows, since = np.arange(len(times_s)) - 0.5 * (len(times_s) - 1), times_s - times_s[0]
+    step = float(rows @ since / (rows @ rows))
+    return step, np.abs(since - since.mean() - step * rows)
+
+
 def _check_times(times_s: Array) -> None:
-    """Raise InvalidInput for times that are no uniform grid: fewer than two, backwards, with
-    gaps.
+    """Raise InvalidInput for fewer than two times, and for such that are no uniform grid, to a
+    share of a step, or to the digits that the file has where these are less than half of one.
     """
     if len(times_s) < 2:
         raise InvalidInput(f"time_s: expected two rows or more, got {len(times_s)}")
@@ -157,14 +165,14 @@ def _check_times(times_s: Array) -> None:
             f"time_s: row {row + 1}: expected times that increase, got {times_s[row]:g} s then "
             f"{times_s[row + 1]:g} s"
         )
-    usual = float(np.median(steps))
-    off = np.abs(steps - usual)
-    if float(off.max()) > _EVEN * usual:
-        row = int(off.argmax())
+    step, off = _grid(times_s)
+    unit = grain(times_s)
+    if float(off.max()) > max(_EVEN * step, 0.55 * unit if 2.0 * unit <= step else 0.0):
+        usual = float(np.median(steps))
+        row = int(np.abs(steps - usual).argmax())
         raise InvalidInput(
             f"time_s: row {row + 1}: expected a uniform grid, got a gap of {steps[row]:.6g} s at "
-            f"{times_s[row]:g} s "
-            f"where others are {usual:.6g} s"
+            f"{times_s[row]:g} s where others are {usual:.6g} s"
         )
 
 

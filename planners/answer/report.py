@@ -397,7 +397,8 @@ class Report(Generic[S]):
         where = f" ({first.where})" if first.where else ""
         unit = "" if first.unit == "1" else f" {first.unit}"
         also = f"; also {', '.join(group.name for group in rest)}" if rest else ""
-        return f"rejected: {first.name}{where} {first.value:.3g}{unit}{when}, limit {first.limit:.3g}{unit}{also}"
+        why = f"; {first.message}" if first.message else ""
+        return f"rejected: {first.name}{where} {first.value:.3g}{unit}{when}, limit {first.limit:.3g}{unit}{also}{why}"
 
     def _footing_line(self) -> str:
         """Line on how sure the feet of a walk stand."""

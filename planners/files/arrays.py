@@ -59,7 +59,7 @@ def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
     except InvalidInput:
         raise
     except Exception as error:  # zip, zlib and numpy's headers raise whatever struck them
-        raise InvalidInput(f"{where}: {_SAID}: {_told(error)}") from None
+        raise InvalidInput(f"{where}: {_SAID}: {told(error)}") from None
 
 
 def array_of(content: bytes, where: str) -> NDArray[Any]:
@@ -70,7 +70,7 @@ def array_of(content: bytes, where: str) -> NDArray[Any]:
     try:
         return _array(io.BytesIO(content), len(content))
     except Exception as error:  # as above
-        raise InvalidInput(f"{where}: {_SAID}: {_told(error)}") from None
+        raise InvalidInput(f"{where}: {_SAID}: {told(error)}") from None
 
 
 def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
@@ -119,7 +119,8 @@ def _array(stream: IO[bytes], size: int) -> NDArray[Any]:
     return np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if by_column else "C")
 
 
-def _told(error: Exception) -> str:
+def told(error: Exception) -> str:
+    """Words of another library's error on one line, else its name."""
     return f"{' '.join(str(error).split()) or type(error).__name__:.120}"
 
 
@@ -131,6 +132,19 @@ _LONGEST_NAME = 200
 LARGEST = 1e6
 """No length [m], mass [kg], force [N] or ratio of a legged robot exceeds this; a larger one is a
 mistake in units."""
+
+
+def grain(numbers: Array) -> float:
+    """The unit to which all of these numbers are rounded: of one to nine decimals, else that of the
+    precision, single or double, which holds the largest of them.
+    """
+    largest, single = np.abs(numbers).max(initial=0.0), numbers.astype(np.float32)
+    unit = float(np.spacing(np.float32(largest) if (single == numbers).all() else largest))
+    for decimals in range(1, 10):
+        fine = 10.0**-decimals > 4.0 * unit
+        if fine and (np.abs(numbers - np.round(numbers, decimals)) <= unit).all():
+            return 10.0**-decimals
+    return unit
 
 
 def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Array:

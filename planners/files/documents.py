@@ -104,11 +104,27 @@ class _Once(_Parser):  # type: ignore[misc]
         return mapping
 
 
-_Once.add_implicit_resolver(  # 1e-3 is a number, as in YAML 1.2
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("+-.0123456789"),
-)
+class _Quoting(yaml.SafeDumper):
+    """Quotes texts that are numbers to the reader."""
+
+
+for _class in (_Once, _Quoting):
+    _class.add_implicit_resolver(  # 1e-3 is a number, as in YAML 1.2
+        "tag:yaml.org,2002:float",
+        re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+        list("+-.0123456789"),
+    )
+
+
+def yaml_of(data: Any, *, flow: bool | None = None, width: int = 110) -> str:
+    """The YAML text from which ``read_yaml`` reads these values, in this order.
+
+    Arguments:
+        flow: None for lists and mappings without others in them on one line each, False for none.
+        width: letters of a line.
+    """
+    return yaml.dump(data, Dumper=_Quoting, sort_keys=False, default_flow_style=flow, width=width)
+
 
 _MOST_ERRORS = 20
 """So many are told of a file; that there are more is said."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -21,8 +22,8 @@ from numpy.typing import NDArray
 
 from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 from ..errors import InvalidInput
-from ..files.arrays import Array, read_archive
-from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown
+from ..files.arrays import Array, read_archive, read_only
+from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown, yaml_of
 
 _AXES = "xyz"
 _OF_BODY = {
@@ -42,12 +43,7 @@ def _columns_of(table: MotionTable) -> dict[str, Array]:
     """The numbers of a table by the names of their columns, in order, each of shape (T,)."""
     known = table.known()
     places = _places(table.joints, table.limbs, known)
-
-    def column(key: str, place: tuple[int, ...]) -> Array:
-        at: Any = (slice(None), *place)
-        return np.asarray(known[key][at])
-
-    return {name: column(*where) for name, where in places.items()}
+    return {name: known[key].T[place[::-1]] for name, (key, place) in places.items()}
 
 
 def csv_of(table: MotionTable) -> bytes:
@@ -58,10 +54,11 @@ def csv_of(table: MotionTable) -> bytes:
     columns, text = _columns_of(table), io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    whole = {name for name in columns if name.startswith("contact.")}
-    kinds: list[Callable[[Any], Any]] = [int if name in whole else float for name in columns]
-    for row in np.column_stack([column.astype(np.float64) for column in columns.values()]).tolist():
-        writer.writerow([kind(number) for kind, number in zip(kinds, row, strict=True)])
+    kinds = [int if name.startswith("contact.") else float for name in columns]
+    rows = np.column_stack([column.astype(np.float64) for column in columns.values()]).tolist()
+    writer.writerows(
+        [kind(number) for kind, number in zip(kinds, row, strict=True)] for row in rows
+    )
     return text.getvalue().encode()
 
 
@@ -85,13 +82,12 @@ def joint_trajectory(table: MotionTable) -> dict[str, Any]:
     if "angles_rad" not in known:
         raise InvalidInput("jointtrajectory: expected a motion with joints, got one without")
     rows = {key: known[name].tolist() for key, name in _OF_POINTS.items() if name in known}
-    points = []
-    for k, time_s in enumerate(table.time_s.tolist()):
-        sec, nanosec = divmod(round(time_s * _NANO), _NANO)
-        points.append(
-            {key: row[k] for key, row in rows.items()}
-            | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
-        )
+    moments = [divmod(round(time_s * _NANO), _NANO) for time_s in table.time_s.tolist()]
+    points = [
+        {key: row[k] for key, row in rows.items()}
+        | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
+        for k, (sec, nanosec) in enumerate(moments)
+    ]
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
     return {"header": header, "joint_names": list(table.joints), "points": points}
 
@@ -101,13 +97,9 @@ def joint_trajectory_bytes(table: MotionTable, suffix: str) -> bytes:
     JSON.
     """
     message = joint_trajectory(table)
-    if suffix not in (".yaml", ".yml"):
+    if suffix not in YAML:
         return (json.dumps(message) + "\n").encode()
-    import yaml
-
-    return yaml.safe_dump(
-        message, default_flow_style=None, sort_keys=False, width=1_000_000
-    ).encode()
+    return yaml_of(message, width=1_000_000).encode()
 
 
 def is_table(path: str | Path, data: object) -> bool:
@@ -132,22 +124,19 @@ def read_table(path: str | Path) -> MotionTable:
 
     Raises InvalidInput, with what is wrong.
     """
+    readers: dict[str, Callable[[Path], MotionTable]] = {
+        ".csv": lambda path: _from_csv(read_text(path), str(path)),
+        ".npz": _from_npz,
+        ".json": lambda path: _from_joint_trajectory(read_json(path), str(path)),
+        **dict.fromkeys(YAML, lambda path: _from_joint_trajectory(read_yaml(path), str(path))),
+    }
     path = Path(path)
+    if path.suffix not in readers:
+        raise InvalidInput(f"{path}: expected a motion as .csv, .npz, .json or .yaml")
     try:
-        match path.suffix:
-            case ".csv":
-                return _from_csv(read_text(path), str(path))
-            case ".npz":
-                return _from_npz(path)
-            case ".json":
-                return _from_joint_trajectory(read_json(path), str(path))
-            case ".yaml" | ".yml":
-                return _from_joint_trajectory(read_yaml(path), str(path))
+        return readers[path.suffix](path)
     except InvalidInput as error:
-        raise InvalidInput(
-            str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
-        ) from None
-    raise InvalidInput(f"{path}: expected a motion as .csv, .npz, .json or .yaml")
+        raise InvalidInput(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 def _places(
@@ -174,17 +163,10 @@ def _from_csv(text: str, where: str) -> MotionTable:
     lines = csv.reader(io.StringIO(text))
     names = [name.strip() for name in next(lines, [])]
     joints, limbs = _named(names, where)
-    rows = list(_rows(lines, len(names), where))
+    rows = list(_rows(lines, names, where))
     if not rows:
         raise InvalidInput(f"{where}: expected rows below the header, got none")
-    numbers = np.array(rows)
-    if not np.isfinite(numbers).all():
-        row, column = np.argwhere(~np.isfinite(numbers))[0].tolist()
-        got = numbers[row, column]
-        raise InvalidInput(
-            f"{where}: row {row + 1}, column {names[column]}: expected a finite number, got {got}"
-        )
-    columns = dict(zip(names, numbers.T, strict=True))
+    columns = dict(zip(names, np.array(rows).T, strict=True))
     arrays = dict[str, Any]()
     for key, shape in shapes(len(rows), len(joints), len(limbs)).items():
         wanted = [name for name, (of, _) in _places(joints, limbs, (key,)).items() if of == key]
@@ -233,34 +215,28 @@ def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str
     return tuple(joints), tuple(limbs)
 
 
-def _rows(lines: Iterator[list[str]], count: int, where: str) -> Iterator[list[float]]:
+def _rows(lines: Iterator[list[str]], names: Sequence[str], where: str) -> Iterator[list[float]]:
     for number, line in enumerate(lines, 1):
-        if not line:
-            continue
-        if len(line) != count:
-            raise InvalidInput(f"{where}: row {number}: expected {count} numbers, got {len(line)}")
-        try:
-            yield [float(part) for part in line]
-        except ValueError:
-            bad = next(part for part in line if not _is_number(part))
+        if line and len(line) != len(names):
             raise InvalidInput(
-                f"{where}: row {number}: expected numbers, got {bad!r:.40}"
-            ) from None
+                f"{where}: row {number}: expected {len(names)} numbers, got {len(line)}"
+            )
+        if line:
+            place = f"{where}: row {number}, column"
+            yield [_number(part, place, name) for part, name in zip(line, names, strict=True)]
 
 
-def _is_number(part: str) -> bool:
-    try:
-        float(part)
-    except ValueError:
-        return False
-    return True
+def _number(part: str, place: str, name: str) -> float:
+    with suppress(ValueError):
+        if math.isfinite(number := float(part)):
+            return number
+    raise InvalidInput(f"{place} {name}: expected a finite number, got {shown(part)}")
 
 
 def _truths(numbers: NDArray[Any], where: str) -> NDArray[np.bool_]:
-    if not np.isin(numbers, (0, 1)).all():
-        raise InvalidInput(
-            f"{where}: contact: expected 0 or 1, got {numbers[~np.isin(numbers, (0, 1))][0]:g}"
-        )
+    odd = numbers[~np.isin(numbers, (0, 1))]
+    if odd.size:
+        raise InvalidInput(f"{where}: contact: expected 0 or 1, got {odd[0]:g}")
     return np.asarray(numbers == 1)
 
 
@@ -307,7 +283,7 @@ def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
             continue
         arrays[name] = np.array(
             [
-                _numbers(point.get(key), len(names), f"{where}: points[{k}].{key}")
+                read_only(point.get(key), (len(names),), f"{where}: points[{k}].{key}")
                 for k, point in enumerate(points)
             ]
         )
@@ -319,23 +295,10 @@ def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
 def _seconds(point: Mapping[str, Any], k: int, where: str) -> float:
     """When a point is reached; ROS 1 calls the parts secs and nsecs, ROS 2 sec and nanosec."""
     time = point.get("time_from_start")
-    pairs = (("sec", "nanosec"), ("secs", "nsecs"))
     if isinstance(time, Mapping):
-        for whole, part in pairs:
+        for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
             if isinstance(time.get(whole), int) and isinstance(time.get(part, 0), int):
                 return float(time[whole]) + float(time.get(part, 0)) / _NANO
     raise InvalidInput(
         f"{where}: points[{k}].time_from_start: expected sec and nanosec, got {shown(time)}"
     )
-
-
-def _numbers(value: Any, count: int, where: str) -> list[float]:
-    if not isinstance(value, list) or len(value) != count:
-        raise InvalidInput(f"{where}: expected {count} numbers, got {shown(value, 40)}")
-    try:
-        numbers = [float(each) for each in value]
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{where}: expected numbers, got {shown(value, 40)}") from None
-    if not np.isfinite(numbers).all():
-        raise InvalidInput(f"{where}: expected finite numbers, got {shown(value, 40)}")
-    return numbers

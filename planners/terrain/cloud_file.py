@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InvalidInput, not_installed
-from ..files.arrays import Array, array_of
+from ..files.arrays import Array, array_of, told
 from ..files.documents import read_bytes
 from .grid_file import table
 from .mesh_file import MOST_BYTES
@@ -75,9 +75,5 @@ def _of_pcd(content: bytes, path: Path) -> Array:
             return np.asarray(cloud.numpy(("x", "y", "z")), dtype=np.float64)
     except Exception as error:  # as above
         raise InvalidInput(
-            f"{path}: expected points, which pypcd4 cannot read: {_told(error)}"
+            f"{path}: expected points, which pypcd4 cannot read: {told(error)}"
         ) from None
-
-
-def _told(error: Exception) -> str:
-    return f"{' '.join(str(error).split()) or type(error).__name__:.120}"

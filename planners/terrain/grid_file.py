@@ -140,10 +140,19 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
                     f"{path}: expected {MOST_POINTS} pixels or fewer, got "
                     f"{image.width * image.height}"
                 )
-            deep = image.mode.startswith("I")
+            deep, clear = image.mode.startswith("I"), image.info.get("transparency")
+            bits, kind = content[24:26]
+            if (bits == 16 and kind) or (bits in (2, 4) and not kind and clear is not None):
+                raise InvalidInput(
+                    f"{path}: expected heights of 16 bits in grey alone, and holes (tRNS) among 1, "
+                    f"8 or 16 bits of grey, got {bits} bits of color type {kind}"
+                )
             grey = np.asarray(image if deep else image.convert("L"), dtype=np.float64)
-            if "A" in image.getbands():
-                grey = np.where(np.asarray(image.getchannel("A")) == 255, grey, np.nan)
+            if deep and clear is not None:
+                grey = np.where(grey == clear, np.nan, grey)
+            elif clear is not None or "A" in image.getbands():
+                alpha = np.asarray(image.convert("RGBA").getchannel("A"))
+                grey = np.where(alpha == 255, grey, np.nan)
     except InvalidInput:
         raise
     except Exception as error:  # Pillow raises many kinds on broken files

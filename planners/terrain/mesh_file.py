@@ -41,10 +41,9 @@ def read_corners(
     try:
         with np.errstate(all="ignore"):  # absurd magnitudes end as corners that are not finite
             corners, triangles = READERS[suffix](content, most_triangles)
-    except TooMany as error:
-        raise InvalidInput(f"{path}: {error}; {hint}") from None
     except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from None
+        then = f"; {hint}" if isinstance(error, TooMany) else ""
+        raise InvalidInput(f"{path}: {error}{then}") from None
     if len(triangles) == 0:
         raise InvalidInput(f"{path}: expected a mesh with triangles, got an empty one")
     if not np.all((triangles >= 0) & (triangles < len(corners))):

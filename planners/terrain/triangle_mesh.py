@@ -130,12 +130,7 @@ class TriangleMesh:
             corners, triangles = _welded(options.placed(corners), triangles)
         if len(triangles) == 0:
             raise InvalidInput(f"{name}: expected a mesh with triangles, got an empty one")
-        if options.crop_m is not None:
-            corners, triangles = _cropped(corners, triangles, options.box_m)
-            if len(triangles) == 0:
-                raise InvalidInput(
-                    f"{name}: crop_m: expected some of the mesh inside, got none of it"
-                )
+        corners, triangles = _cropped(corners, triangles, options, name)
         triangles, rooms = one_sided(corners, triangles)
         if rooms:
             doubt(
@@ -168,14 +163,7 @@ class TriangleMesh:
         """
         with np.errstate(all="ignore"):
             corners = options.placed(corners)
-        if options.crop_m is not None:
-            low, high = corners[triangles].min(axis=1), corners[triangles].max(axis=1)
-            meets = np.all((high >= options.box_m[0]) & (low <= options.box_m[1]), axis=1)
-            corners, triangles = _cropped(corners, triangles[meets], options.box_m)
-            if len(triangles) == 0:
-                raise InvalidInput(
-                    f"{name}: crop_m: expected some of the mesh inside, got none of it"
-                )
+        corners, triangles = _cropped(corners, triangles, options, name)
         return cls(corners_m=corners, triangles=triangles, name=name)
 
     @classmethod
@@ -240,13 +228,20 @@ def _welded(corners: Array, triangles: NDArray[np.int_]) -> tuple[Array, NDArray
 
 
 def _cropped(
-    corners: Array, triangles: NDArray[np.int_], box: Array
+    corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str
 ) -> tuple[Array, NDArray[np.int_]]:
-    """Part inside a box, with triangles cut at its sides."""
+    """Part inside the box, where there is one, with triangles cut at its sides.
+
+    Raises InvalidInput for none.
+    """
+    if options.crop_m is None:
+        return corners, triangles
     from trimesh.intersections import slice_faces_plane
 
     sliced: Any = slice_faces_plane
-
+    box = options.box_m
+    low, high = corners[triangles].min(axis=1), corners[triangles].max(axis=1)
+    triangles = triangles[np.all((high >= box[0] - _WELD_M) & (low <= box[1] + _WELD_M), axis=1)]
     for axis in range(3):
         for sign, at in ((1.0, box[0, axis]), (-1.0, box[1, axis])):
             if not np.isfinite(at) or not len(triangles):
@@ -255,7 +250,10 @@ def _cropped(
             normal, origin = sign * np.eye(3)[axis], (at - sign * _WELD_M) * np.eye(3)[axis]
             corners, triangles, *_ = sliced(corners, triangles, normal, origin)
     inside = np.clip(np.asarray(corners, dtype=np.float64), *box)
-    return _welded(inside, np.asarray(triangles, dtype=np.int_).reshape(-1, 3))
+    corners, triangles = _welded(inside, np.asarray(triangles, dtype=np.int_).reshape(-1, 3))
+    if len(triangles) == 0:
+        raise InvalidInput(f"{name}: crop_m: expected some of the mesh inside, got none of it")
+    return corners, triangles
 
 
 def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:

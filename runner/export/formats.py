@@ -16,7 +16,7 @@ from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked
-from stancekit.planners.files.writing import check_writable, replaced, write_bytes
+from stancekit.planners.files.writing import replaced, write_bytes
 from stancekit.planners.formats.table_file import (
     csv_of,
     joint_trajectory_bytes,
@@ -240,8 +240,8 @@ def read_keys(path: Path) -> MotionTable:
         raise InvalidInput(f"{path}: {error}") from None
 
 
-def _reference_of(moved: Moved) -> dict[str, Any]:
-    """The arrays by name.
+def _reference_bytes(moved: Moved) -> bytes:
+    """The file's content.
 
     Raises InvalidInput without MuJoCo.
     """
@@ -283,22 +283,13 @@ def _reference_of(moved: Moved) -> dict[str, Any]:
         "contact": known["contact"],
         "force": known["forces_n"],
     }
-    words = {
+    words: dict[str, Any] = {
         "joint_names": names,
         "body_names": [model.body(body).name for body in bodies],
         "limb_names": table.limbs,
     }
-    return {
-        "fps": np.array([fps]),
-        **arrays,
-        **{name: np.array(word) for name, word in words.items()},
-    }
-
-
-def _reference_bytes(moved: Moved) -> bytes:
-    """The file's content."""
     held = io.BytesIO()
-    np.savez(held, **_reference_of(moved))
+    np.savez(held, fps=np.array([fps]), **arrays, **words)
     return held.getvalue()
 
 
@@ -311,24 +302,11 @@ class _Format:
     write: Callable[[Moved, Path], None]
 
 
-def _reference(moved: Moved, path: Path) -> None:
-
-    write_bytes(path, _reference_bytes(moved))
-
-
-def _mujoco(moved: Moved, path: Path) -> None:
-
-    write_bytes(path, _mjcf_of(moved).encode())
-
-
 def _foxglove(moved: Moved, path: Path) -> None:
-    from .foxglove import layout_of, write_mcap
+    from .foxglove import write_mcap
 
-    layout = path.with_suffix(".layout.json")
-    check_writable(layout)
     with replaced(path) as temporary:
         write_mcap(moved, temporary)
-    write_bytes(layout, layout_of(moved).encode())
 
 
 FORMATS: Mapping[str, _Format] = {
@@ -349,8 +327,16 @@ FORMATS: Mapping[str, _Format] = {
             path, joint_trajectory_bytes(moved.table, path.suffix)
         ),
     ),
-    "mujoco": _Format(suffixes=(".xml",), joints=True, write=_mujoco),
-    "reference": _Format(suffixes=(".npz",), joints=True, write=_reference),
+    "mujoco": _Format(
+        suffixes=(".xml",),
+        joints=True,
+        write=lambda moved, path: write_bytes(path, _mjcf_of(moved).encode()),
+    ),
+    "reference": _Format(
+        suffixes=(".npz",),
+        joints=True,
+        write=lambda moved, path: write_bytes(path, _reference_bytes(moved)),
+    ),
     "foxglove": _Format(suffixes=(".mcap",), joints=False, write=_foxglove),
 }
 """By the name that ``export --to`` takes."""

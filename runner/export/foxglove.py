@@ -1,15 +1,14 @@
-"""A motion as MCAP (extra ``viz``) for Foxglove and ROS 2's tools, with a layout for Foxglove
-beside it.
+"""A motion as MCAP (extra ``viz``) for ROS 2's tools and Foxglove.
 
-/joint_states is sensor_msgs/msg/JointState in CDR; /tf is foxglove.FrameTransform and /forces
-foxglove.SceneUpdate, in JSON; /contacts is JSON with a number per limb. Times begin at 0.
+All topics are messages of ROS 2 in CDR, with their definitions: readers of rosbags refuse a file
+that has others beside them. Times begin at 0.
 """
 
 from __future__ import annotations
 
-import json
+import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,25 +21,67 @@ if TYPE_CHECKING:
     from .formats import Moved
 
 _NANO = 1_000_000_000
-_JOINT_STATE = "sensor_msgs/msg/JointState"
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 """Beginning of CDR: plain, little-endian."""
-_DEFINITION = """std_msgs/Header header
+_TYPES = {
+    "sensor_msgs/JointState": """std_msgs/Header header
 string[] name
 float64[] position
 float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
+float64[] effort""",
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "geometry_msgs/TransformStamped": """std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform""",
+    "geometry_msgs/Transform": """geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation""",
+    "visualization_msgs/MarkerArray": "visualization_msgs/Marker[] markers",
+    "visualization_msgs/Marker": """std_msgs/Header header
+string ns
+int32 id
+int32 type
+int32 action
+geometry_msgs/Pose pose
+geometry_msgs/Vector3 scale
+std_msgs/ColorRGBA color
+builtin_interfaces/Duration lifetime
+bool frame_locked
+geometry_msgs/Point[] points
+std_msgs/ColorRGBA[] colors
+string texture_resource
+sensor_msgs/CompressedImage texture
+visualization_msgs/UVCoordinate[] uv_coordinates
+string text
+string mesh_resource
+visualization_msgs/MeshFile mesh_file
+bool mesh_use_embedded_materials""",
+    "geometry_msgs/Pose": """geometry_msgs/Point position
+geometry_msgs/Quaternion orientation""",
+    "sensor_msgs/CompressedImage": """std_msgs/Header header
+string format
+uint8[] data""",
+    "visualization_msgs/UVCoordinate": "float32 u\nfloat32 v",
+    "visualization_msgs/MeshFile": "string filename\nuint8[] data",
+    "std_msgs/ColorRGBA": "float32 r\nfloat32 g\nfloat32 b\nfloat32 a",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
+}
+"""Messages of ROS 2 since Humble, a field per line."""
+_TOPICS = {
+    "/joint_states": "sensor_msgs/JointState",
+    "/tf": "tf2_msgs/TFMessage",
+    "/forces": "visualization_msgs/MarkerArray",
+    "/contacts": "sensor_msgs/JointState",
+}
+_MARKER = "iIssiii7d3d4fiI?DIsiIssIIsssI?"
+"""A marker by the letters of ``_cdr``."""
+_SPHERE_LIST, _LINE_LIST = 7, 5
 _FORCE_M_PER_N = 1e-3
-"""Length of the arrows of forces."""
+"""Length of the lines of forces."""
 _FRAME = "world"
 
 
@@ -58,217 +99,90 @@ def write_mcap(moved: Moved, path: Path) -> None:
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2", library="stancekit")
-        channels = {
-            topic: writer.register_channel(
-                topic, "json", writer.register_schema(name, "jsonschema", _schema(keys))
-            )
-            for topic, (name, keys) in _TOPICS.items()
-        }
-        if "angles_rad" in known:
-            schema = writer.register_schema(_JOINT_STATE, "ros2msg", _DEFINITION.encode())
-            channels["/joint_states"] = writer.register_channel("/joint_states", "cdr", schema)
+        channels = dict[str, int]()
+        for topic in _messages(moved, known, 0, 0):
+            name, content = _TOPICS[topic].replace("/", "/msg/"), _definition(_TOPICS[topic])
+            schema = writer.register_schema(name, "ros2msg", content.encode())
+            channels[topic] = writer.register_channel(topic, "cdr", schema)
         for row, time_s in enumerate(table.time_s.tolist()):
             now = round(time_s * _NANO)
-            for topic, content in _messages(moved, known, row, now).items():
-                writer.add_message(channels[topic], now, json.dumps(content).encode(), now, row)
-            if "angles_rad" in known:
-                numbers = [known[key][row] for key in ("angles_rad", "rates_rad_s", "torques_nm")]
-                writer.add_message(
-                    channels["/joint_states"],
-                    now,
-                    _joint_state(table.joints, numbers, now),
-                    now,
-                    row,
-                )
+            for topic, message in _messages(moved, known, row, now).items():
+                writer.add_message(channels[topic], now, message, now, row)
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _joint_state(names: Sequence[str], rows: Sequence[Array], stamp_ns: int) -> bytes:
-    """A sensor_msgs/JointState in CDR.
+def _definition(kind: str) -> str:
+    """The text of a message, and of all that are in it, as MCAP's schemas have them."""
+    needed = [kind]
+    for name in needed:
+        words = [line.split()[0].removesuffix("[]") for line in _TYPES[name].splitlines()]
+        needed += [word for word in words if word in _TYPES and word not in needed]
+    first, *others = needed
+    rule = "=" * 80
+    return _TYPES[first] + "".join(f"\n{rule}\nMSG: {name}\n{_TYPES[name]}" for name in others)
+
+
+def _cdr(kinds: str, *values: Any) -> bytes:
+    """Values in CDR, little-endian, each number at a multiple of its own size.
 
     Arguments:
-        rows: positions, velocities and efforts, shape (J,) each.
+        kinds: a letter per value: of ``struct`` for a number, with a count before it for as many of
+            them in an array; s for a text, S for a sequence of texts, D for one of float64 or of
+            messages that are float64s.
     """
-    message = _Cdr()
-    message.number("i", stamp_ns // _NANO)
-    message.number("I", stamp_ns % _NANO)
-    message.text("")
-    message.number("I", len(names))
-    for name in names:
-        message.text(name)
-    for numbers in rows:
-        message.number("I", len(numbers))
-        for number in numbers.tolist():
-            message.number("d", number)
-    return _LITTLE_ENDIAN + bytes(message.content)
+    content = bytearray()
+
+    def numbers(kind: str, *those: float) -> None:
+        padding = -len(content) % struct.calcsize(kind)
+        content.extend(bytes(padding) + struct.pack(f"<{len(those)}{kind}", *those))
+
+    def text(value: str) -> None:
+        letters = value.encode() + b"\x00"
+        numbers("I", len(letters))
+        content.extend(letters)
+
+    for kind, value in zip(re.findall(r"\d*.", kinds), values, strict=True):
+        if kind == "s":
+            text(value)
+        elif kind in "SD":
+            numbers("I", len(value))
+            if kind == "D" and len(value):
+                numbers("d", *np.ravel(value).tolist())
+            for each in value if kind == "S" else ():
+                text(each)
+        else:
+            numbers(kind[-1], *np.ravel(value).tolist())
+    return _LITTLE_ENDIAN + bytes(content)
 
 
-class _Cdr:
-    """Content in CDR, little-endian, each number at a multiple of its own size."""
-
-    def __init__(self) -> None:
-        self.content = bytearray()
-
-    def number(self, kind: str, value: float) -> None:
-        size = struct.calcsize(kind)
-        self.content += b"\x00" * (-len(self.content) % size) + struct.pack(f"<{kind}", value)
-
-    def text(self, value: str) -> None:
-        content = value.encode() + b"\x00"
-        self.number("I", len(content))
-        self.content += content
-
-
-_TOPICS: Mapping[str, tuple[str, Mapping[str, str]]] = {
-    "/tf": (
-        "foxglove.FrameTransform",
-        {
-            "timestamp": "object",
-            "parent_frame_id": "string",
-            "child_frame_id": "string",
-            "translation": "object",
-            "rotation": "object",
-        },
-    ),
-    "/forces": ("foxglove.SceneUpdate", {"deletions": "array", "entities": "array"}),
-    "/contacts": ("stancekit.Contacts", {"contacts": "object"}),
-}
-"""The topics in JSON: the schema's name, and its keys by their types."""
-
-
-def _schema(keys: Mapping[str, str]) -> bytes:
-    return json.dumps(
-        {"type": "object", "properties": {key: {"type": kind} for key, kind in keys.items()}}
-    ).encode()
-
-
-def _messages(moved: Moved, known: Mapping[str, Any], row: int, now: int) -> dict[str, Any]:
-    """Messages of each topic in JSON at a row."""
-    stamp = {"sec": now // _NANO, "nsec": now % _NANO}
+def _messages(moved: Moved, known: Mapping[str, Any], row: int, now: int) -> dict[str, bytes]:
+    """Messages of each topic at a row."""
+    stamp = divmod(now, _NANO)
     w, x, y, z = known["quaternion"][row].tolist()
-    limbs = moved.table.limbs
-    arrows = [
-        _arrow(foot, force)
-        for foot, force in zip(known["feet_m"][row], known["forces_n"][row], strict=True)
-        if np.linalg.norm(force) > 0.0
-    ]
-    balls = [
-        {
-            "pose": _pose(foot),
-            "size": _xyz(np.full(3, 0.03)),
-            "color": {"r": 0.2, "g": 0.5, "b": 0.4, "a": 1.0},
-        }
-        for foot in known["feet_m"][row]
-    ]
-    entity = {
-        "timestamp": stamp,
-        "frame_id": _FRAME,
-        "id": "limbs",
-        "lifetime": {"sec": 0, "nsec": 0},
-        "frame_locked": False,
-        "metadata": [],
-        "arrows": arrows,
-        "cubes": [],
-        "spheres": balls,
-        "cylinders": [],
-        "lines": [],
-        "triangles": [],
-        "texts": [],
-        "models": [],
-    }
+    place = known.get("origin_m", known["com_m"])[row]
+    feet, forces = known["feet_m"][row], known["forces_n"][row]
+    sizes, joints = np.linalg.norm(forces, axis=-1), dict[str, bytes]()
+    if "angles_rad" in known:
+        columns = [known[key][row] for key in ("angles_rad", "rates_rad_s", "torques_nm")]
+        joints["/joint_states"] = _cdr("iIsSDDD", *stamp, "", moved.table.joints, *columns)
+    balls = _marker(stamp, 0, _SPHERE_LIST, 0.03, (0.2, 0.5, 0.4, 1.0), feet)
+    ends = np.stack([feet, feet + _FORCE_M_PER_N * forces], axis=1).reshape(-1, 3)
+    lines = _marker(stamp, 1, _LINE_LIST, 0.01, (0.9, 0.4, 0.1, 1.0), ends)
     return {
-        "/tf": {
-            "timestamp": stamp,
-            "parent_frame_id": _FRAME,
-            "child_frame_id": "body",
-            "translation": _xyz(known.get("origin_m", known["com_m"])[row]),
-            "rotation": {"x": x, "y": y, "z": z, "w": w},
-        },
-        "/forces": {"deletions": [], "entities": [entity]},
-        "/contacts": {
-            "contacts": dict(zip(limbs, known["contact"][row].astype(int).tolist(), strict=True))
-        },
+        **joints,
+        "/tf": _cdr("IiIss3d4d", 1, *stamp, _FRAME, "body", place, (x, y, z, w)),
+        "/forces": _cdr(f"I{_MARKER}{_MARKER}", 2, *balls, *lines),
+        "/contacts": _cdr(
+            "iIsSDDD", *stamp, "", moved.table.limbs, known["contact"][row], (), sizes
+        ),
     }
 
 
-def _arrow(foot: Array, force: Array) -> dict[str, Any]:
-    """The arrow of a force: Foxglove's points along the x axis of its pose."""
-    size = float(np.linalg.norm(force))
-    along = force / size
-    axis, cosine = np.cross([1.0, 0.0, 0.0], along), float(along[0])
-    turn = (
-        np.array([0.0, 0.0, 1.0, 0.0]) if cosine < -1.0 + 1e-9 else np.array([*axis, 1.0 + cosine])
-    )
-    turn = turn / np.linalg.norm(turn)
-    length = _FORCE_M_PER_N * size
-    return {
-        "pose": _pose(foot, turn),
-        "shaft_length": 0.8 * length,
-        "shaft_diameter": 0.01,
-        "head_length": 0.2 * length,
-        "head_diameter": 0.02,
-        "color": {"r": 0.9, "g": 0.4, "b": 0.1, "a": 1.0},
-    }
-
-
-def _pose(place: Array, turn: Array | None = None) -> dict[str, Any]:
-    x, y, z, w = (0.0, 0.0, 0.0, 1.0) if turn is None else turn.tolist()
-    return {"position": _xyz(place), "orientation": {"x": x, "y": y, "z": z, "w": w}}
-
-
-def _xyz(numbers: Array) -> dict[str, float]:
-    return dict(zip("xyz", numbers.tolist(), strict=True))
-
-
-def layout_of(moved: Moved) -> str:
-    """A layout of Foxglove: the scene, the angles of all joints, and the contacts, to be imported
-    there.
-    """
-    paths = [
-        {
-            "value": f"/joint_states.position[{k}]",
-            "label": name,
-            "enabled": True,
-            "timestampMethod": "receiveTime",
-        }
-        for k, name in enumerate(moved.table.joints)
-    ]
-    contacts = [
-        {
-            "value": f"/contacts.contacts.{limb}",
-            "label": limb,
-            "enabled": True,
-            "timestampMethod": "receiveTime",
-        }
-        for limb in moved.table.limbs
-    ]
-    return (
-        json.dumps(
-            {
-                "configById": {
-                    "3D!stance": {
-                        "followTf": _FRAME,
-                        "topics": {"/forces": {"visible": True}},
-                        "scene": {},
-                    },
-                    "Plot!joints": {"title": "joints [rad]", "paths": paths, "showLegend": True},
-                    "Plot!contacts": {"title": "contacts", "paths": contacts, "showLegend": True},
-                },
-                "globalVariables": {},
-                "userNodes": {},
-                "playbackConfig": {"speed": 1},
-                "layout": {
-                    "first": "3D!stance",
-                    "direction": "row",
-                    "splitPercentage": 60,
-                    "second": {
-                        "first": "Plot!joints",
-                        "second": "Plot!contacts",
-                        "direction": "column",
-                    },
-                },
-            },
-            indent=1,
-        )
-        + "\n"
-    )
+def _marker(
+    stamp: tuple[int, int], number: int, kind: int, size_m: float, colour: Any, points: Array
+) -> tuple[Any, ...]:
+    """The values of a marker of points in the world, in the order of its fields."""
+    pose, scale, for_good = np.eye(7)[6], np.full(3, size_m), (0, 0)
+    shape = (number, kind, 0, pose, scale, colour, *for_good, False, points)
+    no_texture, no_mesh = ("", 0, 0, "", "", 0, 0), ("", "", "", 0, False)
+    return (*stamp, _FRAME, "limbs", *shape, 0, *no_texture, *no_mesh)

@@ -12,12 +12,11 @@ from types import TracebackType
 from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, get_args, runtime_checkable
 
 import numpy as np
-import yaml
 from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, checked, checked_name, read_only
-from stancekit.planners.files.documents import read_yaml, shown, validated
+from stancekit.planners.files.documents import read_yaml, shown, validated, yaml_of
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.plugins import Registry
@@ -474,7 +473,7 @@ class SetupFile:
 
     def write(self, path: str | Path) -> None:
         """Write a file that ``from_yaml`` reads."""
-        write_text(path, yaml.safe_dump(asdict(self), sort_keys=False))
+        write_text(path, yaml_of(asdict(self), flow=False))
 
 
 def own(names: Mapping[str, Any], key: str, what: str) -> list[str]:

@@ -4,15 +4,18 @@ forms.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import dynamixel_sdk as sdk
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
+from stancekit.runner.worlds.dynamixel.port import ServoPackets
 from tests.emulators import protocol2 as p2
 from tests.emulators.servo_bus import EmulatedBus
 from tests.emulators.servos import LOOP_HZ, OVERLOAD, PHYSICS_S, TRIPPED, Servos
@@ -85,6 +88,21 @@ def test_what_was_stuffed_comes_out_whole_in_whatever_pieces_it_came(
         (7, p2.WRITE, bytes(data), True),
         (8, p2.PING, b"", True),
     ]
+
+
+@given(st.lists(st.sampled_from([0x00, 0x55, 0xFD, 0xFE, 0xFF]), min_size=1, max_size=40))
+@example([0xFF, 0xFF, 0xFD, 0xFF])  # a goal of -131073 steps
+@example([0xFF, 0xFF, 0xFD, 0x00, 0xFF, 0xFF, 0xFD, 0xFD])
+def test_our_packets_leave_and_come_stuffed_as_servos_speak(data: list[int]) -> None:
+    sent, come, packets = list[int](), io.BytesIO(p2.status(7, 0, bytes(data))), ServoPackets()
+    wire = SimpleNamespace(is_using=False, clearPort=sent.clear, readPort=come.read)
+    wire.setPacketTimeout = wire.isPacketTimeout = lambda *_: True
+    wire.writePort = lambda packet: sent.extend(packet) or len(packet)
+    assert packets.writeTxOnly(wire, 7, 116, len(data), data) == sdk.COMM_SUCCESS
+    (request,) = p2.Reader().feed(bytes(sent))
+    assert (request.servo, request.instruction, request.sound) == (7, p2.WRITE, True)
+    assert request.parameters == (116).to_bytes(2, "little") + bytes(data)
+    assert packets.readRx(wire, 7, len(data)) == (data, sdk.COMM_SUCCESS, 0)
 
 
 @pytest.fixture(scope="module")

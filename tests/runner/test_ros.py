@@ -158,6 +158,20 @@ def test_a_fault_while_streaming_stops_the_robot_and_nothing_is_sent_afterwards(
         assert ("e-stop pressed" in str(fault.value)) == (kind == "e-stop")
 
 
+def test_what_is_queued_while_a_rosbridge_is_away_does_not_go_out_on_its_return() -> None:
+    with armed() as (bridge, world):
+        bridge.inject("connection lost", 0.1)
+        with refuses("connection", kind=HardwareFault):
+            wave(world)
+        link, heard = world._robot.link, len(bridge.log)
+        goal = link._module.Message({"op": "publish", "topic": "/goal", "msg": {}})
+        link.publish("/goal", "std_msgs/String", {"data": "late"})
+        link.send(goal)
+        link.ros.send_on_ready(goal)  # what roslibpy keeps until it is connected again
+        rested(bridge, 1.0)
+        assert (len(bridge.log), bridge._clients) == (heard, [])
+
+
 def test_a_host_that_falls_silent_leaves_the_robot_at_rest_after_the_lead() -> None:
     with armed(pace=1.0) as (bridge, world):
         for k in range(20):

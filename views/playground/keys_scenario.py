@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import yaml
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import yaml_of
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_file import described, spec_from
@@ -375,9 +375,7 @@ class KeysScenario:
 
     def text(self) -> tuple[str, str]:
         """The suffix ``.yaml`` and the keys of the course as YAML text."""
-        return ".yaml", yaml.safe_dump(
-            _plain(self.keys), sort_keys=False, default_flow_style=None, width=110
-        )
+        return ".yaml", yaml_of(_plain(self.keys))
 
     def _with(
         self, keys: Mapping[str, Any], own_kg: float | None = None, **changes: Any

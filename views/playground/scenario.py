@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
-import yaml
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import yaml_of
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_between import LaidBetween, course_between
@@ -247,9 +247,7 @@ class BetweenScenario:
         )
         keys = spec.model_dump(mode="json", exclude_defaults=True)
         keys["terrain"]["kind"] = self.terrain.kind
-        return ".yaml", yaml.safe_dump(
-            _whole(keys), sort_keys=False, default_flow_style=None, width=110
-        )
+        return ".yaml", yaml_of(_whole(keys))
 
     def _with(self, **changes: Any) -> BetweenScenario:
         return replace(self, _laid={}, **changes)

@@ -13,25 +13,27 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidInput
 from ...files.arrays import Array
 from ...files.documents import parse_xml, shown
+from .fields import check_fields
 from .numbers import (
+    Node,
     Surface,
     Triangles,
     broken,
     check_count,
     fans,
     joined,
+    moved,
     polygons,
     reals_of,
+    so_many,
     strip,
+    walked,
     wholes_of,
 )
-from .ply import checked_matrix, moved
 
 _DEEPEST = 60
-_MOST_NODES = 20_000
 _POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
@@ -77,23 +79,18 @@ class _Scene:
             for number, geometry in enumerate(self._root.findall("library_geometries/geometry")):
                 yield from self._of_geometry(geometry.get("id", f"\0{number}"), geometry)
             return
-        stack, visits = [(self._meant(scene.get("url", ""), "visual_scene"), np.eye(4))], 0
-        while stack:
-            node, above = stack.pop()
-            visits += 1
-            if visits > _MOST_NODES:
-                raise broken(
-                    f"expected {_MOST_NODES} nodes or fewer, got more, or one that is within itself"
-                )
-            here = above @ _matrix(node)
-            for each in node:
-                if each.tag == "node":
-                    stack.append((each, here))
-                elif each.tag == "instance_node":
-                    stack.append((self._meant(each.get("url", ""), "node"), here))
-                elif each.tag in ("instance_geometry", "instance_controller"):
-                    for corners, triangles in self._instance(each):
-                        yield moved(corners, here), triangles
+        yield from walked([self._meant(scene.get("url", ""), "visual_scene")], self._node)
+
+    def _node(self, node: Element) -> Node[Element]:
+        check_fields(".dae", [each.tag for each in node])
+        below, surfaces = node.findall("node"), list[Surface]()
+        below += [
+            self._meant(each.get("url", ""), "node") for each in node.findall("instance_node")
+        ]
+        for each in node:
+            if each.tag in ("instance_geometry", "instance_controller"):
+                surfaces += self._instance(each)
+        return _matrix(node), surfaces, below
 
     def _meant(self, url: str, tag: str) -> Element:
         """The element that a reference names.
@@ -109,18 +106,20 @@ class _Scene:
         """The surfaces of a geometry, or of one under a skin as it is bound."""
         url, place = element.get("url", ""), np.eye(4)
         if element.tag == "instance_controller":
-            skin = self._meant(url, "controller").find("skin")
-            if skin is None:
+            controller = self._meant(url, "controller")
+            check_fields(".dae", [each.tag for each in controller])
+            if (skin := controller.find("skin")) is None:
                 return []
             url = skin.get("source", "")
             if (bound := skin.findtext("bind_shape_matrix")) is not None:
-                place = checked_matrix(reals_of(bound.encode()))
+                place = _transformation("matrix", reals_of(bound.encode()))
         surfaces = self._of_geometry(url.removeprefix("#"), self._meant(url, "geometry"))
         return [(moved(corners, place), triangles) for corners, triangles in surfaces]
 
     def _of_geometry(self, name: str, geometry: Element) -> list[Surface]:
         """The surfaces of a geometry; counted anew each time that it is placed, read once."""
         if name not in self._known:
+            check_fields(".dae", [each.tag for each in geometry.iter()])
             meshes = geometry.findall("mesh")
             parts = [(mesh, part) for mesh in meshes for part in mesh if part.tag in _POLYGONS]
             self._known[name] = [self._of_part(mesh, part) for mesh, part in parts]
@@ -158,21 +157,15 @@ class _Scene:
             check_count(len(every) // 3, self._left)
             return np.asarray(every[: len(every) // 3 * 3].reshape(-1, 3), dtype=np.int_)
         if part.tag == "tristrips":
-            pieces, left = [np.zeros((0, 3), dtype=np.int_)], self._left
-            for each in lists:
-                pieces.append(strip(each, left))
-                left -= len(pieces[-1])
-            return np.concatenate(pieces)
-        if part.tag != "polylist":
-            sizes = np.array([len(each) for each in lists], dtype=np.int64)
-            if part.tag == "trifans":
-                return fans(sizes, every, self._left)
-            return polygons(sizes, every, corners, self._left)
-        counts = wholes_of((part.findtext("vcount") or "").encode())
-        if (len(counts) and (counts.min() < 0 or counts.max() > len(every))) or int(
-            counts.sum()
-        ) != len(every):
-            raise broken("expected as many corners as vcount declares")
+            none = np.zeros((0, 3), dtype=np.int_)
+            return np.concatenate([none, *(strip(each, self._left) for each in lists)])
+        counts = np.array([len(each) for each in lists], dtype=np.int64)
+        if part.tag == "trifans":
+            return fans(counts, every, self._left)
+        if part.tag == "polylist":
+            counts = wholes_of((part.findtext("vcount") or "").encode())
+            if counts.min(initial=0) < 0 or sum(counts.tolist()) != len(every):
+                raise broken("expected as many corners as vcount declares")
         return polygons(counts, every, corners, self._left)
 
     def _corners(self, mesh: Element, given: Element) -> Array:
@@ -221,29 +214,21 @@ def _matrix(node: Element) -> Array:
     for each in node:
         if each.tag in ("matrix", "translate", "rotate", "scale"):
             place = place @ _transformation(each.tag, reals_of((each.text or "").encode()))
-        elif each.tag in ("lookat", "skew"):
-            raise InvalidInput(
-                f"expected a mesh: expected nodes that are moved, turned and scaled, got {each.tag}"
-            )
     return place
 
 
-def _transformation(tag: str, numbers: Array) -> Array:
+def _transformation(tag: str, values: Array) -> Array:
+    numbers = so_many(values, {"matrix": 16, "rotate": 4}.get(tag, 3), tag)
     if tag == "matrix":
-        return checked_matrix(numbers)
-    if len(numbers) != (4 if tag == "rotate" else 3) or not np.all(np.isfinite(numbers)):
-        raise broken(
-            f"{tag}: expected {4 if tag == 'rotate' else 3} numbers, got {shown(numbers.tolist())}"
-        )
+        return numbers.reshape(4, 4)
+    from scipy.spatial.transform import Rotation  # slow to import
+
     place = np.eye(4)
     if tag == "translate":
         place[:3, 3] = numbers
     elif tag == "scale":
         place[:3, :3] = np.diag(numbers)
     elif np.any(numbers[:3]):
-        axis, angle = numbers[:3] / np.linalg.norm(numbers[:3]), np.deg2rad(numbers[3])
-        across = np.array(
-            [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
-        )
-        place[:3, :3] += np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
+        turn = np.deg2rad(numbers[3]) / np.linalg.norm(numbers[:3]) * numbers[:3]
+        place[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
     return place

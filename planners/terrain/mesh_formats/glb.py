@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidInput
 from ...files.arrays import Array
 from ...files.documents import decoded, parse_json, shown
-from .numbers import Surface, broken, check_count, fans, joined, strip
-from .ply import checked_matrix, moved, turn_of
+from .fields import check_fields
+from .numbers import Node, Surface, broken, check_count, fans, joined, so_many, strip, walked
 
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
-_MOST_NODES = 20_000
+_AT_REST = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
 _HARMLESS = (
     "KHR_materials_",
     "KHR_texture_",
@@ -31,8 +30,6 @@ _HARMLESS = (
     "MSFT_texture_",
 )
 """Beginnings of extensions that a file may require without a corner being elsewhere."""
-_PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
-"""Extensions that keep corners as no reader here has them."""
 
 
 def read_glb(content: bytes, most: int) -> Surface:
@@ -48,8 +45,8 @@ def read_glb(content: bytes, most: int) -> Surface:
         raise broken(f"extensionsRequired: expected a list of names, got {shown(needed)}")
     if odd := [name for name in needed if not name.startswith(_HARMLESS)]:
         raise broken(f"extensionsRequired: expected ones that are known here, got {odd[0]}")
-    if any("uri" in item for name in ("buffers", "images") for item in _objects(tree, name)):
-        raise broken("expected a file that is complete, got one that names others")
+    for item in (*_objects(tree, "buffers"), *_objects(tree, "images"), *_objects(tree, "meshes")):
+        check_fields(".glb", item)
     return _Scene(tree, binary, most).surface()
 
 
@@ -80,6 +77,12 @@ def _objects(tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
     if not isinstance(objects, list) or not all(isinstance(item, dict) for item in objects):
         raise broken(f"{name}: expected a list of objects")
     return objects
+
+
+def _extensions(item: dict[str, Any]) -> tuple[str, ...]:
+    """Names of an object's extensions."""
+    extensions = item.get("extensions", {})
+    return tuple(extensions) if isinstance(extensions, dict) else ()
 
 
 def _whole(item: dict[str, Any], name: str, most: int, default: int | None = None) -> int:
@@ -113,20 +116,14 @@ class _Scene:
             for mesh in range(len(self._meshes)):
                 yield from self._of_mesh(mesh)
             return
-        stack, visits = [(root, np.eye(4)) for root in self._roots()], 0
-        while stack:
-            number, above = stack.pop()
-            visits += 1
-            if visits > _MOST_NODES:
-                raise broken(
-                    f"expected {_MOST_NODES} nodes or fewer, got more, or one that is within itself"
-                )
-            node = self._nodes[number]
-            here = above @ _matrix(node)
-            if "mesh" in node:
-                for corners, triangles in self._of_mesh(_whole(node, "mesh", len(self._meshes))):
-                    yield moved(corners, here), triangles
-            stack += [(child, here) for child in self._numbers(node, "children")]
+        yield from walked(self._roots(), self._node)
+
+    def _node(self, number: int) -> Node[int]:
+        node, surfaces = self._nodes[number], list[Surface]()
+        check_fields(".glb", {*node, *_extensions(node)})
+        if "mesh" in node:
+            surfaces = self._of_mesh(_whole(node, "mesh", len(self._meshes)))
+        return _matrix(node), surfaces, self._numbers(node, "children")
 
     def _roots(self) -> list[int]:
         scenes = _objects(self._tree, "scenes")
@@ -158,11 +155,8 @@ class _Scene:
         mode = _whole(part, "mode", 7, 4)
         if mode < 4:
             return None
-        attributes, extensions = part.get("attributes"), part.get("extensions", {})
-        if isinstance(extensions, dict) and (
-            packed := [name for name in _PACKED if name in extensions]
-        ):
-            raise broken(f"expected meshes that are not compressed, got {packed[0]}")
+        attributes = part.get("attributes")
+        check_fields(".glb", _extensions(part))
         if not isinstance(attributes, dict) or "POSITION" not in attributes:
             raise broken("expected a POSITION of every primitive")
         corners = self._values(_whole(attributes, "POSITION", len(self._accessors)), "VEC3").astype(
@@ -198,12 +192,9 @@ class _Scene:
                 f"accessors[{number}]: expected numbers as {kind}, got "
                 f"{shown(accessor.get('type'))}"
             )
-        if "sparse" in accessor or "bufferView" not in accessor:
-            raise broken(f"accessors[{number}]: expected a bufferView, and nothing sparse")
+        check_fields(".glb", accessor)
         view = self._views[_whole(accessor, "bufferView", len(self._views))]
-        extensions = view.get("extensions", {})
-        if isinstance(extensions, dict) and _PACKED[1] in extensions:
-            raise broken(f"expected meshes that are not compressed, got {_PACKED[1]}")
+        check_fields(".glb", _extensions(view))
         dtype = np.dtype(_COMPONENTS[component])
         if kind == "SCALAR" and dtype.kind == "f":
             raise broken(f"accessors[{number}]: expected whole numbers")
@@ -239,24 +230,15 @@ class _Scene:
 def _matrix(node: dict[str, Any]) -> Array:
     """Transformation from a node to the one above it, shape (4, 4)."""
     if "matrix" in node:
-        return checked_matrix(node["matrix"]).T
-    parts = {"translation": (3, 0.0), "rotation": (4, 0.0), "scale": (3, 1.0)}
-    result = dict[str, Array]()
-    for name, (count, rest) in parts.items():
-        value = node.get(name, [rest] * count if name != "rotation" else [0.0, 0.0, 0.0, 1.0])
-        if (
-            not isinstance(value, list)
-            or len(value) != count
-            or any(isinstance(x, bool) or not isinstance(x, int | float) for x in value)
-        ):
-            raise broken(f"{name}: expected {count} numbers, got {shown(value)}")
-        try:
-            result[name] = np.array(value, dtype=np.float64)
-        except OverflowError:
-            raise InvalidInput(
-                f"expected a mesh: {name}: expected finite numbers, got others"
-            ) from None
+        return so_many(node["matrix"], 16, "matrix").reshape(4, 4).T
+    translation, rotation, scale = (
+        so_many(node.get(name, rest), len(rest), name) for name, rest in _AT_REST.items()
+    )
+    if not 0.0 < np.linalg.norm(rotation) < np.inf:
+        raise broken("expected a rotation that is a quaternion")
+    from scipy.spatial.transform import Rotation  # slow to import
+
     place = np.eye(4)
-    place[:3, :3] = turn_of(result["rotation"]) * result["scale"]
-    place[:3, 3] = result["translation"]
+    place[:3, :3] = Rotation.from_quat(rotation).as_matrix() * scale
+    place[:3, 3] = translation
     return place

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
-from typing import TypeAlias
+from contextlib import suppress
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidInput
-from ...files.arrays import Array
+from ...files.arrays import Array, plain_numbers
 from ...files.documents import shown
 
 Triangles: TypeAlias = NDArray[np.int_]
@@ -20,11 +21,15 @@ Surface: TypeAlias = tuple[Array, Triangles]
 """Corners, shape (V, 3), in the file's unit, and triangles, shape (T, 3), of corners' numbers."""
 Reader: TypeAlias = Callable[[bytes, int], Surface]
 """A function of a file's bytes and of the most triangles that are wanted."""
+N = TypeVar("N")
+Node: TypeAlias = tuple[Array, Iterable[Surface], Iterable[N]]
 
 MOST_TRIANGLES = 3_000_000
 """Most triangles of any mesh, a robot's or a terrain's, unless fewer are wanted."""
 BLOCK = 1 << 20
 """Bytes of text that become objects of Python at once."""
+_MOST_NODES = 20_000
+_WHOLE = re.compile(rb"[-+]?\d{1,18}")
 _LONGEST = 400
 """Letters of a number at most."""
 _TURNED = 1e-9
@@ -78,7 +83,9 @@ def wholes(tokens: Iterable[bytes]) -> NDArray[np.int64]:
     try:
         return np.array([int(token) for token in some], dtype=np.int64)
     except (ValueError, OverflowError):
-        raise broken(f"expected whole numbers, got {shown(_first_odd(some, int))}") from None
+        odd = next((each for each in some if not _WHOLE.fullmatch(each)), b"")
+        came = shown(odd[:40].decode(errors="replace"))
+        raise broken(f"expected whole numbers, got {came}") from None
 
 
 def reals_of(text: bytes) -> Array:
@@ -182,13 +189,52 @@ def strip(corners: NDArray[np.int64], most: int) -> Triangles:
     shape (T, 3).
     """
     check_count(max(len(corners) - 2, 0), most)
-    triangles = (
-        np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
-        if len(corners) > 2
-        else np.zeros((0, 3))
-    )
+    triangles = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
     triangles[1::2] = triangles[1::2, ::-1]
     return np.asarray(triangles, dtype=np.int_)
+
+
+def walked(roots: Iterable[N], of: Callable[[N], Node[N]]) -> Iterator[Surface]:
+    """The surfaces of trees of nodes, each placed by its node and those above it.
+
+    Raises InvalidInput for more nodes than any file needs, or one that is within itself.
+
+    Arguments:
+        of: transformation of a node to the one above it, shape (4, 4), its surfaces in its own
+            frame, and the nodes below it.
+    """
+    stack, visits = [(root, np.eye(4)) for root in roots], 0
+    while stack:
+        node, above = stack.pop()
+        visits += 1
+        if visits > _MOST_NODES:
+            raise broken(
+                f"expected {_MOST_NODES} nodes or fewer, got more, or one that is within itself"
+            )
+        matrix, surfaces, below = of(node)
+        here = above @ matrix
+        turn = -1 if np.linalg.det(here[:3, :3]) < 0.0 else 1  # seen in a mirror, the other way
+        yield from ((moved(corners, here), faces[:, ::turn]) for corners, faces in surfaces)
+        stack += [(each, here) for each in below]
+
+
+def moved(points: Array, place: Array) -> Array:
+    """Points, shape (K, 3), by a matrix, shape (4, 4)."""
+    return np.asarray(points @ place[:3, :3].T + place[:3, 3])
+
+
+def so_many(values: Any, count: int, name: str) -> Array:
+    """So many finite numbers, shape (count,).
+
+    Raises InvalidInput for anything else.
+    """
+    try:
+        numbers = plain_numbers(values)
+    except (TypeError, ValueError, OverflowError):
+        numbers = np.zeros(0)
+    if numbers.shape != (count,) or not np.all(np.isfinite(numbers)):
+        raise broken(f"{name}: expected {count} finite numbers, got {shown(values)}")
+    return numbers
 
 
 def joined(pieces: Iterable[Surface]) -> Surface:
@@ -202,20 +248,7 @@ def joined(pieces: Iterable[Surface]) -> Surface:
 
 
 def _real(token: bytes) -> float:
-    try:
+    with suppress(ValueError):
         if len(token) <= _LONGEST:
             return float(token)
-    except ValueError:
-        pass
     raise broken(f"expected numbers, got {shown(token[:40].decode(errors='replace'))}")
-
-
-def _first_odd(tokens: Iterable[bytes], kind: Callable[[bytes], int]) -> str:
-    for token in tokens:
-        try:
-            if abs(kind(token)) < 2**63:
-                continue
-        except ValueError:
-            pass
-        return token[:40].decode(errors="replace")
-    return ""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...files.arrays import Array
 from ...files.documents import shown
+from .fields import check_fields
 from .numbers import MOST_TRIANGLES, Surface, blocks, broken, check_count, polygons, reals, wholes
 
 _STL_HEAD, _FACET = 84, 50
@@ -37,14 +38,7 @@ def read_stl(content: bytes, most: int) -> Surface:
         and not rest.strip(b"\0 \r\n\t")
     ):
         check_count(count, most)
-        kind = np.dtype(
-            {
-                "names": ["corners"],
-                "formats": [("<f4", (3, 3))],
-                "offsets": [12],
-                "itemsize": _FACET,
-            }
-        )
+        kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
         facets = np.frombuffer(content, dtype=kind, count=count, offset=_STL_HEAD)["corners"]
         return facets.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3)
     if content.lstrip()[:5].lower() != b"solid":
@@ -70,7 +64,7 @@ def _read_text(content: bytes, most: int) -> Surface:
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
-_OFF_HEAD = re.compile(rb"\A\s*(?:ST)?C?N?4?n?OFF\b(?!\s*BINARY)", re.IGNORECASE)
+_OFF_HEAD = re.compile(rb"\A\s*(?:ST)?C?N?(4?)(n?)OFF\b[ \t]*(BINARY)?")
 
 
 def read_off(content: bytes, most: int) -> Surface:
@@ -81,6 +75,7 @@ def read_off(content: bytes, most: int) -> Surface:
     head = _OFF_HEAD.match(content.removeprefix(b"\xef\xbb\xbf"))
     if head is None:
         raise broken("expected OFF, as text, as its first word")
+    check_fields(".off", [(each or b"").decode() for each in head.groups()])
     body = content.removeprefix(b"\xef\xbb\xbf")[head.end() :]
     lines = [
         line for line in (part.partition(b"#")[0] for part in body.splitlines()) if line.strip()
@@ -91,22 +86,12 @@ def read_off(content: bytes, most: int) -> Surface:
             f"its header declares {sizes.tolist()} vertices and faces in {len(lines)} lines"
         )
     vertices, faces = sizes.tolist()
-    points = [line.split(None, 3)[:3] for line in lines[1 : 1 + vertices]]
-    if any(len(point) < 3 for point in points):
-        raise broken("expected three coordinates per vertex")
-    given = [line.split() for line in lines[1 + vertices : 1 + vertices + faces]]
-    counts = wholes(polygon[0] for polygon in given)
-    if any(
-        not 0 <= count < len(polygon) for count, polygon in zip(counts.tolist(), given, strict=True)
-    ):
-        raise broken("expected as many corners per face as its line declares")
-    corners = wholes(
-        number
-        for count, polygon in zip(counts.tolist(), given, strict=True)
-        for number in polygon[1 : 1 + count]
-    )
-    places = reals(number for point in points for number in point).reshape(-1, 3)
+    places = _text_rows(lines[1 : 1 + vertices], _OFF_VERTEX)
+    counts, corners = _text_lists(lines[1 + vertices : 1 + vertices + faces], _OFF_FACE, 0)
     return places, polygons(counts, corners, places, most)
+
+
+_FREE = re.compile(rb"^[ \t]*(surf|curv2?|cstype|call|csh)[ \t]", re.MULTILINE)
 
 
 def read_obj(content: bytes, most: int) -> Surface:
@@ -114,6 +99,7 @@ def read_obj(content: bytes, most: int) -> Surface:
 
     Raises InvalidInput.
     """
+    check_fields(".obj", [each.decode() for each in _FREE.findall(content)])
     if b"\\" in content:
         content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     corners, sizes = [np.zeros((0, 3))], [np.zeros(0, dtype=np.int64)]
@@ -140,43 +126,6 @@ def read_obj(content: bytes, most: int) -> Surface:
         check_count(most - left, most)
     places = np.concatenate(corners)
     return places, polygons(np.concatenate(sizes), np.concatenate(named), places, most)
-
-
-def checked_matrix(values: Any) -> Array:
-    """Sixteen numbers as a matrix, shape (4, 4), row by row.
-
-    Raises InvalidInput.
-    """
-    try:
-        matrix = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        matrix = np.zeros(0)
-    if matrix.shape != (16,) or not np.all(np.isfinite(matrix)):
-        raise broken(f"expected a matrix of 16 numbers, got {shown(values)}")
-    return matrix.reshape(4, 4)
-
-
-def moved(points: Array, place: Array) -> Array:
-    """Points, shape (K, 3), by a matrix, shape (4, 4)."""
-    return np.asarray(points @ place[:3, :3].T + place[:3, 3])
-
-
-def turn_of(quaternion: Array) -> Array:
-    """The rotation of a quaternion x, y, z, w of any length but 0, shape (3, 3).
-
-    Raises InvalidInput.
-    """
-    length = float(np.linalg.norm(quaternion))
-    if not 0.0 < length < np.inf:
-        raise broken("expected a rotation that is a quaternion")
-    x, y, z, w = quaternion / length
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
 
 
 HEAD_BYTES = 65_536
@@ -223,11 +172,6 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
     @property
-    def least(self) -> int:
-        """Smallest number of bytes that one row of a binary file can have."""
-        return sum(np.dtype(each.length or each.kind).itemsize for each in self.properties)
-
-    @property
     def xyz(self) -> list[int]:
         """The numbers of the columns x, y and z.
 
@@ -260,13 +204,14 @@ def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
     Raises InvalidInput.
     """
     order, elements, start = _header(content)
+    check_fields(".ply", [element.name.decode(errors="replace") for element in elements])
     check_count(sum(element.count for element in elements if element.name == b"face"), most)
     lines = [line for line in content[start:].splitlines() if line.strip()] if not order else []
     corners, at = None, 0 if not order else start
     counts = numbers = np.zeros(0, dtype=np.int64)
     for element in elements:
         if (
-            element.count > (len(content) - at) // max(element.least, 1)
+            element.count > (len(content) - at) // max(_layout(element, order).itemsize, 1)
             if order
             else element.count > len(lines) - at
         ):
@@ -287,7 +232,11 @@ def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
             else:
                 counts, numbers = _text_lists(lines[at : at + element.count], element, wanted)
         elif order:
-            at = _after(content, at, element, order)
+            at = (
+                _lists(content, at, element, order, -1)[2]
+                if any(each.length for each in element.properties)
+                else at + element.count * _layout(element, order).itemsize
+            )
         if not order:
             at += element.count
     if corners is None:
@@ -344,28 +293,23 @@ def _property(parts: list[bytes]) -> _Property:
     )
 
 
+def _layout(element: _Element, order: str, length: int = 0) -> np.dtype[Any]:
+    """Layout of binary rows: columns by their numbers, behind each list's length, "0 length"; every
+    list is so long.
+    """
+    fields: list[tuple[str, str, tuple[int, ...]]] = []
+    for k, each in enumerate(element.properties):
+        if each.length:
+            fields.append((f"{k} length", order + each.length, ()))
+        fields.append((str(k), order + each.kind, (length,) if each.length else ()))
+    return np.dtype(fields)
+
+
 def _rows(content: bytes, at: int, element: _Element, order: str) -> Array:
     """The columns x, y and z of binary rows without lists, shape (count, 3)."""
-    offsets = np.cumsum([0, *(np.dtype(each.kind).itemsize for each in element.properties)])
-    rows = np.zeros((element.count, 3))
-    for k, column in enumerate(element.xyz):
-        kind = np.dtype(
-            {
-                "names": ["value"],
-                "formats": [order + element.properties[column].kind],
-                "offsets": [int(offsets[column])],
-                "itemsize": element.least,
-            }
-        )
-        rows[:, k] = np.frombuffer(content, dtype=kind, count=element.count, offset=at)["value"]
-    return rows
-
-
-def _after(content: bytes, at: int, element: _Element, order: str) -> int:
-    """The byte after the rows of an element."""
-    if not any(each.length for each in element.properties):
-        return at + element.count * element.least
-    return _lists(content, at, element, order, -1)[2]
+    columns = element.xyz
+    rows = np.frombuffer(content, _layout(element, order), element.count, at)
+    return np.stack([rows[str(column)].astype(np.float64) for column in columns], axis=1)
 
 
 def _lists(
@@ -411,30 +355,19 @@ def _even_lists(
     lists = [k for k, each in enumerate(element.properties) if each.length]
     if len(lists) != 1 or not element.count:
         return None
-    list_property = element.properties[lists[0]]
-    head = sum(np.dtype(each.kind).itemsize for each in element.properties[: lists[0]])
-    size = np.dtype(list_property.length).itemsize
-    if at + head + size > len(content):
+    column, least = str(lists[0]), _layout(element, order)
+    if at + least.itemsize > len(content):
         return None
-    first = int(
-        np.frombuffer(content, dtype=order + list_property.length, count=1, offset=at + head)[0]
-    )
-    row = element.least + first * np.dtype(list_property.kind).itemsize
-    if first < 0 or element.count * row > len(content) - at:
+    first = int(np.frombuffer(content, least, 1, at)[f"{column} length"][0])
+    size = least.itemsize + first * np.dtype(element.properties[lists[0]].kind).itemsize
+    if first < 0 or element.count * size > len(content) - at:
         return None
-    kind = np.dtype(
-        {
-            "names": ["length", "values"],
-            "formats": [order + list_property.length, (order + list_property.kind, (first,))],
-            "offsets": [head, head + size],
-            "itemsize": row,
-        }
-    )
-    rows = np.frombuffer(content, dtype=kind, count=element.count, offset=at)
-    if np.any(rows["length"] != first):
+    layout = _layout(element, order, first)
+    rows = np.frombuffer(content, layout, element.count, at)
+    if np.any(rows[f"{column} length"] != first):
         return None
-    values = rows["values"].astype(np.int64).ravel() if wanted >= 0 else np.zeros(0, dtype=np.int64)
-    return np.full(element.count, first, dtype=np.int64), values, at + element.count * row
+    values = rows[column].astype(np.int64).ravel() if wanted >= 0 else np.zeros(0, dtype=np.int64)
+    return np.full(element.count, first, dtype=np.int64), values, at + element.count * size
 
 
 def _text_rows(lines: list[bytes], element: _Element) -> Array:
@@ -468,3 +401,10 @@ def _text_lists(
                 at = stop
         values.append(wholes(result))
     return np.array(counts, dtype=np.int64), np.concatenate(values)
+
+
+_OFF_VERTEX, _OFF_FACE = _header(
+    b"ply\nformat ascii 1.0\nelement vertex 0\nproperty double x\nproperty double y\n"
+    b"property double z\nelement face 0\nproperty list uchar int vertex_indices\nend_header\n"
+)[1]
+"""Rows of an OFF as a PLY declares them."""

@@ -67,12 +67,12 @@ class ServoBus:
         blame: _Blame | None = None,
     ) -> None:
         try:
-            from dynamixel_sdk import PacketHandler
+            from .port import ServoPackets
         except ImportError:
             raise not_installed("world", "dynamixel-sdk", "a bus of servos", "machines") from None
         self.port, self.baud, self.ids, self.names = port, baud, list(ids), list(names)
         self.fast, self.retried = False, 0
-        self._retries, self._packets, self.latency_ms = retries, PacketHandler(2.0), latency_ms
+        self._retries, self._packets, self.latency_ms = retries, ServoPackets(), latency_ms
         self._latch = StopLatch() if latch is None else latch
         self._blame = blame
         self._handler: Any = None

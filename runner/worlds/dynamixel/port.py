@@ -8,7 +8,7 @@ import fcntl
 import os
 import time
 
-from dynamixel_sdk import PortHandler
+from dynamixel_sdk import PortHandler, Protocol2PacketHandler
 
 from ...safety.estop import StopLatch
 from .control_table import LATENCY_MS
@@ -21,6 +21,28 @@ _FLOOD_BYTES = 2048
 """So many bytes more than an answer has are no answer: somebody sends without end."""
 _RESTLESS = 8
 """So many times as long as a bus has to be quiet, it may take to become so."""
+
+
+_HEADER = b"\xff\xff\xfd"
+
+
+class ServoPackets(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
+    """Packets of Protocol 2.0. Those of the SDK 4.1.0 that hold a header in their parameters leave
+    as they are, without the byte that has to follow it, and come in with a byte lost.
+    """
+
+    def addStuffing(self, packet: list[int]) -> list[int]:
+        """Put 0xFD behind every header inside a packet, in place."""
+        return self._replaced(packet, _HEADER, _HEADER + b"\xfd")
+
+    def removeStuffing(self, packet: list[int]) -> list[int]:
+        """Take it out again, in place."""
+        return self._replaced(packet, _HEADER + b"\xfd", _HEADER)
+
+    def _replaced(self, packet: list[int], old: bytes, new: bytes) -> list[int]:
+        packet[7:-2] = bytes(packet[7:-2]).replace(old, new)
+        packet[5:7] = (len(packet) - 7).to_bytes(2, "little")
+        return packet
 
 
 class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types

@@ -12,12 +12,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.answer.answer import UNBOUNDED, Answer, Status
@@ -44,13 +41,12 @@ from stancekit.planners.formats.question_file import (
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import with_joints
-from stancekit.planners.robot.inverse_kinematics import descend
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
-from stancekit.planners.verify.postures import LIMIT_RAD, REACHED_M
+from stancekit.planners.verify.postures import REACHED_M
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
 
@@ -67,17 +63,11 @@ def refusal(call, *values):
 
 
 def test_what_is_no_text_file_is_named(tmp_path):
-    file = tmp_path / "file.json"
-    assert_names(refusal(read_text, file), file)
     assert_names(refusal(read_text, tmp_path), tmp_path)
-    file.write_bytes(b"")
-    assert_names(refusal(read_text, file), file)
-    file.write_bytes(b" \n\t\n")
-    assert_names(refusal(read_text, file), file)
-    file.write_bytes(b'{"a": "\xff"}')
-    assert_names(refusal(read_text, file), file)
-    file.write_text('{"a": "ü"}', encoding="utf-8")
-    assert read_text(file) == read_text(str(file)) == '{"a": "ü"}'
+    assert_names(refusal(read_text, tmp_path / "file.json"), "file.json")
+    for content in (b"", b" \n\t\n", b'{"a": "\xff"}'):
+        (tmp_path / "file.json").write_bytes(content)
+        assert_names(refusal(read_text, tmp_path / "file.json"), "file.json")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
@@ -158,28 +148,10 @@ def test_what_is_broken_but_no_json_lines_is_one_error(text):
     assert message.startswith("f: expected JSON, broken at line ")
 
 
-def test_a_broken_first_line_does_not_keep_the_others_back():
-    found = records('{"a": \n{"a": 2}\n{"a": 3}\n')
-    assert found[1:] == [("f line 2", {"a": 2}), ("f line 3", {"a": 3})]
-
-
 @pytest.mark.parametrize("separator", ["\u2028", "\u2029", "\u0085"])
 def test_only_line_ends_end_a_line(separator):
     text = "\n".join(json.dumps({"a": f"x{separator}y"}, ensure_ascii=False) for _ in range(2))
     assert [item for _, item in records(text)] == [{"a": f"x{separator}y"}] * 2
-
-
-@given(
-    st.lists(
-        st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False, allow_infinity=False)),
-        min_size=2,
-        max_size=5,
-    )
-)
-def test_lines_arrays_and_indented_arrays_hold_the_same(items):
-    lines = "\r\n".join(json.dumps(item) for item in items)
-    for text in (lines, json.dumps(items), json.dumps(items, indent=2)):
-        assert [item for _, item in records(text)] == items
 
 
 def test_problems_are_read_one_by_one_with_their_errors(drawn):
@@ -757,58 +729,13 @@ def _swapped(header: dict[str, Any], arrays: dict[str, Any]) -> None:
     arrays["joints_rad"] = arrays["joints_rad"][:, [3, 4, 5, 0, 1, 2, *range(6, 12)]]
 
 
-def _mirrored(header: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """The knee bent the other way, where the foot is as before: beyond the knee's limit alone."""
-    model = model_of_header(header)
-    leg = model.legs[0]
-    free = [
-        joint.__class__(**{**vars(joint), "lower_rad": -3.0, "upper_rad": 3.0})
-        for joint in leg.joints
-    ]
-    loose = leg.__class__(
-        **{
-            name: getattr(leg, name) for name in ("name", "chain", "foot", "radius_m", "stance_rad")
-        },
-        joints=tuple(free),
-    )
-    q = arrays["joints_rad"][:, :3]
-    other, error = descend(loose, leg.chain.feet(q), q * [1, -1, -1] + [0.0, 0.3, 0.0])
-    assert error.max() < 1e-6
-    assert other[:, 2].min() > leg.upper_rad[2] + LIMIT_RAD
-    arrays["joints_rad"][:, :3] = other
-
-
-def _narrowed(header: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """The limit of a joint half way between where it stands and where it goes."""
-    model = header["question"]["robot"]["model"]
-    stance = {joint: angle for leg in model["legs"] for joint, angle in leg["stance_rad"].items()}
-    past = arrays["joints_rad"] - np.array(list(stance.values()))
-    frame, joint = np.unravel_index(int(past.argmax()), past.shape)
-    name = list(stance)[joint]
-    root = ElementTree.fromstring(model["urdf"])
-    limit = root.find(f"joint[@name='{name}']/limit")
-    limit.set("upper", repr(stance[name] + 0.5 * float(past[frame, joint])))
-    model["urdf"] = ElementTree.tostring(root, encoding="unicode")
-
-
-def _names_swapped(header: dict[str, Any], arrays: dict[str, Any]) -> None:
-    legs = header["question"]["robot"]["model"]["legs"]
-    legs[0], legs[1] = {**legs[1], "name": "LF"}, {**legs[0], "name": "RF"}
-    names = header["columns"]["joints"]
-    header["columns"]["joints"] = [*names[3:6], *names[:3], *names[6:]]
-    header["question"]["robot"]["mass_kg"] = model_of_header(header).body.mass_kg
-
-
 @pytest.mark.parametrize(
     ("forge", "group"),
     [
         (_shifted, "joints"),
         (_swapped, "joints"),
-        (_mirrored, "joints"),
-        (_names_swapped, "joints"),
         (in_urdf('0 0 -.3"', '0 0 -.30002"'), "joints"),
         (in_urdf('radius="0.02"', 'radius="0.0201"'), "joints"),
-        (_narrowed, "joints"),
         (in_urdf('effort="40.0"', 'effort="1.0"'), "torque"),
         (in_urdf('0.28 -0.14 0"', '0.28 -0.14 0.001"'), "joints"),
     ],

@@ -1,5 +1,8 @@
 """Terrain files: every kind goes round, and what is wrong with one is said in one line."""
 
+import struct
+import zlib
+
 import numpy as np
 import pytest
 
@@ -7,7 +10,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import named_terrain
-from stancekit.planners.terrain.terrain_file import read_heights
+from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
 from tests.refusals import assert_names, refuses
 
 Image = pytest.importorskip("PIL.Image")
@@ -158,12 +161,47 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path, name, content, options, mes
     assert "\n" not in str(caught.value)
 
 
-def test_a_picture_with_transparent_pixels_has_holes(tmp_path):
-    pixels = np.full((6, 6, 2), 255, dtype=np.uint8)
-    pixels[2, 3, 1] = 0
-    Image.fromarray(pixels, "LA").save(tmp_path / "holes.png")
-    with refuses():
-        read_heights(tmp_path / "holes.png", ImportOptions(height_m=(0.0, 1.0)))
+def png(bits, kind, row, clear=None, palette=None):
+    """A picture of four equal rows, the last pixel of which is a hole by its alpha or ``clear``."""
+    heads = {"IHDR": struct.pack(">IIBBBBB", 4, 4, bits, kind, 0, 0, 0)}
+    heads |= {} if palette is None else {"PLTE": bytes(palette)}
+    heads |= {} if clear is None else {"tRNS": clear}
+    chunks = heads | {"IDAT": zlib.compress(4 * (b"\0" + bytes(row))), "IEND": b""}
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        len(data).to_bytes(4) + name.encode() + data + zlib.crc32(name.encode() + data).to_bytes(4)
+        for name, data in chunks.items()
+    )
+
+
+@pytest.mark.parametrize(
+    ("picture", "most"),
+    [
+        (png(8, 4, [0, 255, 51, 255, 255, 255, 9, 0]), 1.0),
+        (png(8, 0, [0, 51, 255, 9], b"\0\x09"), 1.0),
+        (png(16, 0, [0, 0, 0x33, 0x33, 255, 255, 0, 9], b"\0\x09"), 1.0),
+        (
+            png(8, 3, [0, 1, 2, 3], b"\xff\xff\xff\0", [0, 0, 0, *3 * [51], *3 * [255], 9, 9, 9]),
+            1.0,
+        ),
+        (png(8, 2, [0, 0, 0, *3 * [51], *3 * [255], 9, 9, 9], b"\0\x09\0\x09\0\x09"), 1.0),
+        (png(1, 0, [0b0010 << 4]), None),
+        (png(2, 0, [0b00011110]), None),
+        (png(4, 0, [0x03, 0xF1]), None),
+        (png(2, 0, [0b00011110], b"\0\2"), "2 bits"),
+        (png(16, 4, range(16)), "16 bits"),
+        (png(16, 2, range(24)), "16 bits"),
+    ],
+)
+def test_a_picture_of_any_depth_keeps_its_heights_and_holes(picture, most, tmp_path):
+    path, options = written(tmp_path / "map.png", picture), ImportOptions(height_m=(0.0, 1.0))
+    if isinstance(most, str):
+        with refuses(most):
+            read_terrain(path, options)
+        return
+    heights = read_terrain(path, options).heights_m[:, 0]
+    assert np.isnan(heights).tolist() == [False, False, False, most is not None]
+    assert (heights[0], heights[2]) == (0.0, 1.0)
+    assert most is None or heights[1] == pytest.approx(0.2)
 
 
 def test_a_pickle_is_not_opened(tmp_path):

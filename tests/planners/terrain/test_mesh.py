@@ -236,7 +236,3 @@ def test_a_file_without_a_mesh_is_refused_in_one_line(name, content, message, tm
     path = tmp_path / name
     path.write_bytes(content)
     assert message in refusal(path)
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    assert_names(refusal(tmp_path / "no.stl"), tmp_path / "no.stl")

@@ -8,6 +8,7 @@ import json
 import re
 import zlib
 from collections import Counter
+from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.mesh_file import read_corners
 from stancekit.planners.terrain.mesh_formats import READERS
+from stancekit.planners.terrain.mesh_formats.fields import FIELDS
 from stancekit.planners.terrain.mesh_formats.numbers import TooMany
 from tests.damage import mutations as m
 from tests.refusals import refuses
@@ -179,17 +181,67 @@ def test_a_dae_is_in_the_unit_that_it_states() -> None:
         read(text.replace("<up_axis>", '<unit meter="0"/><up_axis>').encode(), "dae")
 
 
-def test_a_glb_that_requires_what_moves_corners_is_refused() -> None:
-    whole = content(trimesh.creation.box(), "glb")
+GLB = {
+    "uri": lambda tree: tree.update(images=[{"uri": "x.png"}]),
+    "sparse": lambda tree: tree["accessors"][0].update(sparse={}),
+    "skin": lambda tree: [node.update(skin=0) for node in tree["nodes"]],
+    "weights": lambda tree: tree["meshes"][0].update(weights=[1.0]),
+}
+"""Changes of a .glb by a field; others are extensions."""
+
+
+def holding(kind: str, field: str) -> bytes:
+    """A file of a box that holds a field."""
+    whole = content(trimesh.creation.box(), f"{'text.' * (kind == 'ply')}{kind}")
+    if kind == "glb":
+        return glb_with(whole, GLB.get(field, lambda tree: extended(tree, field)))
+    old, new = {
+        "obj": (b"v ", f"{field} 1 2\nv ".encode()),
+        "off": (b"OFF", b"OFF BINARY" if field == "BINARY" else f"{field}OFF".encode()),
+        "ply": (b"end_header", f"element {field} 0\nend_header".encode()),
+        "dae": (b"</mesh>", f"</mesh><{field}/>".encode()),
+    }[kind]
+    if field in ("lookat", "skew"):
+        old, new = b"<instance_geometry", f"<{field}/><instance_geometry".encode()
+    return whole.replace(old, new, 1)
+
+
+def glb_with(whole: bytes, change: Callable[[Any], object]) -> bytes:
+    size = int.from_bytes(whole[12:16], "little")
+    tree = json.loads(whole[20 : 20 + size])
+    change(tree)
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    head = whole[:8] + (len(whole) - size + len(text)).to_bytes(4, "little")
+    return head + len(text).to_bytes(4, "little") + whole[16:20] + text + whole[20 + size :]
+
+
+def extended(tree: Any, name: str) -> None:
+    for each in (*tree["nodes"], *tree["meshes"][0]["primitives"], *tree["bufferViews"]):
+        each["extensions"] = {name: {}}
+
+
+REFUSED = [(kind[1:], field) for kind, rows in FIELDS.items() for field in rows[1].split()]
+
+
+@pytest.mark.parametrize(("kind", "field"), REFUSED)
+def test_a_field_that_nobody_follows_is_refused_by_its_name(kind: str, field: str) -> None:
+    assert f"`{field}`" in Path("docs/terrain.md").read_text()
+    with refuses(field):
+        read(holding(kind, field), kind)
+
+
+def test_what_a_glb_requires_is_asked_and_a_mirror_turns_its_faces_round() -> None:
+    whole = content(trimesh.creation.box([1.0, 2.0, 3.0]), "glb")
     for name, taken in (("KHR_materials_unlit", True), ("EXT_mesh_gpu_instancing", False)):
-        size = int.from_bytes(whole[12:16], "little")
-        tree = json.loads(whole[20 : 20 + size]) | {"extensionsRequired": [name]}
-        text = json.dumps(tree).encode()
-        text += b" " * (-len(text) % 4)
-        head = whole[:8] + (len(whole) - size + len(text)).to_bytes(4, "little")
-        data = head + len(text).to_bytes(4, "little") + whole[16:20] + text + whole[20 + size :]
+        required = glb_with(whole, lambda tree, name=name: tree.update(extensionsRequired=[name]))
         with nullcontext() if taken else refuses("extensionsRequired", name):
-            assert len(read(data, "glb")[1]) == 12
+            assert len(read(required, "glb")[1]) == 12
+    for scale, volume in (([1, 1, 1], 6.0), ([-1, 1, 1], 6.0), ([-2, -1, 1], 12.0)):
+        place = {"mesh": 0, "scale": scale}
+        mirrored = glb_with(whole, lambda tree, p=place: tree.update(nodes=[p], scenes=[]))
+        corners, triangles = read(mirrored, "glb")
+        assert np.linalg.det(corners[triangles]).sum() / 6.0 == pytest.approx(volume)
 
 
 def test_a_node_within_itself_ends() -> None:

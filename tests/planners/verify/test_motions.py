@@ -4,6 +4,7 @@ ones are found.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +16,7 @@ pytest.importorskip("coal")
 import stancekit
 from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.report import Report
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify.motions import check_motion, nearest
@@ -48,17 +47,6 @@ def test_an_exported_walk_holds_in_every_group(moved: Moved) -> None:
     report = judged(moved.table, moved)
     assert (report.accepted, len(report.checked)) == (True, 17)
     assert report.checked == tuple(group.name for group in report.groups)
-
-
-def test_without_contacts_and_forces_the_verdicts_that_are_known_are_the_same(moved: Moved) -> None:
-    whole, bare = (
-        judged(moved.table, moved),
-        judged(replace(moved.table, contact=None, forces_n=None), moved),
-    )
-    assert bare.unchecked == ("contact_gap", "forces", "cone", "swing_force", "effort")
-    assert_names(bare.group("cone").message, "forces")
-    for one, other in zip(whole.groups, bare.groups, strict=True):
-        assert other.verdict in (one.verdict, "not checked")
 
 
 def test_joints_alone_say_little_and_that_is_said(moved: Moved) -> None:
@@ -262,6 +250,79 @@ def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_th
         assert (report.group("balance").verdict == "violated") != stands
 
 
+def spoiled(table: MotionTable, **columns: Callable[[np.ndarray], np.ndarray]) -> MotionTable:
+    return replace(table, **{name: of(getattr(table, name)) for name, of in columns.items()})
+
+
+def digits(count: int) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+    """All columns but the contacts with so many decimals, as files of other programs have them."""
+    names = set(MotionTable.__annotations__) - {"joints", "limbs", "contact", "robot", "source"}
+    return {name: lambda array: np.round(array, count) for name in names}
+
+
+def stamps(error_s: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda times: times + np.random.default_rng(0).uniform(-error_s, error_s, len(times))
+
+
+NO_LOGS = ("forces_n", "contact", "torques_nm", "rates_rad_s", "feet_m", "com_m", "velocity_m_s")
+HARMLESS = {
+    "four decimals": digits(4),
+    "three decimals": digits(3),
+    "single precision": {name: lambda array: np.float64(np.float32(array)) for name in digits(4)},
+    "stamps that jitter by 0.3 ms": {"time_s": stamps(3e-4)},
+    "seconds since 1970": {"time_s": lambda times: times + 1732456789.25},
+    "since 1970, four decimals": digits(4)
+    | {"time_s": lambda times: np.round(times + 1732456789.25, 4)},
+    "quaternions on either side": digits(4)
+    | {"quaternion": lambda q: np.round(q, 4) * np.where(np.arange(len(q)) % 2, 1, -1)[:, None]},
+    "body and angles alone": {name: lambda _: None for name in NO_LOGS},
+}
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+def test_rounding_jitter_and_missing_columns_do_no_harm(name: str, moved: Moved) -> None:
+    report = judged(spoiled(moved.table, **HARMLESS[name]), moved)
+    assert report.accepted
+    bare = {"torque", "contact_gap", "forces", "cone", "swing_force"}
+    assert set(report.unchecked) == (bare if "alone" in name else set())
+
+
+def bump(size: float, axis: int) -> Callable[[np.ndarray], np.ndarray]:
+    """A body that swings by so much [m], four times per second."""
+
+    def shaken(array: np.ndarray) -> np.ndarray:
+        wave = np.sin(2.0 * np.pi * 0.04 * np.arange(len(array)))
+        return np.round(array + size * wave[:, None] * np.eye(3)[axis], 4)
+
+    return shaken
+
+
+WRONG = {
+    "a shaken body": ({"origin_m": bump(0.004, 2)}, "forces"),
+    "a body that slides": ({"origin_m": bump(0.01, 0)}, "slip"),
+    "weak forces": ({"forces_n": lambda forces: 0.8 * forces}, "forces"),
+    "two decimals": (digits(2), "balance"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_beyond_the_digits_is_refused(name: str, moved: Moved) -> None:
+    columns, group = WRONG[name]
+    report = judged(spoiled(moved.table, **digits(4) | columns), moved)
+    assert group in [each.name for each in report.refused]
+    assert ("rounded to 0.01" in report.message) is (name == "two decimals")
+
+
+def test_rows_that_are_lost_or_late_are_no_jitter(moved: Moved) -> None:
+    table, rows = moved.table, np.arange(len(moved.table.time_s))
+    with refuses("time_s", "row 90"):
+        replace(table, **{name: array[rows != 90] for name, array in table.known().items()})
+    with refuses("time_s", "row 91"):
+        replace(table, time_s=table.time_s + 2e-3 * (rows > 90))
+    with refuses("time_s"):
+        spoiled(table, time_s=stamps(2e-3))
+
+
 def test_other_joints_are_refused_by_name(moved: Moved) -> None:
     with refuses("joints"):
         judged(replace(moved.table, joints=("arm", *moved.table.joints[1:])), moved)
@@ -312,13 +373,6 @@ def test_a_ball_beside_a_step_of_heights_is_as_near_as_a_fine_grid_says() -> Non
             continue
         assert its_gap == pytest.approx(signed - radius, abs=1e-3)
         assert np.linalg.norm(its_normal) == pytest.approx(1.0)
-
-
-def test_a_walker_without_legs_is_refused() -> None:
-    from stancekit.planners.robot.walker import named_walker
-
-    with pytest.raises(InvalidInput):
-        walking_robot(named_walker("anymal-boxes"))
 
 
 COLUMNS = {

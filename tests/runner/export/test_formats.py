@@ -7,8 +7,10 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,7 +21,8 @@ import stancekit
 from stancekit.planners.answer.plan import LeapPlan, MotionTable, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.formats.table_file import csv_of, read_table
+from stancekit.planners.files.documents import yaml_of
+from stancekit.planners.formats.table_file import csv_of, joint_trajectory_bytes, read_table
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.legged import walking_robot
@@ -70,16 +73,6 @@ def test_the_rate_is_the_one_asked_for_and_samples_of_a_walk_are_its_own(walk: T
     np.testing.assert_allclose(table.forces_n[rows], walk.forces_n, atol=1e-7)
 
 
-def test_a_csv_is_read_by_five_lines_of_numpy(moved: Moved, tmp_path: Path) -> None:
-    (tmp_path / "walk.csv").write_bytes(csv_of(moved.table))
-    table = np.genfromtxt(
-        tmp_path / "walk.csv", delimiter=",", names=True, deletechars="", replace_space=" "
-    )
-    joint = moved.table.joints[0]
-    np.testing.assert_array_equal(table[f"q.{joint}"], moved.table.angles_rad[:, 0])
-    assert set(table["contact.LF"]) == {0.0, 1.0}
-
-
 @pytest.mark.parametrize("to", ["csv", "npz"])
 def test_tables_come_back_to_the_last_bit(to: str, moved: Moved, tmp_path: Path) -> None:
     path = tmp_path / f"walk{FORMATS[to].suffixes[0]}"
@@ -123,7 +116,16 @@ def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: P
     np.testing.assert_array_equal(
         [point.positions for point in back.points], moved.table.angles_rad
     )
-    np.testing.assert_array_equal(read_table(path).angles_rad, moved.table.angles_rad)
+    named = replace(moved.table, joints=("1e3", "0x1f", *moved.table.joints[2:]))
+    path.write_bytes(joint_trajectory_bytes(named, suffix))
+    back, whole = read_table(path), message["points"][0]["positions"]
+    np.testing.assert_array_equal(back.angles_rad, moved.table.angles_rad)
+    assert back.joints == named.joints
+    for wrong in ("1.0", None, float("nan")):
+        message["points"][0]["positions"] = [wrong, *whole[1:]]
+        path.write_text(yaml_of(message) if suffix == ".yaml" else json.dumps(message))
+        with refuses("positions" if wrong == wrong else path.name):
+            read_table(path)
 
 
 def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: Path) -> None:
@@ -200,27 +202,35 @@ def test_a_reference_has_the_arrays_that_mjlabs_motion_loader_reads(
     np.testing.assert_allclose(np.linalg.norm(held["body_quat_w"], axis=-1), 1.0, atol=1e-9)
 
 
-def test_mcap_and_ros_read_the_log(moved: Moved, tmp_path: Path) -> None:
-    import mcap.reader as reader
-    import rosbags.typesys as typesys
+def test_rosbags_opens_the_log_and_reads_every_message(moved: Moved, tmp_path: Path) -> None:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
 
     FORMATS["foxglove"].write(moved, tmp_path / "walk.mcap")
-    store, states, seen = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), [], set()
-    with (tmp_path / "walk.mcap").open("rb") as stream:
-        for schema, channel, message in reader.make_reader(stream).iter_messages():
-            seen.add((channel.topic, schema.name))
-            if channel.topic == "/joint_states":
-                states.append(store.deserialize_cdr(message.data, schema.name))
-    assert seen == {
-        ("/joint_states", "sensor_msgs/msg/JointState"),
-        ("/tf", "foxglove.FrameTransform"),
-        ("/forces", "foxglove.SceneUpdate"),
-        ("/contacts", "stancekit.Contacts"),
-    }
-    assert tuple(states[0].name) == moved.table.joints
-    np.testing.assert_array_equal([state.position for state in states], moved.table.angles_rad)
-    np.testing.assert_array_equal([state.effort for state in states], moved.table.torques_nm)
-    assert json.loads((tmp_path / "walk.layout.json").read_text())["layout"]["first"] == "3D!stance"
+    table, store, seen = moved.table, get_typestore(Stores.ROS2_HUMBLE), dict[str, list[Any]]()
+    with AnyReader([tmp_path / "walk.mcap"], default_typestore=store) as bag:
+        for connection, stamp_ns, raw in bag.messages():
+            message = bag.deserialize(raw, connection.msgtype)
+            seen.setdefault(connection.topic, []).append((stamp_ns, message))
+            own = store.get_msgdef(connection.msgtype)
+            assert bag.typestore.get_msgdef(connection.msgtype).fields == own.fields
+    assert [ns for ns, _ in seen["/tf"]] == [round(1e9 * each) for each in table.time_s.tolist()]
+    joints, contacts = ([each for _, each in seen[t]] for t in ("/joint_states", "/contacts"))
+    assert (tuple(joints[0].name), tuple(contacts[0].name)) == (table.joints, table.limbs)
+    np.testing.assert_array_equal([each.position for each in joints], table.angles_rad)
+    np.testing.assert_array_equal([each.effort for each in joints], table.torques_nm)
+    np.testing.assert_array_equal([each.position for each in contacts], table.contact)
+    body = [each.transforms[0].transform for _, each in seen["/tf"]]
+    np.testing.assert_array_equal([points([each.translation])[0] for each in body], table.origin_m)
+    assert [each.rotation.w for each in body] == table.quaternion[:, 0].tolist()
+    balls, lines = zip(*[each.markers for _, each in seen["/forces"]], strict=True)
+    np.testing.assert_array_equal([points(each.points) for each in balls], table.feet_m)
+    ends = np.array([points(each.points) for each in lines])
+    np.testing.assert_allclose(1e3 * (ends[:, 1::2] - ends[:, ::2]), table.forces_n, atol=1e-9)
+
+
+def points(messages: Iterable[Any]) -> list[tuple[float, float, float]]:
+    return [(each.x, each.y, each.z) for each in messages]
 
 
 def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Trajectory) -> None:
