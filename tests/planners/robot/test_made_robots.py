@@ -239,6 +239,13 @@ def test_what_was_not_looked_at_is_a_doubt(
     assert any(unseen in each for each in link_shapes(model)[1]) == bool(unseen)
 
 
+@pytest.mark.parametrize("ends", [("LF_foot", "LF_hip"), ("LF_foot", "trunk"), ("a", "a")])
+def test_what_is_no_tree_is_refused_before_it_ends_the_process(ends: tuple[str, str]) -> None:
+    tail = '<link name="a"/><joint name="tail" type="fixed"><parent link="{}"/><child link="{}"/>'
+    with refuses("link"):
+        model_of(quadruped().replace("</robot>", f"{tail.format(*ends)}</joint></robot>"), where="")
+
+
 def test_what_cannot_be_read_as_a_robot_is_refused_with_its_link(tmp_path: Path) -> None:
     with refuses("LF_shank", "-0.15 kg"):
         read("shanks-of-negative-mass", tmp_path / "a")
