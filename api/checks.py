@@ -47,6 +47,7 @@ def check_file(
     course: str | None = None,
     terrain: str | Path | None = None,
     why: bool = False,
+    exact: bool = False,
 ) -> FileCheck:
     """Check a file of a plan, a proof, a leap or a walk against the question in it, whatever it
     says of itself; or a motion from elsewhere, for a robot and a terrain.
@@ -57,6 +58,7 @@ def check_file(
         course: course that a plan must be for, as ``plan`` takes it.
         terrain: terrain of a motion, see ``_check_motion``.
         why: ask for a reason, which only proofs have.
+        exact: replay a proof in exact arithmetic, too.
 
     Raises:
         InvalidInput: for a file that holds none of them, and for one of another robot or course.
@@ -67,8 +69,9 @@ def check_file(
     name = str(path)
     data = read_json(path) if Path(path).suffix == ".json" else None
     if is_table(path, data):
-        if why:
-            raise InvalidInput(f"explain: expected a file of answers with it, got {name} alone")
+        if why or exact:
+            option = "explain" if why else "exact"
+            raise InvalidInput(f"{option}: expected a proof with it, got the motion {name}")
         if tolerance != TOLERANCE:
             raise InvalidInput(
                 "tolerance: expected none with a motion, whose groups have limits of their own"
@@ -92,6 +95,7 @@ def check_file(
         robot=who,
         course=None if course is None else _course(course, who),
         why=why,
+        exact=exact,
     )
 
 

@@ -48,7 +48,7 @@ class Train:
     seed: OptionalInt = None
     """Seed, instead of the file's."""
     resume: bool = False
-    """Go on from the folder's checkpoint."""
+    """Go on from the folder's checkpoint, or from the labels that it has so far."""
     json: bool = False
     """One JSON object a point of the learning curve."""
 

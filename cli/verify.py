@@ -63,6 +63,10 @@ class Verify:
     the same ground."""
     explain: bool = False
     """Say for every proof what would have to give, and by how much at least."""
+    exact: bool = False
+    """Replay a file's proof in exact arithmetic, too: its numbers as the fractions that they are,
+    with balls that are rounded outwards where a root enters. The message says which arithmetic
+    decided which leaf. It needs the extra proofs."""
     json: bool = False
     """One JSON object a line."""
 
@@ -76,9 +80,10 @@ class Verify:
             ("robot", "a plan's, a gait's or a motion's"),
             ("course", "a plan's"),
             ("terrain", "a motion's"),
+            ("exact", "a proof's"),
         )
         for option, wanted in wants:
-            if getattr(self, option) is not None and not (
+            if getattr(self, option) not in (None, False) and not (
                 self.answers is None and self.problems.is_file()
             ):
                 raise InvalidInput(
@@ -104,7 +109,7 @@ class Verify:
         """A plan of key frames, a proof or a gait trajectory: one verdict."""
         from stancekit.checks import check_file
 
-        with as_options("tolerance", "robot", "course", "terrain", "explain"):
+        with as_options("tolerance", "robot", "course", "terrain", "explain", "exact"):
             check = check_file(
                 self.problems,
                 tolerance=self.tolerance,
@@ -112,6 +117,7 @@ class Verify:
                 course=self.course,
                 terrain=self.terrain,
                 why=self.explain,
+                exact=self.exact,
             )
         if self.json:
             emit(check.to_json())

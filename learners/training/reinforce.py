@@ -115,8 +115,8 @@ def train(
     Raises InvalidInput.
 
     Arguments:
-        resume: go on from the folder's checkpoint; its configuration must be the same but for
-            ``steps``.
+        resume: go on from the folder's checkpoint, or from its labels where a run was stopped before
+            there was one; the configuration must be the same but for ``steps``.
         scenes: None labels them in the folder.
         progress: told steps done and in all.
         labelling: which data set, its rows done and in all.
@@ -124,13 +124,16 @@ def train(
     checkpoint = folder / NAME
     if checkpoint.exists() and not resume:
         raise InvalidInput(f"{folder}: holds a run already: resume it, or choose another folder")
-    if resume and not checkpoint.exists():
-        raise InvalidInput(f"{folder}: expected checkpoint.safetensors to resume from, found none")
+    if resume and not (folder.is_dir() and any(folder.iterdir())):
+        raise InvalidInput(
+            f"{folder}: expected labels or checkpoint.safetensors to resume from, got nothing"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     scenes = scenes or TrainingScenes.label(config, folder, progress=labelling)
     env = _training_env(config, scenes)
     try:
-        return _Run(config, folder, scenes, env).go(checkpoint if resume else None, progress)
+        begun = checkpoint if resume and checkpoint.exists() else None
+        return _Run(config, folder, scenes, env).go(begun, progress)
     finally:
         env.close()
 

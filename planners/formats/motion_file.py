@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -24,7 +24,7 @@ from ..answer.motion import Evidence, Motion, seal
 from ..answer.plan import LATER, OPTIONAL, WHOLE_BODY, LeapPlan, Plan, leap_shapes, plan_shapes
 from ..answer.report import Report, verdict_digest
 from ..answer.trajectory import Trajectory, robot_from_json
-from ..errors import InvalidInput
+from ..errors import InvalidInput, not_installed
 from ..files.arrays import unpacked
 from ..files.codec import extracted
 from ..files.documents import read_json, shown, validated
@@ -442,6 +442,7 @@ def check_file(
     robot: str | None = None,
     course: Callable[[int], Problem] | None = None,
     why: bool = False,
+    exact: bool = False,
 ) -> FileCheck:
     """Verify a motion or a proof in a file anew, whatever it says of itself.
 
@@ -453,6 +454,7 @@ def check_file(
             believed what its robot is.
         course: of so many key frames, the one that a plan has to be of.
         why: ask for a reason, which only proofs have.
+        exact: replay a proof in exact arithmetic, too (``verify.exact``).
 
     Raises:
         InvalidInput: for a file that cannot be read, one of another robot or course, and options
@@ -466,11 +468,13 @@ def check_file(
         ("course", course is not None, of_plan),
         ("tolerance", tolerance is not None, of_plan),
         ("explain", why, isinstance(evidence, Certificate)),
+        ("exact", exact, isinstance(evidence, Certificate)),
     ):
         if given and not used:
             raise InvalidInput(f"{name}: expected none with {path}, a {word}, which has its own")
     if isinstance(evidence, Certificate):
-        return _check_proof(str(path), evidence, why)
+        check = _check_proof(str(path), evidence, why)
+        return _replayed(check, evidence) if exact else check
     _check_asked(str(path), evidence, robot, course)
     report = judge(evidence, tolerance=tolerance, joints=joints)
     claimed = content["verdict"].get("checked", ())
@@ -514,6 +518,17 @@ def _check_proof(path: str, certificate: Certificate, why: bool) -> FileCheck:
     reason = explain(certificate).message if report.accepted else report.message
     kind = "no-posture" if of_posture else "no-plan"
     return FileCheck(path=path, kind=kind, report=report, message=f"{name}: {reason}")
+
+
+def _replayed(check: FileCheck, certificate: Certificate) -> FileCheck:
+    """The verdict on a proof with that of exact arithmetic, which has to agree."""
+    if find_spec("flint") is None:
+        raise not_installed("exact", "python-flint", "fractions and balls", "proofs")
+    from ..verify.exact import check_exact
+
+    question, *arrays = certificate.question, certificate.tree, certificate.multipliers
+    held, _, message = check_exact(question, *(array.tolist() for array in arrays))
+    return replace(check, founded=held, message=f"{check.message}; {message}")
 
 
 def _check_asked(

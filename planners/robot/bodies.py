@@ -25,7 +25,8 @@ from .inverse_kinematics import Near, Overlap, WholeBody
 from .kinematics import Kinematics
 from .leg import Mount
 from .links_in_ground import LinksInGround
-from .meshes import Shape, shape_points, solid_shapes
+from .meshes import Shape, shape_points, solid_shapes, unknown_shapes
+from .plausibility import shapeless
 from .robot_model import RobotModel
 from .urdf_reader import coal, pinocchio
 
@@ -744,9 +745,9 @@ def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str
         missing.setdefault("joint|: no shape of what they carry", []).extend(
             leg.joint_names[k] for k in bare
         )
-    if all(model.mounts[shape.link].leg is not None for shape in model.shapes):
-        trunk = [name for name, mount in model.mounts.items() if mount.leg is None][:1]
-        missing["link|: no shape"] = trunk
+    missing["link|: no shape"] = shapeless(model.tree, model.shapes, model.mounts)
+    unread = dict.fromkeys(link for link, _ in unknown_shapes(model.tree))
+    missing["link|: a shape that is not known"] = list(unread)
     lines = [(*key.split("|"), names) for key, names in missing.items() if names]
     return solids, tuple(
         f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}"

@@ -116,6 +116,15 @@ def shape_elements(root: Element) -> list[tuple[str, Element, bool]]:
     ]
 
 
+def unknown_shapes(root: Element) -> Iterator[tuple[str, str]]:
+    """Link and kind of every shape of a URDF that is none of those that are known."""
+    for link in root.findall("link"):
+        for element in link.findall("collision") or link.findall("visual"):
+            body = element.find("geometry/*")
+            if body is None or body.tag not in (*_SIZES, "mesh"):
+                yield link.get("name", ""), "nothing" if body is None else body.tag
+
+
 def remove_empty_shapes(root: Element) -> list[str]:
     """Take out balls, boxes, cylinders and capsules of which a size is 0, which no simulator has; the
     links that had one.

@@ -17,7 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
 from .leg import Leg, Mount
-from .meshes import Shape, pose_of, shape_points
+from .meshes import Shape, pose_of, shape_points, unknown_shapes
 
 _Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""
@@ -37,6 +37,15 @@ _VAST = 20.0
 """A shape of so many lengths of a leg is in other units."""
 _LEAST_SHARE = 0.01
 """Share of the robot's mass that its trunk has at least."""
+_SHAPED_SHARE = 0.05
+"""A link of the trunk with this share of the robot's mass has a shape of its own, or lies in one."""
+_OSMIUM_KG_M3 = 22_590.0
+"""Density that no body exceeds."""
+_KNOWN = {
+    "link": "inertial visual collision contact collision_checking gravity kinematic self_filter",
+    "joint": "origin parent child axis limit dynamics mimic calibration safety_controller joint_properties",
+}
+"""Elements of links and joints, those among them that simulators have added."""
 _SMALLEST_M, _LARGEST_M = 0.02, 5.0
 """Lengths of legs between which robots are."""
 BETWEEN = "between"
@@ -114,6 +123,20 @@ def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[_Doubt]:
             yield f"link {leg.foot}", "a foot without a mass"
 
 
+def unknown_doubts(root: Element) -> Iterator[_Doubt]:
+    """Elements of links and joints that nobody knows, and shapes of no kind that is known."""
+    for kind, known in _KNOWN.items():
+        for element in root.findall(kind):
+            for tag in dict.fromkeys(child.tag for child in element if isinstance(child.tag, str)):
+                if tag not in known.split():
+                    yield (
+                        f"{kind} {element.get('name')}",
+                        f"<{tag}>, which is not known, is left out",
+                    )
+    for link, shape in unknown_shapes(root):
+        yield f"link {link}", f"a shape of {shape}, which is not known, is left out"
+
+
 def shape_doubts(
     root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
 ) -> Iterator[_Doubt]:
@@ -121,16 +144,22 @@ def shape_doubts(
     units, and a moment of inertia of 0 beside others.
     """
     reach = max((leg.chain.length_m for leg in legs), default=1.0)
-    mine = [mounts[shape.link].leg for shape in shapes if shape.link in mounts]
-    if None not in mine:
-        yield f"link {_first(mounts, None, -1)}", _NO_SHAPE
+    for name in shapeless(root, shapes, mounts):
+        yield f"link {name}", _NO_SHAPE
     for shape in shapes:
         points = shape_points(shape)
         size = 0.0 if points is None else float(np.ptp(points, axis=0).max())
         if size > _VAST * reach:
             yield f"link {shape.link}", f"a shape of {size:.3g} m: other units?"
+    total = sum(link_inertia(link)[0] for link in root.findall("link"))
     for link in root.findall("link"):
         mass, _, (small, middle, large) = link_inertia(link)
+        densest = 0.4 * mass * (0.75 * max(mass, 0.0) / (np.pi * _OSMIUM_KG_M3)) ** (2 / 3)
+        if large < 0.1 * densest and densest > _SLIGHT * total * reach**2:
+            yield (
+                f"link {link.get('name')}",
+                f"a moment of inertia of {large:.3g} kg m² of {mass:.3g} kg: denser than any body",
+            )
         flat = large > middle + _ROUNDED * large  # a rod has two moments that are the same
         if mass > 0.0 and small <= 0.0 and large > _ROUNDED_KGM2 and flat:
             yield (
@@ -174,6 +203,34 @@ def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -
     if not points:
         return reach_m
     return float(np.linalg.norm(np.vstack(points) - centre, axis=1).max())
+
+
+def shapeless(root: Element, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> list[str]:
+    """Links of the trunk that nothing can touch: the first where none has a shape, or those of some
+    weight whose centre is in no other link's.
+    """
+    solid = [shape for shape in shapes if (at := mounts.get(shape.link)) and at.leg is None]
+    if not solid:
+        return [_first(mounts, None, -1)]
+    masses = {link.get("name", ""): link_inertia(link) for link in root.findall("link")}
+    least = _SHAPED_SHARE * sum(mass for mass, *_ in masses.values())
+    heavy = [name for name, (mass, *_) in masses.items() if mass > least and name in mounts]
+    return [
+        name
+        for name in heavy
+        if mounts[name].leg is None
+        for place in [mounts[name].origin_m + mounts[name].rotation @ masses[name][1]]
+        if not any(_within(shape, mounts[shape.link], place) for shape in solid)
+    ]
+
+
+def _within(shape: Shape, mount: Mount, place: Array) -> bool:
+    """Tell whether a place is in the box about a shape, or may be: a mesh that is not there."""
+    points = shape_points(shape)
+    if points is None:
+        return True
+    corners = mount.origin_m + (shape.origin_m + points @ shape.rotation.T) @ mount.rotation.T
+    return bool(np.all((corners.min(axis=0) <= place) & (place <= corners.max(axis=0))))
 
 
 def _first(mounts: Mapping[str, Mount], leg: int | None, joint: int) -> str:

@@ -39,6 +39,7 @@ from .plausibility import (
     rest_angles,
     rest_gaps,
     shape_doubts,
+    unknown_doubts,
     wrong_links,
 )
 from .urdf_reader import (
@@ -526,7 +527,7 @@ def model_of(
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
     doubts += _speed_doubts(root, legs, moved)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
-    doubts += shape_doubts(root, legs, shapes, mounts)
+    doubts += [*shape_doubts(root, legs, shapes, mounts), *unknown_doubts(root)]
     doubts += [(f"link {each}", "a shape of no size, which is left out") for each in empty]
     made = RobotModel(
         name=called,

@@ -58,7 +58,32 @@ def parsed(text: str, where: str) -> Element:
             f"{where}: expected {_MOST_JOINTS} joints or fewer, {_MOST_MOVING} of which move, "
             f"got {len(kinds)} and {moving}"
         )
+    _check_tree(root, where)
     return root
+
+
+def _check_tree(root: Element, where: str) -> None:
+    """Raise InvalidInput unless every link hangs from one joint at most, and none from itself: what
+    is no tree ends the process that pinocchio reads it in.
+    """
+    above = dict[str, str]()
+    for joint in root.findall("joint"):
+        ends = [joint.find(name) for name in ("parent", "child")]
+        parent, child = ("" if end is None else end.get("link", "") for end in ends)
+        if child in above:
+            raise InvalidInput(
+                f"{where}: link {shown(child)}: expected one joint above it, got two"
+            )
+        above |= {child: parent} if child else {}
+    for link in above:
+        place, seen = link, set[str]()
+        while place in above and place not in seen:
+            seen.add(place)
+            place = above[place]
+        if place in above:
+            raise InvalidInput(
+                f"{where}: link {shown(place)}: expected a tree, got a ring of joints"
+            )
 
 
 def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str) -> str:

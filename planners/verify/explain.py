@@ -389,8 +389,10 @@ def _change(one: Relaxation) -> str:
     """Words for a change: which way, from which value, and to which at least or at most."""
     unit, rises = f" {one.unit}".rstrip(), one.needed > one.now
     verb, least = ("rise", "at least") if rises else ("fall", "at most")
-    if abs(one.needed - one.now) < 1e-3:
-        return f"{verb} from {one.now:.3g}{unit}"
+    if (change := abs(one.needed - one.now)) < 1e-3:  # three digits would not show it
+        return (
+            f"{verb} from {one.now:.3g}{unit} by at least {_on_this_side(change, True):.3g}{unit}"
+        )
     return (
         f"{verb} from {one.now:.3g}{unit} to {least} {_on_this_side(one.needed, rises):.3g}{unit}"
     )

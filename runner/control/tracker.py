@@ -233,6 +233,8 @@ class _Coming:
         self._last = times[-1]
 
 
+_ROUNDS, _SETTLED_RAD = 50, 1e-7
+"""Rounds in which the first pose and the place of its centre of mass are found, and how near."""
 _DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel
 led them off it."""
@@ -344,9 +346,11 @@ class Tracker:
         self._angles = self._wish
         self._drawn = min(1.0, self._period_s / _DRAWN_S)
         self._shift = kinematics.com_offset(self._angles)
-        for _ in range(3):  # the pose and the shift of the centre of mass depend on each other
-            self._angles = self._solved(first, self._wish)[0]
+        for _ in range(_ROUNDS):  # pose and shift depend on each other, most of all in heavy legs
+            before, self._angles = self._angles, self._solved(first, self._wish)[0]
             self._shift = kinematics.com_offset(self._angles)
+            if np.abs(self._angles - before).max() < _SETTLED_RAD:
+                break
         self._turned = first.rotation @ kinematics.foot_frames(self._angles)
 
     def start(self) -> Target:

@@ -50,6 +50,14 @@ def verdicts(ran):
     return [record["verdict"] for record in ran.records]
 
 
+def test_a_proof_is_replayed_exactly_and_nothing_else_is(stancekit):
+    library.save(library.solve(library.sample("wall-3", rng=8)[0]).certificate, "proof.json")
+    library.save(library.solve(library.sample("wall-3", rng=0)[0]).solution, "posture.json")
+    ran = stancekit("verify", "--exact", "proof.json")
+    assert (ran.code, "1 balls" in " ".join(ran.out.split())) == (0, True)
+    assert stancekit("verify", "--exact", "posture.json").code == 2
+
+
 def test_what_solve_wrote_is_accepted(pairs, stancekit):
     ran = stancekit("verify", "problems.jsonl", "answers.jsonl", "--json")
     assert (ran.code, ran.err) == (0, "")

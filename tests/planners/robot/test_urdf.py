@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from stancekit.planners.robot import Limb, Robot, hexapod
+from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.drawn_legs import link_lengths
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names
 from tests.refusals import refuses
@@ -73,14 +73,6 @@ def test_pinocchio_reads_limits_and_masses_as_they_were_meant() -> None:
     np.testing.assert_allclose(model.upperPositionLimit[7:], np.tile(servo.upper_rad, 6))
     np.testing.assert_allclose(model.velocityLimit[6:], 3.0)
     assert pin.computeTotalMass(model) == pytest.approx(10.0)
-
-
-def test_other_robots_have_a_urdf_too() -> None:
-    limbs = tuple(
-        Limb(name=f"L{i}", shoulder_m=[0.2, 0.1 * i, 0.0], reach_m=0.5) for i in range(-1, 2)
-    )
-    root = ElementTree.fromstring(hexapod_urdf(Robot(name="tripod", mass_kg=4.0, limbs=limbs)))
-    assert len(root.findall("link")) == 1 + 3 * 5
 
 
 def test_a_servo_without_torque_is_refused() -> None:

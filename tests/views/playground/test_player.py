@@ -216,7 +216,7 @@ def test_what_is_left_of_the_robot_is_left_on_the_page(goal, towards):
         (0.05, 0.30405, "rise from 0.05 to at least 0.304"),
         (0.05, 0.30399, "rise from 0.05 to at least 0.303"),
         (0.9, 0.4111, "fall from 0.9 to at most 0.412"),
-        (0.3, 0.3004, "rise from 0.3"),
+        (0.3, 0.3004, "rise from 0.3 by at least 0.0004"),
         (0.0, 12.345, "rise from 0 to at least 12.3"),
     ],
 )
