@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1391, 15809),
-    "cli": (3573, 40012),
+    "api": (1392, 15823),
+    "cli": (3577, 40049),
     "configs": (3, 30),
     "envs": (3167, 43723),
-    "learners": (5511, 80002),
-    "planners": (35032, 562452),
-    "runner": (7163, 95549),
-    "views": (4520, 70416),
+    "learners": (5513, 80053),
+    "planners": (35517, 572359),
+    "runner": (7257, 96668),
+    "views": (4520, 70400),
 }
 CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
 """Most statements of what is no package, which only fall, too."""
@@ -47,11 +47,11 @@ ALLOWANCES: dict[str, int] = {
     "slopes and doors": 0,
     "MJCF": 0,
     "training": 82,
-    "promises": 135,
-    "worlds": 195,
+    "promises": 0,
+    "worlds": 44,
     "formats": 0,
     "stepping over": 0,
-    "sequences": 300,
+    "sequences": 0,
     "pictures": 94,
     "speed": 7,
     "margins": 0,

@@ -249,7 +249,7 @@ def _unrounded(table: MotionTable) -> MotionTable:
     """
     from dataclasses import replace
 
-    smooth = dict[str, Array]()
+    smooth = dict[str, Any]()
     for name, given in table.known().items():
         unit = grain(given) if name in _PLACES else 0.0
         if not _FINEST <= unit <= _COARSEST:

@@ -272,7 +272,7 @@ def _reference_bytes(moved: Moved) -> bytes:
     fps = (
         round(table.rate_hz) if abs(table.rate_hz - round(table.rate_hz)) < 1e-6 else table.rate_hz
     )
-    arrays: dict[str, Array] = {
+    arrays: dict[str, Any] = {
         "joint_pos": known["angles_rad"][:, order],
         "joint_vel": known["rates_rad_s"][:, order],
         "body_pos_w": place,

@@ -246,59 +246,6 @@ def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Trajectory) -> No
         moved_of(boxes, "reference")
 
 
-def test_five_lines_of_numpy_read_a_plan_file(plan: Plan, tmp_path: Path) -> None:
-    import base64
-
-    stancekit.save(plan, tmp_path / "plan.json")
-    arrays = json.loads((tmp_path / "plan.json").read_text())["columns"]
-    held = np.load(io.BytesIO(base64.b64decode(arrays["npz"])))
-    carried = {
-        (row["frame"], limb): force[arrays["limbs"].index(limb)]
-        for row, force in zip(arrays["stances"], held["forces_n"], strict=True)
-        for limb in row["limbs"]
-    }
-    toes = [
-        (toe["limb"], toe["frame"], place)
-        for toe, place in zip(arrays["toes"], held["toes_m"], strict=True)
-    ]
-
-    course, names = plan.problem, plan.problem.robot.limb_names
-    assert [toe[:2] for toe in toes] == [(put.limb, put.frame) for put in course.footholds]
-    np.testing.assert_array_equal([toe[2] for toe in toes], plan.toes_m)
-    for s, stance in enumerate(course.stances):
-        for limb in stance.limbs:
-            if (stance.frame, names[limb]) in carried and sum(
-                one.frame == stance.frame for one in course.stances
-            ) == 1:
-                np.testing.assert_array_equal(
-                    carried[stance.frame, names[limb]], plan.forces_n[s, limb]
-                )
-    weight = sum(carried[0, limb][2] for limb in arrays["stances"][0]["limbs"])
-    assert weight == pytest.approx(course.weight_n, rel=1e-3)
-
-
-def test_five_lines_of_numpy_read_a_walk_file(walk: Trajectory, tmp_path: Path) -> None:
-    import base64
-
-    stancekit.save(walk, tmp_path / "walk.json")
-    record = json.loads((tmp_path / "walk.json").read_text())
-    held = np.load(io.BytesIO(base64.b64decode(record["columns"]["npz"])))
-    feet = {
-        foot["name"]: held["feet_m"][:, k]
-        for k, foot in enumerate(record["question"]["robot"]["feet"])
-    }
-    stands = {
-        foot["name"]: held["contact"][:, k]
-        for k, foot in enumerate(record["question"]["robot"]["feet"])
-    }
-
-    assert tuple(feet) == walk.robot.limb_names
-    for k, name in enumerate(walk.robot.limb_names):
-        np.testing.assert_array_equal(feet[name], walk.feet_m[:, k])
-        np.testing.assert_array_equal(stands[name], walk.contact[:, k])
-        assert np.abs(feet[name][stands[name] > 0, 2]).max() < 1e-3  # on level ground
-
-
 def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(
     plan: Plan, tmp_path: Path
 ) -> None:
