@@ -38,6 +38,15 @@ def page() -> str:
         "",
         "What `stancekit --help` and `stancekit COMMAND --help` print.",
         "",
+        "| exit code | of every command |",
+        "|---|---|",
+        "| 0 | done: there is a plan, a file is accepted, a run went as planned, files are written |",
+        "| 1 | ran, and the answer is no: no plan, a file refused, a run stopped or off its goal |",
+        "| 2 | input that cannot be used, said in one line; nothing was done |",
+        "| 70 | a mistake in the program itself |",
+        "",
+        "`solve` and `label` answer many problems: 0 whatever the answers are.",
+        "",
     ]
     lines += ["```text", said("--help"), "```", ""]
     for command in COMMANDS:
