@@ -50,7 +50,7 @@ $(DEMO): pyproject.toml setup.py constraints.txt
 
 $(STAMP): $(DEMO)
 	@echo "setup, what tests need: torch, Ray, the other solvers and simulators (the largest download, some minutes)"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[catalogue,data,rl,ray,exact,proofs,machines]" || $(STOPPED)
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[catalogue,data,rl,ray,exact,machines]" || $(STOPPED)
 	@echo "setup, what tests need: tools for testing, checking and the pages"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]" || $(STOPPED)
 	@touch $@

@@ -66,7 +66,7 @@ class Verify:
     exact: bool = False
     """Replay a file's proof in exact arithmetic, too: its numbers as the fractions that they are,
     with balls that are rounded outwards where a root enters. The message says which arithmetic
-    decided which leaf. It needs the extra proofs."""
+    decided which leaf. It needs the extra exact."""
     json: bool = False
     """One JSON object a line."""
 

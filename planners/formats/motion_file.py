@@ -523,7 +523,7 @@ def _check_proof(path: str, certificate: Certificate, why: bool) -> FileCheck:
 def _replayed(check: FileCheck, certificate: Certificate) -> FileCheck:
     """The verdict on a proof with that of exact arithmetic, which has to agree."""
     if find_spec("flint") is None:
-        raise not_installed("exact", "python-flint", "fractions and balls", "proofs")
+        raise not_installed("exact", "python-flint", "fractions and balls", "exact")
     from ..verify.exact import check_exact
 
     question, *arrays = certificate.question, certificate.tree, certificate.multipliers
