@@ -149,7 +149,15 @@ def plan(
         question = _question(course, frames, robot, start, goal, settings.standing)
         return _answer(question, planner, settings, deadline, progress)
     except (NoPlace, PlanningFailed) as error:  # of a ground or a layout with nothing to stand on
-        return Answer(status=Status.UNDECIDED, method=planner.name, message=str(error))
+        return unmet(error, planner.name, robot)
+
+
+def unmet(error: Exception, method: str, robot: Robot | str | Path | None) -> Answer[Any]:
+    """The answer to a question that nothing can be laid out for, with the doubts of its robot."""
+    from stancekit.planners.robot.robot_file import robot_of  # reads files
+
+    doubts = () if robot is None else robot_of(robot).source.doubts
+    return Answer(status=Status.UNDECIDED, method=method, message=str(error), ground_doubts=doubts)
 
 
 def _answer(

@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from stancekit.planners.answer.answer import Answer
+from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import check_argument, check_names, checked
-from stancekit.planners.errors import InvalidInput, interruptible
+from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, interruptible
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.gait.method.attempt import Attempt, Progress
@@ -139,9 +139,12 @@ def walk(
     else:
         fields |= {"start": start, "robot": robot, "gait": gait}
         asked = Walk.over(terrain, goal, duration_s=duration_s, **fields)
-    return walked(
-        asked, *search_of(asked, chart=chart, time_limit_s=time_limit_s, **options)
-    ).answer
+    search = search_of(asked, chart=chart, time_limit_s=time_limit_s, **options)
+    try:
+        return walked(asked, *search).answer
+    except (NoPlace, PlanningFailed) as error:  # a goal in a solid, or no way
+        undecided = Status.UNDECIDED
+        return Answer(status=undecided, method=chart, problem=asked, message=str(error))
 
 
 def search_of(

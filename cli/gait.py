@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 import tyro
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 
 from . import gait_options
 from .console import as_options, complain, emit, err, out, watching
@@ -132,18 +133,16 @@ class PlanGait:
         task, settings, caps, attempts = self._asked()
         gait_answer.doubt(task, caps.total_s)
         checkpoint = Checkpoint(self.out, task, settings, attempts, caps.phases)
-        plan = self._plan(task, settings, replace(caps, in_subprocess=True), attempts, checkpoint)
+        caps = replace(caps, in_subprocess=True)
+        try:
+            plan = self._plan(task, settings, caps, attempts, checkpoint)
+        except (NoPlace, PlanningFailed) as error:  # a goal in a solid, or no way
+            return self._refused(task, str(error))
         best = plan.best
         if best is None:
-            hint = (
-                ""
-                if plan.failures or checkpoint.path is None
-                else f"; remove {checkpoint.path} to try anew"
-            )
-            complain(f"stancekit: no walk: {plan.message}{hint}")
-            if self.json:
-                emit(gait_answer.refused(plan, self.terrain))
-            return 1
+            kept = not plan.failures and checkpoint.path is not None
+            hint = f"; remove {checkpoint.path} to try anew" if kept else ""
+            return self._refused(task, f"{plan.message}{hint}", plan.failures)
         written = self._write(best)
         gait_answer.draw(
             best,
@@ -160,6 +159,15 @@ class PlanGait:
         if not best.verified:
             gait_answer.advise(best)
         return 0 if best.verified else 1
+
+    def _refused(self, task: Walk, message: str, failures: Sequence[str] = ()) -> int:
+        """Say why there is no walk; exit code 1."""
+        from . import gait_answer
+
+        complain(f"stancekit: {self.terrain}: {message}")
+        if self.json:
+            emit(gait_answer.refused(task, message, failures))
+        return 1
 
     # -------------------------------------------------------------------------------------------------
     # input
@@ -271,7 +279,7 @@ class PlanGait:
                     signals=signals,
                 )
         except InvalidInput as error:
-            raise InvalidInput(gait_options.in_options(str(error))) from None
+            raise type(error)(gait_options.in_options(str(error))) from None
         except KeyboardInterrupt:
             if checkpoint.path is not None and checkpoint.path.exists():
                 err.print(f"{checkpoint.path}: kept; the same command goes on from there")

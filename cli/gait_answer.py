@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -85,17 +85,15 @@ def record(plan: Attempts, best: Attempted, terrain: str, written: Path | None) 
     }
 
 
-def refused(plan: Attempts, terrain: str) -> dict[str, Any]:
+def refused(task: Walk, message: str, failures: Sequence[str] = ()) -> dict[str, Any]:
     """The answer without any walk as one JSON object."""
-    answer = plan.answer
     return {
-        "terrain": terrain,
+        "terrain": task.terrain.name,
         "verified": False,
-        "status": answer.status.value,
-        "message": plan.message,
-        "cpu_seconds": plan.seconds,
-        "doubts": list(answer.doubts),
-        "failures": list(plan.failures),
+        "status": "undecided",
+        "message": message,
+        "doubts": list(task.robot.source.doubts),
+        "failures": list(failures),
     }
 
 

@@ -209,9 +209,8 @@ class MethodOptions:
             name, value = each.name, given[each.name]
             if value != each.default and name not in takes[method]:
                 fitting = " or ".join(one for one in known if name in takes[one])
-                raise InvalidInput(
-                    f"--{name.replace('_', '-')}: expected --method {fitting} with it, got {method}"
-                )
+                option = "no-reserve" if name == "reserve" else name.replace("_", "-")
+                raise InvalidInput(f"--{option}: expected --method {fitting} with it, got {method}")
         if self.envelopes is not None:
             given["envelopes"] = read(self.envelopes)
         return {k: v for k, v in given.items() if k in takes[method] and v is not None}

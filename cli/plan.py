@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
@@ -62,7 +63,7 @@ def _deliver(
     """
     solution, report = answer.solution, answer.report
     accepted = answer.status.value == "feasible" and report is not None and report.accepted
-    reason = _reason_of(answer)
+    reason = re.sub(r"^(start|goal):", r"--\1:", _reason_of(answer))
     name = str(getattr(solution, "name", "") or getattr(answer.problem, "name", "") or course)
     written = _write(answer, plan_file, proof, pictures)
     if json:
@@ -497,8 +498,7 @@ class PlanCourse:
 
     def _course(self) -> Answer[Plan] | Answer[Crossing]:
         """The answer to a course."""
-        from stancekit import Answer, Status
-        from stancekit.courses import plan
+        from stancekit.courses import plan, unmet
 
         begin = time.perf_counter()
         self._check()
@@ -508,7 +508,7 @@ class PlanCourse:
             try:
                 question = self.between.question(self.course, self.frames, self.robot, self.reach)
             except NoPlace as error:  # a ground with nothing to stand on
-                return Answer(status=Status.UNDECIDED, method=self.method, message=str(error))
+                return unmet(error, self.method, self.robot)
             what = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(
                 begin + self.time_limit_s - time.perf_counter(), 0.0

@@ -30,12 +30,12 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1392, 15823),
-    "cli": (3577, 40049),
+    "api": (1400, 15929),
+    "cli": (3585, 40144),
     "configs": (3, 30),
     "envs": (3167, 43723),
     "learners": (5513, 80053),
-    "planners": (35517, 572359),
+    "planners": (35533, 572589),
     "runner": (7257, 96668),
     "views": (4520, 70400),
 }
@@ -48,7 +48,7 @@ ALLOWANCES: dict[str, int] = {
     "MJCF": 0,
     "training": 82,
     "promises": 0,
-    "worlds": 44,
+    "worlds": 12,
     "formats": 0,
     "stepping over": 0,
     "sequences": 0,

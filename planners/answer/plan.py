@@ -154,7 +154,7 @@ def _grid(times_s: Array) -> tuple[float, Array]:
 
 def _check_times(times_s: Array) -> None:
     """Raise InvalidInput for fewer than two times, and for such that are no uniform grid, to a
-    share of a step, or to the digits that the file has where these are less than half of one.
+    share of a step, or to the digits that the file has where these are less than a third of one.
     """
     if len(times_s) < 2:
         raise InvalidInput(f"time_s: expected two rows or more, got {len(times_s)}")
@@ -167,7 +167,7 @@ def _check_times(times_s: Array) -> None:
         )
     step, off = _grid(times_s)
     unit = grain(times_s)
-    if float(off.max()) > max(_EVEN * step, 0.55 * unit if 2.0 * unit <= step else 0.0):
+    if float(off.max()) > max(_EVEN * step, 0.55 * unit if 3.0 * unit <= step else 0.0):
         usual = float(np.median(steps))
         row = int(np.abs(steps - usual).argmax())
         raise InvalidInput(

@@ -750,9 +750,10 @@ class _Lattice:
         ahead = along / max(float(np.linalg.norm(along)), 1e-9)
         low, high = self._border
         ground, aside = self._ground(toe, toe), _ASIDE * self.footprint.reach_m
+        most = (aside, np.inf)  # the far side may be higher
         count = min(int(float(np.linalg.norm(high - low)) / _MEASURED_M), _MOST_MEASURED)
         ends = list[Array]()
-        for way in (-ahead, ahead):
+        for way, above in zip((-ahead, ahead), most, strict=True):
             line = toe + way * _MEASURED_M * np.arange(count)[:, None]
             over = np.zeros(count, dtype=bool)
             for patch in self.surfaces:
@@ -760,7 +761,8 @@ class _Lattice:
                     normals, offsets = half_planes(patch.vertices_m[:, :2])
                     rise = (patch.centre_m[:2] - line) @ patch.normal[:2] / patch.normal[2]
                     inside = np.all(normals @ line.T <= offsets[:, None] + _MEASURED_M, axis=0)
-                    over |= inside & (np.abs(patch.centre_m[2] + rise - ground) < aside)
+                    height = patch.centre_m[2] + rise - ground
+                    over |= inside & (height > -aside) & (height < above)
             if not over.any():
                 return f"no ground beyond {_at(ends[0] if ends else toe)}"
             ends.append(line[int(over.argmax())])

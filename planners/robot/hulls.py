@@ -100,14 +100,20 @@ class Polytope:
         )
 
     def sample(self, count: int, rng: np.random.Generator) -> Array:
-        """Points spread evenly over it, shape (count, 3) [m]."""
+        """Points spread evenly over it, shape (count, 3) [m]; of a sliver, that a box about it hardly
+        meets, means of its corners.
+        """
         corners = self.vertices
         low, high = corners.min(axis=0), corners.max(axis=0)
         result, size = list[Array](), 0
-        while size < count:
+        for _ in range(_ROUNDS):
             points = rng.uniform(low, high, (3 * count, 3))
             result.append(points[self.contains(points)])
             size += len(result[-1])
+            if size >= count:
+                break
+        else:
+            result = [rng.dirichlet(np.ones(len(corners)), count) @ corners]
         return np.vstack(result)[:count]
 
     def largest_box(self) -> Array:
@@ -163,6 +169,8 @@ class Polytope:
         return np.asarray((start + share * (best - start)).reshape(2, 3))
 
 
+_ROUNDS = 1000
+"""Draws from the box about a polytope before it counts as a sliver."""
 _VERSION = "parts/1"
 """Part of every digest of kept parts: a change of method changes it, and older ones are no longer
 found."""

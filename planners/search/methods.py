@@ -122,11 +122,12 @@ def _is_own(it: object) -> bool:
     """Tell whether it is one of the package's methods; what compares in a way of its own is asked
     nothing.
     """
-    return any(it is one for one in _OWN.values())
+    of_ours = isinstance(it, type) and issubclass(it, Method)
+    return of_ours or any(it is one for one in _OWN.values())
 
 
 def _accepted(it: Any) -> bool:
-    return _is_own(it) or takes(it, 1)
+    return isinstance(it, Method) or _is_own(it) or takes(it, 1)
 
 
 PLANNERS: Registry[_Make] = Registry(
@@ -202,6 +203,9 @@ def make_planner(
     if not isinstance(method, str):
         return _optioned(_checked(method, settings), options)
     make = _named(method, of)
+    if isinstance(make, Method):
+        given = {name: value for name, value in settings.items() if value != SETTINGS.get(name)}
+        return _optioned(_checked(make, given), options)
     if _is_own(make):
         return _optioned(_value(make, method, settings, settings_of(method, of)), options)
     whole_s = options.limit(POSTURE_LIMIT_S if of == "postures" else COURSE_LIMIT_S)
@@ -227,6 +231,7 @@ def through_verifier(planner: Planner, of: Kind) -> Planner:
     """
     if isinstance(planner, Method):
         planner.check(of)
+    if isinstance(planner, Method | VerifiedPlanner):
         return planner
     return VerifiedPlanner(planner, _called(planner), Acceptance())
 

@@ -86,14 +86,14 @@ class Nlp(Method):
         super().__post_init__()
         if self.starts is not None:
             checked_int(self.starts, "starts", least=1)
-        check_numbers(self, above=("time_limit_s",))
 
     @over_sides
     def solve(self, problem: Problem) -> Answer[Plan]:
         """Try the starts in order until one ends on the bilinear surface."""
         from ..projection.nlp import NlpProgram
 
-        clock, scaled, limit_s = Clock.start(), Scaled.of(problem), self.limit_s(kind_of(problem))
+        clock, scaled = Clock.start(), Scaled.of(problem)
+        limit_s = max(self.limit_s(kind_of(problem)), _LEAST_S)
         choice = nearest(scaled)
         chosen, count = scaled.chosen(choice), self.starts or (5 if scaled.weights is None else 1)
         with clock.compiling():
@@ -345,7 +345,7 @@ class Micp(Method):
             raise InvalidInput(
                 f"intervals: expected {MOST_INTERVALS} or less, got {shown(self.intervals)}"
             )
-        check_numbers(self, least=("gap",), above=("time_limit_s",))
+        check_numbers(self, least=("gap",))
         PROJECTIONS.get(self.projection)
         cones_of(self.grid, self.solver)
         if isinstance(self.envelopes, EnvelopeSet) and len(self.envelopes.envelopes) > 1:

@@ -155,7 +155,8 @@ def check_motion(
     kinematics = Kinematics(robot, gravity_m_s2=gravity_m_s2)
     measured = _Measured(_unrounded(_ordered(table, kinematics)), kinematics, terrain, limits)
     most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
-    coarsest = max(grain(array) for name, array in table.known().items() if name in _PLACES)
+    places = [array for name, array in table.known().items() if name in _PLACES]
+    coarsest = max((grain(array) for array in places if np.ptp(array, axis=0).any()), default=0.0)
     rounded = f"the file's numbers are rounded to {coarsest:g}" if coarsest > _COARSEST else ""
     groups = []
     for name, unit in _UNITS.items():
@@ -337,7 +338,10 @@ class _Measured:
         free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
         turned = np.where(free, np.minimum(turned, np.abs(2.0 * np.pi - turned)), turned)
         why = "" if (most > 0.0).all() else "no limit of the joints' speed in the robot's file"
-        shares = turned / self.step_s / np.where(most > 0.0, most, np.inf)
+        least_s = np.minimum(self.step_s, np.diff(self.times_s))[
+            :, None
+        ]  # stamps are believed, too
+        shares = turned / least_s / np.where(most > 0.0, most, np.inf)
         return _Worst.of(shares, self.kinematics.joints, self.times_s[1:], why)
 
     def torque(self) -> _Worst:

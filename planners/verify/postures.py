@@ -249,6 +249,8 @@ def joint_report(
             for s, (of, forces) in enumerate(zip(course.stances, plan.forces_n, strict=True))
         ]
     )
+    if course.frames > 1:  # joints turn from frame to frame
+        torque += solver.model.resistance[1]
     most = np.minimum(solver.torque_nm, _torque_cap(plan))
     shares, over = torque / most, torque - most
     row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))

@@ -166,12 +166,14 @@ def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_p
     solid = "v 2 2 0\nv 2.2 2 0\nv 2 2.2 0\nv 2 2 .2\nf 5 6 7\nf 5 7 8\nf 5 8 6\nf 6 8 7\n"
     mended.write_text(re.sub(r"v (-?)1 (-?)1 0", r"v \g<1>3 \g<2>3 0", BLOCK) + solid)
     ends: dict[str, Any] = {"start": (-0.5, -0.5), "goal": (-0.3, -0.5)}
-    answer = stancekit.plan(steep, **ends)
-    assert answer.status is Status.UNDECIDED
+    answer = stancekit.plan(steep, **ends)  # undecided, or explain asked for a proof
     assert_names(stancekit.explain(answer).message, "steep.obj", "steep")
     with pytest.warns(UserWarning, match="inside out"):
         (doubt,) = stancekit.plan(mended, **ends).doubts
     assert_names(doubt, "mended.obj", "1 closed parts")
+    pillar = np.pad(np.full((5, 5), 1.5), ((48, 28), (38, 38)))
+    ground = stancekit.HeightField.from_array(pillar, spacing_m=0.05)
+    assert_names(stancekit.walk(ground, (0.5, 0.0)).message, "goal", "1.5 m high")
 
 
 def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
