@@ -239,7 +239,7 @@ class Calibration(SetupFile):
         return np.array([servo.direction for servo in servos]) * angles_rad + RAD * zero
 
 
-def nominal(robot: Robot, *, port: str, **settings: Any) -> Calibration:
+def nominal(robot: Robot, /, *, port: str, **settings: Any) -> Calibration:
     """A calibration to start from: ids from 1 in the joints' order, and the limits of the robot's
     joints as far as a servo turns. Its centre is a joint's 0, or the middle of limits that are
     beyond a servo's turn about 0.
