@@ -11,7 +11,7 @@ import pytest
 from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Problem
-from stancekit.planners.search.answer import TimeLimited
+from stancekit.planners.search.answer import Method
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
 from tests.refusals import assert_names
@@ -75,10 +75,10 @@ def test_one_time_limit_is_for_all_shares_together(
 ) -> None:
     now, given = [0.0], []
 
-    @dataclass
-    class Slow(TimeLimited):
-        name: str = "slow"
-        time_limit_s: float = 10.0
+    @dataclass(frozen=True, kw_only=True)
+    class Slow(Method):
+        name = "slow"
+        time_limit_s: float | None = 10.0
 
         def solve(self, course: Problem) -> Answer[Plan]:
             given.append((float(course.terrain[0].friction), self.time_limit_s))
@@ -144,10 +144,10 @@ def test_a_push_that_nothing_depends_on_is_looked_for_no_longer_than_the_plan_to
     plan = walk()
     assert not plan.problem.robot.source.own
 
-    @dataclass
-    class Slow(TimeLimited):
-        name: str = "slow"
-        time_limit_s: float = 600.0
+    @dataclass(frozen=True, kw_only=True)
+    class Slow(Method):
+        name = "slow"
+        time_limit_s: float | None = 600.0
 
         def solve(self, course: Problem) -> Answer[Plan]:
             given.append(self.time_limit_s)
