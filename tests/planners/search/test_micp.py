@@ -515,7 +515,7 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
             "cones",
         ),
         (lambda: Micp(gap=-0.1), "gap"),
-        (lambda: Micp(time_limit_s=0.0), "time_limit_s"),
+        (lambda: Micp(time_limit_s=-1.0), "time_limit_s"),
         (
             lambda: Micp(projection="up"),
             "projection",
