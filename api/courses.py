@@ -157,7 +157,7 @@ def unmet(error: Exception, method: str, robot: Robot | str | Path | None) -> An
     from stancekit.planners.robot.robot_file import robot_of  # reads files
 
     doubts = () if robot is None else robot_of(robot).source.doubts
-    return Answer(status=Status.UNDECIDED, method=method, message=str(error), ground_doubts=doubts)
+    return Answer(status=Status.UNDECIDED, method=method, message=str(error), more_doubts=doubts)
 
 
 def _answer(
@@ -189,7 +189,7 @@ def _answer(
             question.terrain.given,
             _between_places(by_frames, question, planner, settings, deadline),
         )
-        return replace(answer, ground_doubts=() if given is None else given.doubts)
+        return replace(answer, more_doubts=() if given is None else given.doubts)
     return by_frames(deadline=deadline)
 
 

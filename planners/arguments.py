@@ -165,7 +165,7 @@ def settings_from(
 
 
 @functools.cache
-def hints_of(of: Callable[..., Any]) -> Mapping[str, Any]:
+def hints_of(of: Any) -> Mapping[str, Any]:
     """The annotations of a function or a class, resolved."""
     return MappingProxyType(get_type_hints(of))
 

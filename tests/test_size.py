@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3167, 43723),
     "learners": (5513, 80053),
-    "planners": (35533, 572589),
+    "planners": (35532, 572583),
     "runner": (7257, 96668),
     "views": (4520, 70400),
 }

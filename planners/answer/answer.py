@@ -103,7 +103,8 @@ class Answer(Generic[S]):
         effort: what the answer has cost.
         claim: what a method says that cannot prove it, for example an external solver's own status.
         message: why the problem is undecided, or what a proof is over.
-        ground_doubts: what the reader of the ground's file mended or left out, one line each.
+        more_doubts: what the reader of the ground's file mended or left out, one line each; without
+            a problem, also what that of the robot's file did.
         details: further numbers of the method, for example the margin of a relaxation.
     Source:
         Lin et al. §II-§IV; docs/decisions/0004.
@@ -127,7 +128,7 @@ class Answer(Generic[S]):
     effort: Effort = field(default_factory=Effort)
     claim: str = ""
     message: str = ""
-    ground_doubts: tuple[str, ...] = ()
+    more_doubts: tuple[str, ...] = ()
     details: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -151,7 +152,7 @@ class Answer(Generic[S]):
         each.
         """
         robot = getattr(self.problem or self.solution, "robot", None)
-        return (*(() if robot is None else robot.source.doubts), *self.ground_doubts)
+        return (*(() if robot is None else robot.source.doubts), *self.more_doubts)
 
     @property
     def residual_nm(self) -> float:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, TypeVar, cast, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, TypeVar, get_args
 
 import numpy as np
 
@@ -228,7 +229,7 @@ class Acceptance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Method:
+class Method(ABC):
     """Base of the methods: a value with its settings, which answers problems.
 
     Arguments:
@@ -249,7 +250,7 @@ class Method:
     most_s: float = field(default=math.inf, repr=False)
 
     def __post_init__(self) -> None:
-        hints = hints_of(cast(Any, type(self)))
+        hints = hints_of(type(self))
         for each in fields(self):
             check_argument(each.name, getattr(self, each.name), hints[each.name])
         if self.time_limit_s is not None and not self.time_limit_s >= 0.0:
@@ -262,12 +263,12 @@ class Method:
         """The compiled models that it shares."""
         return self.programs or programs_of_this_thread()
 
+    @abstractmethod
     def solve(self, problem: Problem, /) -> Answer[Plan]:
         """Answer one problem.
 
         Raises InvalidInput for settings that its kind has no use for.
         """
-        raise NotImplementedError
 
     def check(self, kind: Kind) -> None:
         """Raise InvalidInput for a kind of question that it does not answer, and for a setting that

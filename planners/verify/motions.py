@@ -183,7 +183,13 @@ def check_motion(
             )
         )
     judged = replace(table, doubts=robot.source.doubts)
-    return Report(groups=tuple(groups), answer=judged, tolerance=0.0, limits=most)
+    return Report(
+        groups=tuple(groups),
+        answer=judged,
+        tolerance=0.0,
+        limits=most,
+        figures={"rounding": coarsest},  # within which the smoothest motion was judged
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,8 +254,6 @@ def _unrounded(table: MotionTable) -> MotionTable:
 
     Steepest descent of their squares, within half a unit of every number.
     """
-    from dataclasses import replace
-
     smooth = dict[str, Any]()
     for name, given in table.known().items():
         unit = grain(given) if name in _PLACES else 0.0
@@ -338,10 +342,8 @@ class _Measured:
         free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
         turned = np.where(free, np.minimum(turned, np.abs(2.0 * np.pi - turned)), turned)
         why = "" if (most > 0.0).all() else "no limit of the joints' speed in the robot's file"
-        least_s = np.minimum(self.step_s, np.diff(self.times_s))[
-            :, None
-        ]  # stamps are believed, too
-        shares = turned / least_s / np.where(most > 0.0, most, np.inf)
+        gaps_s = np.minimum(self.step_s, np.diff(self.times_s))  # the grid's, or the stamps' own
+        shares = turned / gaps_s[:, None] / np.where(most > 0.0, most, np.inf)
         return _Worst.of(shares, self.kinematics.joints, self.times_s[1:], why)
 
     def torque(self) -> _Worst:
