@@ -126,7 +126,7 @@ class Exports(Options):
 
 def spoiled(table: MotionTable, how: str, kinematics: Kinematics, terrain: Terrain) -> MotionTable:
     """The motion with one thing wrong in its middle; its contacts and forces are left out."""
-    known = table.known()
+    known = table.arrays()
     angles, origin = np.array(known["angles_rad"]), np.array(known["origin_m"])
     count = len(angles)
     hump = np.sin(np.pi * np.clip(np.linspace(-0.5, 1.5, count), 0.0, 1.0)) ** 2
@@ -165,7 +165,7 @@ def _followed(
     """Joints whose feet are where the table's are, but for one that is moved by so much, shape (T,
     3).
     """
-    known, rotation, found = table.known(), table.rotation, []
+    known, rotation, found = table.arrays(), table.rotation, []
     for row, angles in enumerate(known["angles_rad"]):
         feet = known["origin_m"][row] + kinematics.feet(angles) @ rotation[row].T
         if slides is not None:

@@ -77,7 +77,7 @@ def forgeries(table: MotionTable, column: str) -> Iterator[tuple[float, object]]
         for error in (*ABOVE, *BELOW):
 
             def fake(size: np.ndarray | float, part: slice = part) -> MotionTable:
-                array = np.array(table.known()[column])
+                array = np.array(table.arrays()[column])
                 array[part, ..., -1:] += size if np.ndim(size) == 0 else size[-1:]
                 return replace(table, **{column: array})
 

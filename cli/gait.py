@@ -308,8 +308,8 @@ class PlanGait:
                 for name, each in loads.items()
             ]
             out.print(f"whole body: {', '.join(parts)}", highlight=False)
-        if best.solution.success and best.report.margin_message:
-            out.print(best.report.margin_message, highlight=False)
+        if best.solution.success and best.report.remark:
+            out.print(best.report.remark, highlight=False)
         for line in best.trajectory.robot.source.unrunnable:
             out.print(f"cannot be run: {line}", highlight=False)
         for line in best.trajectory.robot.source.doubts:

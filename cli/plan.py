@@ -237,7 +237,7 @@ def _course_lines(answer: Answer[Plan], plan: Plan) -> Iterator[str]:
     yield f"verifier: {report.message}; the last key frame is {goal_mm:.0f} mm from the goal"
     yield from _bent_lines(answer.details)
     yield report.body_message
-    yield report.margin_message
+    yield report.remark
     yield from (f"cannot be run: {line}" for line in plan.problem.robot.source.unrunnable)
     if plan.modes is not None:
         terrain = (

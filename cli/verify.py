@@ -128,7 +128,7 @@ class Verify:
             if check.kind == "motion":
                 out.print(_groups(check.report))
             if check.kind in ("plan", "gait") and check.accepted:
-                out.print(check.report.margin_message)
+                out.print(check.report.remark)
         return int(not check.accepted)
 
     def _dataset(self) -> int:

@@ -338,11 +338,10 @@ def _check_to_run(motion: Motion, source: str) -> Report[Any]:
         motion.problem.check_whole()
     report = judged(motion)
     if not report.accepted:
-        body = f"; {report.body_message}" if report.body_message else ""
         raise InvalidInput(
-            f"{source}: expected a {motion.WORD} that the verifier accepts, {report.message}{body}"
+            f"{source}: expected a {motion.WORD} that the verifier accepts, {report.message}"
         )
-    if hindrance := motion.hindrance(report.unchecked):
+    if hindrance := report.hindrance:
         raise InvalidInput(
             f"{source}: expected a {motion.WORD} that can be executed, this one cannot: {hindrance}"
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
 class Evidence:
     """Base of what answers a question by arrays."""
 
+    BODY: ClassVar[tuple[str, ...]] = ()
+    """The verifier's groups of the whole body, beside those of contacts."""
+    MOMENT: ClassVar[str] = ""
+    """What its moments count: "frame" or "interval"; seconds where empty."""
+
     @property
     def question(self) -> dict[str, Any]:
         """The question as JSON-ready values, with the format by which it is read back."""
@@ -45,6 +51,23 @@ class Evidence:
     def labels(self) -> dict[str, list[Any]]:
         """Names of rows and columns of the arrays, for whoever reads a file with NumPy alone."""
         return {}
+
+    def moment(self, when: float) -> str:
+        """A moment of one of the verifier's groups, in words."""
+        if not self.MOMENT:
+            return f"at {when:.3f} s"
+        share, frame = math.modf(when)
+        word = f"{self.MOMENT} {frame:.0f}"
+        return f"{word}, {share:.0%} of the way to {self.MOMENT} {frame + 1:.0f}" if share else word
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes it, whatever the world; empty where one may, and of what
+        is no way at all.
+
+        Arguments:
+            unchecked: names of the groups that could not be checked.
+        """
+        return ""
 
     def head(self) -> dict[str, Any]:
         """All but the arrays, as JSON-ready values."""
@@ -73,8 +96,6 @@ class Motion(Evidence):
 
     WORD: ClassVar[str]
     """What the motion is called in messages."""
-    BODY: ClassVar[tuple[str, ...]] = ()
-    """The verifier's groups of the whole body, beside those of contacts."""
     provenance: Mapping[str, Any]
     if TYPE_CHECKING:
 
@@ -93,14 +114,6 @@ class Motion(Evidence):
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...] | Ground:
         """The terrain that it is over, with this share of the friction that it counts on."""
-        raise NotImplementedError
-
-    def hindrance(self, unchecked: Sequence[str]) -> str:
-        """The reason why no runner executes it, whatever the world; empty where one may.
-
-        Arguments:
-            unchecked: names of the groups that could not be checked.
-        """
         raise NotImplementedError
 
     def head(self) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -10,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_name, grain
 from ..files.documents import shown
@@ -20,7 +18,7 @@ from ..robot.model import Robot
 from ..robot.robot_file import joint_names
 from ..terrain.frame import Frame
 from ..terrain.patch import Patch
-from .motion import Motion, dulled
+from .motion import Evidence, Motion, dulled
 
 FORMAT = "stancekit/motion/1"
 OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
@@ -34,7 +32,7 @@ _EVEN = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MotionTable:
+class MotionTable(Evidence):
     """A motion at T moments of a uniform grid, of J joints and N limbs; what is not known is None.
 
     Arguments:
@@ -110,19 +108,13 @@ class MotionTable:
             raise InvalidInput("quaternion: expected how the body is turned, got nothing")
         return _rotations_from(self.quaternion)
 
-    @cached_property
-    def digest(self) -> str:
-        """SHA-256 of names and numbers, to the last bit."""
-        content = hashlib.sha256(repr((self.joints, self.limbs)).encode())
-        for name, array in self.known().items():
-            content.update(
-                f"\n{name} {array.dtype.str} {array.shape}\n".encode()
-                + np.ascontiguousarray(array).tobytes()
-            )
-        return content.hexdigest()
+    @property
+    def question(self) -> dict[str, Any]:
+        """Names of joints and limbs: nobody says what was asked."""
+        return {"joints": self.joints, "limbs": self.limbs}
 
-    def known(self) -> dict[str, NDArray[Any]]:
-        """The arrays that are there, by name."""
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are known, by name."""
         columns = {name: getattr(self, name) for name in shapes(0, 0, 0)}
         return {name: array for name, array in columns.items() if array is not None}
 
@@ -239,6 +231,7 @@ class LeapPlan(Motion):
     """
 
     WORD: ClassVar[str] = "leap"
+    MOMENT: ClassVar[str] = "interval"
     BODY: ClassVar[tuple[str, ...]] = LEAP_BODY
     problem: Leap
     timing: int
@@ -408,6 +401,7 @@ class Plan(Motion):
     """
 
     WORD: ClassVar[str] = "plan"
+    MOMENT: ClassVar[str] = "frame"
     BODY: ClassVar[tuple[str, ...]] = (*WHOLE_BODY, MARGIN)
     problem: Problem
     com_m: Array
@@ -479,11 +473,15 @@ class Plan(Motion):
         taken = self.problem.terrain or [self.problem.patch(p, self.choice) for p in feet]
         return dulled(taken, friction_share)
 
+    def moment(self, when: float) -> str:
+        """A key frame in words; a posture has one alone."""
+        return "" if self.problem.is_posture else super().moment(when)
+
     def hindrance(self, unchecked: Sequence[str]) -> str:
         """The reason why no runner executes it, whatever the world; empty where one may."""
         course = self.problem
         if course.is_posture:
-            return "it is a posture, and no way"
+            return ""
         if course.uncarried:
             return NOBODY_CARRIES
         if course.has_soles and not course.robot.source.own:

@@ -11,13 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Literal, TypeVar, cast
+from typing import Any, Generic, Literal, TypeVar
 
 from ..arguments import cached_property
-from .certificate import Certificate, Crossing
-from .motion import Evidence, Motion, seal
-from .plan import MARGIN, LeapPlan, MotionTable, Plan
-from .trajectory import OFF_M, Trajectory
+from .motion import Evidence, seal
+from .plan import MARGIN
 
 GROUPS = {
     "patch": "m",
@@ -46,9 +44,7 @@ PLAN_GROUPS = {
 """Those of a plan: those of its stances, and what couples its key frames."""
 LATE = "the time limit ended"
 """The beginning of a group's message where the time ended before the group was checked."""
-_ROUNDING = 1e-12
-"""Non-dimensional violations of a plan below this are nobody's fault."""
-S = TypeVar("S", bound="Evidence | MotionTable", covariant=True)
+S = TypeVar("S", bound=Evidence, covariant=True)
 _Verdict = Literal["holds", "violated", "not checked", "not asked for"]
 _BODY_VERDICTS = {"holds": "checked", "violated": "failed"}
 """The words of a line for the verdicts on joints, torque, bodies and motion."""
@@ -161,6 +157,9 @@ class Report(Generic[S]):
             the leaf of the least bound.
         limits: of a walk, what each group was allowed, by name; empty of everything else.
         defect: why there was nothing to check; empty when there was.
+        remark: how sure the robot stands: what a posture or every stance of a plan bears beyond the
+            weight, or the friction that the feet of a walk need; empty where nobody measured it.
+        said: the verdict in one line, of a proof, whose judge says it; else it is made of the groups.
     Source:
         E1-E11; W2-W7, between the knots, too; Lagrangian bounds of E1-E11 of a proof.
 
@@ -177,6 +176,8 @@ class Report(Generic[S]):
     figures: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
     defect: str = ""
+    remark: str = ""
+    said: str = ""
 
     def __repr__(self) -> str:
         return f"Report({self.message})"
@@ -238,11 +239,7 @@ class Report(Generic[S]):
     @cached_property
     def hindrance(self) -> str:
         """Why no runner executes the motion, whatever the world; empty where one may."""
-        motion = self.answer
-        posture = isinstance(motion, Plan) and not self._of_course
-        return (
-            motion.hindrance(self.unchecked) if isinstance(motion, Motion) and not posture else ""
-        )
+        return self.answer.hindrance(self.unchecked)
 
     @property
     def body_message(self) -> str:
@@ -256,40 +253,11 @@ class Report(Generic[S]):
             ):
                 continue
             name, verdict = group.name, _BODY_VERDICTS.get(group.verdict, "NOT CHECKED")
-            reason = f" ({group.message})" if group.message else ""
+            reason = f" ({group.message})" if group.message and verdict != "failed" else ""
             if reason and remarks and remarks[-1][1] == verdict + reason:
                 name = f"{remarks.pop()[0]}, {name}"
             remarks.append((name, verdict + reason))
         return "; ".join(f"{name}: {verdict}" for name, verdict in remarks)
-
-    @property
-    def margin_message(self) -> str:
-        """A line on what a posture or a plan's stances bear beyond the weight, or on how sure the
-        feet of a walk stand; empty if nobody measured it.
-        """
-        if isinstance(self.answer, Trajectory):
-            return self._footing_line()
-        margin = next((group for group in self.groups if group.name == MARGIN), None)
-        if margin is None:
-            return ""
-        at, weight_n = margin.figures, cast("Plan", self.answer).problem.weight_n
-        if not self._of_course:
-            return (
-                f"it bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of the "
-                "weight); the centre of "
-                f"mass is {1e3 * at['support_m']:.0f} mm inside; {1.0 - at['friction_left']:.0%} "
-                "of the friction would "
-                "be enough"
-            )
-        return (
-            f"every stance bears a push of {at['push_n']:.3g} N ({at['push_n'] / weight_n:.1%} of "
-            "the weight, least at "
-            f"frame {at['push_frame']}); the centre of mass is {1e3 * at['support_m']:.0f} mm "
-            "inside (frame "
-            f"{at['support_frame']}); {1.0 - at['friction_left']:.0%} of the friction would be "
-            "enough (frame "
-            f"{at['friction_frame']})"
-        )
 
     @property
     def failures(self) -> str:
@@ -314,113 +282,34 @@ class Report(Generic[S]):
 
     @property
     def message(self) -> str:
-        """One line: the verdict, what was not checked, the worst group, where and by how much, and
-        what hinders its execution.
+        """One line: the verdict, what was not checked, every group that is refused, the worst
+        first, and what hinders the execution of what is accepted.
         """
+        if self.said:
+            return self.said
         if self.defect:
             return f"rejected: {self.defect}"
-        if isinstance(self.answer, Certificate):
-            return self.groups[0].message
-        if isinstance(self.answer, Crossing):
-            return self._crossing_line()
-        line = (
-            self._walk_line()
-            if isinstance(self.answer, Trajectory | MotionTable)
-            else self._contacts_line()
-        )
-        return (
-            f"{line}; cannot be executed: {self.hindrance}"
-            if self.accepted and self.hindrance
-            else line
-        )
+        if not self.accepted:
+            return f"rejected: {'; '.join(map(self._refusal, self.refused))}"
+        count = sum(group.verdict == "holds" for group in self.groups)
+        each = "; " if self.unchecked else ": all "
+        line = f"{acceptance_word(self.unchecked)}{each}{count} groups within their limits"
+        return f"{line}; cannot be executed: {self.hindrance}" if self.hindrance else line
 
-    def _contacts_line(self) -> str:
-        """The verdict on a posture or a plan, and its worst group."""
-        of_plan = self._of_course
-        verdict = acceptance_word(self.unchecked) if self.accepted else "rejected"
-        then = "; " if " as far as " in verdict else ": "
-        if self.contacts and not self.accepted:
-            failed = {group.name for group in self.refused}
-            reasons = {
-                "the joints cannot do it": {"joints", "joint_speed", "torque"},
-                "bodies collide": {"bodies", "motion"},
-                "legs that swing turn the body": {"legs_turn"},
-                "feet scrape": {"take_off", "landing"},
-                "a push is too much": {MARGIN},
-            }
-            words = " and ".join(reason for reason, names in reasons.items() if names & failed)
-            return f"{verdict}: contacts hold, {words}"
-        group = max(self._of_contacts, key=lambda g: g.worst)
-        if group.worst == 0.0 or (of_plan and group.worst < _ROUNDING):
-            balanced = of_plan and cast("Plan", self.answer).problem.uncarried
-            return (
-                verdict
-                + then
-                + ("balanced in every frame" if balanced else "no constraint is violated")
-            )
-        place = group.where
-        if of_plan or isinstance(self.answer, LeapPlan):
-            moment = "frame" if of_plan else "interval"
-            place = f"{moment} {group.frame}" + (f", limb {group.limb}" if group.limb else "")
-            if group.share:
-                place += f", {group.share:.0%} of the way to frame {group.frame + 1}"
-        size = f"off by {group.value:.3g} {group.unit}".rstrip()
-        if group.name == "schedule":
-            size = "nobody there carries as the schedule says"
-        return f"{verdict}{then}worst is {group.name}{f' ({place})' if place else ''}, {size}"
-
-    def _crossing_line(self) -> str:
-        """The verdict on a crossing, and the first part or seam that is refused."""
-        assert isinstance(self.answer, Crossing)
-        failed = [group for group in self.groups if group.verdict == "violated"]
-        if not failed:
-            return (
-                f"{acceptance_word(self.unchecked)}: {len(self.answer.parts)} parts, and they meet"
-            )
-        first = failed[0]
-        size = f"off by {first.value:.3g} {first.unit}".rstrip()
-        return f"rejected: {first.name}{f' ({first.where})' if first.where else ''}: " + (
-            first.message or size
-        )
-
-    def _walk_line(self) -> str:
-        """The verdict on a walk, and the group that breaks its limit most."""
-        if self.accepted:
-            within = f"{len(self.groups) - len(self.unchecked)} groups within their limits"
-            return (
-                f"{acceptance_word(self.unchecked)}; {within}"
-                if self.unchecked
-                else f"accepted: all {within}"
-            )
-        first, *rest = self.refused
-        when = "" if first.when is None else f" at {first.when:.3f} s"
-        where = f" ({first.where})" if first.where else ""
-        unit = "" if first.unit == "1" else f" {first.unit}"
-        also = f"; also {', '.join(group.name for group in rest)}" if rest else ""
-        why = f"; {first.message}" if first.message else ""
-        return f"rejected: {first.name}{where} {first.value:.3g}{unit}{when}, limit {first.limit:.3g}{unit}{also}{why}"
-
-    def _footing_line(self) -> str:
-        """Line on how sure the feet of a walk stand."""
-        needs, has = self.figures.get("footing_friction"), cast("Trajectory", self.answer).friction
-        if needs is None:
-            return ""
-        place = f"within {1e3 * OFF_M:.0f} mm of"
-        if needs <= has:
-            return f"sure footing: the ground {place} every foothold holds with a friction of {needs:.2g}, of {has:.2g}"
-        slope, held = (f"{math.degrees(math.atan(each)):.0f}°" for each in (needs, has))
-        slope = f"{slope}, and friction {has:.2g} holds on {held}"
-        return f"no sure footing: the ground {place} a foothold is {slope}; a foot that comes down there may slip"
-
-    @property
-    def _of_course(self) -> bool:
-        """Tell whether a plan of key frames was judged, and not a posture."""
-        return isinstance(self.answer, Plan) and not self.answer.problem.is_posture
+    def _refusal(self, group: Group) -> str:
+        """Where and when a group is refused, and by how much; or why, where its judge says it."""
+        if group.message:
+            return f"{group.name}: {group.message}"
+        size, limit = (f"{number:.3g} {group.unit}" for number in (group.value, group.limit))
+        moment = "" if group.when is None else self.answer.moment(group.when)
+        place = ", ".join(filter(None, (moment, group.where)))
+        allowed = f", limit {limit.removesuffix(' 1').rstrip()}" if group.limit else ""
+        return f"{group.name}{f' ({place})' if place else ''}: {size.removesuffix(' 1').rstrip()}{allowed}"
 
     @property
     def _body(self) -> tuple[str, ...]:
         """Names of the groups of the whole body."""
-        return self.answer.BODY if isinstance(self.answer, Motion) else ()
+        return self.answer.BODY
 
     @property
     def _of_body(self) -> list[Group]:

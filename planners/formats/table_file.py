@@ -41,7 +41,7 @@ _TIME, _NANO = "t", 1_000_000_000
 
 def _columns_of(table: MotionTable) -> dict[str, Array]:
     """The numbers of a table by the names of their columns, in order, each of shape (T,)."""
-    known = table.known()
+    known = table.arrays()
     places = _places(table.joints, table.limbs, known)
     return {name: known[key].T[place[::-1]] for name, (key, place) in places.items()}
 
@@ -68,7 +68,7 @@ def npz_of(table: MotionTable) -> bytes:
     words = {
         name: np.array(getattr(table, name)) for name in ("joints", "limbs", "robot", "source")
     }
-    content: dict[str, Any] = {**table.known(), **words, "format": np.array(FORMAT)}
+    content: dict[str, Any] = {**table.arrays(), **words, "format": np.array(FORMAT)}
     np.savez_compressed(held, **content)
     return held.getvalue()
 
@@ -78,7 +78,7 @@ def joint_trajectory(table: MotionTable) -> dict[str, Any]:
 
     Raises InvalidInput without any.
     """
-    known = table.known()
+    known = table.arrays()
     if "angles_rad" not in known:
         raise InvalidInput("jointtrajectory: expected a motion with joints, got one without")
     rows = {key: known[name].tolist() for key, name in _OF_POINTS.items() if name in known}

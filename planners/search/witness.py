@@ -40,7 +40,7 @@ from ..projection.whole_body import WholeBodyLimits, whole_body
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
 from ..verify.geometry import LEAST_PUSH, tipping
-from ..verify.margins import margin_group
+from ..verify.margins import with_margins
 from .answer import objective_of
 
 LOG = logging.getLogger(__name__)
@@ -128,7 +128,7 @@ def judged(
     )  # which nothing was asked of yet
     known = any(group.name == MARGIN for group in report.groups)
     if margins and not known and not report.defect and not report.late:
-        report = replace(report, groups=(*report.groups, margin_group(plan)))
+        report = with_margins(report)
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
     group = next((group for group in report.groups if group.name == MARGIN), None)

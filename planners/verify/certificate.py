@@ -436,6 +436,7 @@ def proof_report(
         answer=certificate,
         tolerance=tolerance,
         figures={"lower_bound": bound, "leaves": leaves, "weakest": weakest},
+        said=message,
     )
 
 

@@ -128,10 +128,9 @@ def _parts(crossing: Crossing, body_of: _BodyOf) -> Iterator[Group]:
 
 def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
     """Verdict of a part's own verifier."""
-    words = "; ".join(filter(None, (report.message, report.failures)))
     worst = _BROKEN if report.defect else max(report.worst, 0.0)
     if not report.accepted:
-        return Group(name, value=worst, unit="1", message=words, verdict="violated")
+        return Group(name, value=worst, unit="1", message=report.message, verdict="violated")
     if report.unchecked:
         left = ", ".join(report.unchecked)
         return Group(name, unit="1", message=f"{left} not checked", verdict="not checked")

@@ -21,14 +21,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import clarabel
 import numpy as np
 
 from ..answer.plan import Plan
-from ..answer.report import Group
+from ..answer.report import Group, Report
 from ..files.arrays import Array
 from ..files.codec import Columns
 from ..problem.problem import Problem, Stance
@@ -298,6 +298,29 @@ def borne_share(plan: Plan, shares: Sequence[float], yields_m: float = 0.0) -> f
         push = _inner_distance(program.support(every[index], shifts[index]), enough=left[0])
         left = [share for share in left if push >= share]
     return left[0] if left else 0.0
+
+
+def with_margins(report: Report[Plan]) -> Report[Plan]:
+    """The report with the group of margins, and with what they are in words."""
+    group, plan = margin_group(report.answer), report.answer
+    at, posture = group.figures, plan.problem.is_posture
+    every, *frames = (
+        ("it", "", "", "")
+        if posture
+        else ("every stance", *(f"frame {at[f'{name}_frame']}" for name in _LEAST))
+    )
+    push, support, friction = (f" ({frame})" if frame else "" for frame in frames)
+    remark = (
+        f"{every} bears a push of {at['push_n']:.3g} N, "
+        f"{at['push_n'] / plan.problem.weight_n:.1%} of the weight{push}; the centre of mass is "
+        f"{1e3 * at['support_m']:.0f} mm inside{support}; {1.0 - at['friction_left']:.0%} of the "
+        f"friction would be enough{friction}"
+    )
+    return replace(report, groups=(*report.groups, group), remark=remark)
+
+
+_LEAST = ("push", "support", "friction")
+"""What margins are least of, in the names of their frames."""
 
 
 def margin_group(plan: Plan) -> Group:

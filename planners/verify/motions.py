@@ -155,7 +155,7 @@ def check_motion(
     kinematics = Kinematics(robot, gravity_m_s2=gravity_m_s2)
     measured = _Measured(_unrounded(_ordered(table, kinematics)), kinematics, terrain, limits)
     most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
-    places = [array for name, array in table.known().items() if name in _PLACES]
+    places = [array for name, array in table.arrays().items() if name in _PLACES]
     coarsest = max((grain(array) for array in places if np.ptp(array, axis=0).any()), default=0.0)
     rounded = f"the file's numbers are rounded to {coarsest:g}" if coarsest > _COARSEST else ""
     groups = []
@@ -243,7 +243,7 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
         order = [names.index(name) for name in names_of_robot]
         changed[kind] = tuple(names_of_robot)
         changed |= {
-            name: array[:, order] for name, array in table.known().items() if name in arrays
+            name: array[:, order] for name, array in table.arrays().items() if name in arrays
         }
     return replace(table, **changed)
 
@@ -255,7 +255,7 @@ def _unrounded(table: MotionTable) -> MotionTable:
     Steepest descent of their squares, within half a unit of every number.
     """
     smooth = dict[str, Any]()
-    for name, given in table.known().items():
+    for name, given in table.arrays().items():
         unit = grain(given) if name in _PLACES else 0.0
         if not _FINEST <= unit <= _COARSEST:
             continue
@@ -282,7 +282,7 @@ class _Measured:
         limits: _MotionLimits,
     ) -> None:
         self.table, self.kinematics, self.terrain, self.limits = table, kinematics, terrain, limits
-        self.known, self.times_s = table.known(), table.time_s
+        self.known, self.times_s = table.arrays(), table.time_s
         self.step_s = 1.0 / table.rate_hz
         self.limbs = kinematics.robot.limb_names
         if "angles_rad" not in self.known:

@@ -170,20 +170,19 @@ def check_plan(
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan, tolerance, defect, frame=frame, limb=limb)
+    margins |= plan.problem.push_n > 0.0
     if plan.problem.is_posture:
         report = posture_report(plan, tolerance)
-        if not (report.accepted and (margins or plan.problem.push_n > 0.0)):
-            return report
-        from .margins import margin_group  # Clarabel, of this alone
+        margins &= report.accepted
+    else:
+        body = check_whole_body(plan, deadline=deadline) if joints else _NOT_ASKED
+        with np.errstate(all="ignore"):
+            report = _Sweep(plan, tolerance).report(body, BETWEEN if between else ())
+    if not margins:
+        return report
+    from .margins import with_margins  # Clarabel, of this alone
 
-        return replace(report, groups=(*report.groups, margin_group(plan)))
-    body = check_whole_body(plan, deadline=deadline) if joints else _NOT_ASKED
-    if margins or plan.problem.push_n > 0.0:
-        from .margins import margin_group  # Clarabel, of this alone
-
-        body = (*body, margin_group(plan))
-    with np.errstate(all="ignore"):
-        return _Sweep(plan, tolerance).report(body, BETWEEN if between else ())
+    return with_margins(report)
 
 
 class _Sweep:

@@ -444,6 +444,7 @@ def check_trajectory(
             tolerance=0.0,
             figures=measured.figures(limits.cone),
             limits=asdict(limits),
+            remark=measured.footing(),
         )
 
 

@@ -508,6 +508,16 @@ class TrajectoryMeasurements:
         )[1]
         return float((np.linalg.norm(normals[:, :2], axis=1) / normals[:, 2]).max(initial=0.0))
 
+    def footing(self) -> str:
+        """How sure the feet stand, in words."""
+        needs, has = self.footing_friction(), self.trajectory.friction
+        place = f"within {1e3 * OFF_M:.0f} mm of"
+        if needs <= has:
+            return f"sure footing: the ground {place} every foothold holds with a friction of {needs:.2g}, of {has:.2g}"
+        slope, held = (f"{math.degrees(math.atan(each)):.0f}°" for each in (needs, has))
+        slope = f"{slope}, and friction {has:.2g} holds on {held}"
+        return f"no sure footing: the ground {place} a foothold is {slope}; a foot that comes down there may slip"
+
     @property
     def _gripping(self) -> Flags:
         """Standing feet that have a friction cone, shape (K, E)."""

@@ -74,7 +74,7 @@ def _mjcf_of(moved: Moved) -> str:
     """
     assert moved.robot is not None
     world, table = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2), moved.table
-    origin_m = local_origin(table.known()["origin_m"][0], _FAR_M)
+    origin_m = local_origin(table.arrays()["origin_m"][0], _FAR_M)
     spec = world.scene(moved.terrain, origin_m)
     _embed(spec, world.body)
     model = spec.compile()
@@ -158,7 +158,7 @@ def states(
     """qpos and qvel of every row, shape (T, nq), (T, nv), from the model's own origin: turning
     velocities of the base are in its own frame.
     """
-    known = table.known()
+    known = table.arrays()
     if not {"angles_rad", "rates_rad_s", "origin_m"} <= set(known):
         raise InvalidInput("motion: expected joints and the body's place, got none")
     rows = len(table.time_s)
@@ -248,7 +248,7 @@ def _reference_bytes(moved: Moved) -> bytes:
     assert moved.robot is not None
     mujoco, table = mujoco_module(), moved.table
     world = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2)
-    origin_m = local_origin(table.known()["origin_m"][0], _FAR_M)
+    origin_m = local_origin(table.arrays()["origin_m"][0], _FAR_M)
     model = world.scene(moved.terrain, origin_m).compile()
     data = mujoco.MjData(model)
     qpos, qvel = states(model, table, world.body.base, origin_m)
@@ -268,7 +268,7 @@ def _reference_bytes(moved: Moved) -> bytes:
     hinges = [i for i in range(model.njnt) if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE]
     names = [model.joint(i).name for i in hinges]
     order = [table.joints.index(name) for name in names]
-    known = table.known()
+    known = table.arrays()
     fps = (
         round(table.rate_hz) if abs(table.rate_hz - round(table.rate_hz)) < 1e-6 else table.rate_hz
     )
@@ -350,8 +350,8 @@ def write_moved(moved: Moved, to: str, path: Path) -> None:
     FORMATS[to].write(moved, path)
     if to not in ("csv", "npz", "jointtrajectory"):
         return
-    meant = moved.table.known()
-    for name, there in read_table(path).known().items():
+    meant = moved.table.arrays()
+    for name, there in read_table(path).arrays().items():
         if not np.allclose(there, meant[name], rtol=0.0, atol=1e-8):
             raise InvalidInput(f"{path}: expected {name} as it was written, got others")
 

@@ -95,7 +95,7 @@ def write_mcap(moved: Moved, path: Path) -> None:
     except ImportError:
         raise not_installed("foxglove", "mcap", "logs of Foxglove", "viz") from None
     table = moved.table
-    known = table.known()
+    known = table.arrays()
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2", library="stancekit")

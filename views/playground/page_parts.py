@@ -162,7 +162,7 @@ def _answer(
         if outcome.sets is not None:
             message += f", over the {outcome.sets} sets of its legs"
     elif report is not None and not report.accepted:
-        message = report.message + (f"; {report.failures}" if report.failures else "")
+        message = report.message
     share = (
         1.0
         if outcome.solution is None

@@ -234,9 +234,9 @@ def test_verify_measures_the_margins_of_a_posture_and_none_of_a_refused_one() ->
     assert figures["support_m"] == pytest.approx(inside, rel=0.02, abs=0.001)
     height = com[2] + YIELDS * 0.6
     assert figures["push_n"] == pytest.approx(WEIGHT_N * inside / height, rel=0.03)
-    assert report.margin_message.startswith(f"it bears a push of {figures['push_n']:.3g} N")
+    assert report.remark.startswith(f"it bears a push of {figures['push_n']:.3g} N")
     assert report.worst < 1e-6  # of contacts
     assert report.group("margin").to_json()["figures"]["push_n"] == figures["push_n"]
 
     refused = stancekit.verify(replace(posture, com_m=posture.com_m + np.array([0.0, 0.0, 0.9])))
-    assert (refused.accepted, refused.margin_message) == (False, "")
+    assert (refused.accepted, refused.remark) == (False, "")

@@ -39,7 +39,7 @@ def judged(table: MotionTable, moved: Moved) -> Report[MotionTable]:
 
 def arrays(table: MotionTable) -> tuple[np.ndarray, np.ndarray]:
     """Angles and origins that may be changed."""
-    known = table.known()
+    known = table.arrays()
     return np.array(known["angles_rad"]), np.array(known["origin_m"])
 
 
@@ -79,7 +79,7 @@ def test_a_joint_beyond_its_limit_is_named(moved: Moved) -> None:
 
 def test_a_body_beside_its_feet_tips_over(moved: Moved) -> None:
     angles, origin = arrays(moved.table)
-    known, kinematics = moved.table.known(), Kinematics(moved.robot)
+    known, kinematics = moved.table.arrays(), Kinematics(moved.robot)
     origin[:, 1] += 0.6 * np.sin(np.pi * np.linspace(0.0, 1.0, len(origin))) ** 2
     for row, turn in enumerate(moved.table.rotation):
         feet = known["origin_m"][row] + kinematics.feet(known["angles_rad"][row]) @ turn.T
@@ -104,7 +104,9 @@ def test_a_body_that_slides_while_its_feet_stand_slips(moved: Moved) -> None:
     origin[:, 0] += 0.03 * np.linspace(0.0, 1.0, len(origin))
     group = judged(replace(moved.table, origin_m=origin), moved).group("slip")
     assert 5e-3 < group.value < 0.03
-    taps = moved.table.known()["contact"] & (np.add.outer(np.arange(len(origin)), range(4)) % 2 > 0)
+    taps = moved.table.arrays()["contact"] & (
+        np.add.outer(np.arange(len(origin)), range(4)) % 2 > 0
+    )
     tapping = replace(
         moved.table, origin_m=origin, contact=taps
     )  # a foot that does not lift stands
@@ -147,7 +149,7 @@ def test_feet_that_are_taken_for_points_stand_though_their_balls_would_scrub(mov
 def test_feet_that_roll_or_spin_in_place_and_one_that_slides_beside_them(
     moved: Moved, rolling: tuple[int, ...], slides: tuple[int, ...], slip_m: float | None
 ) -> None:
-    kinematics, known = Kinematics(moved.robot), moved.table.known()
+    kinematics, known = Kinematics(moved.robot), moved.table.arrays()
     count, turn = 80, moved.table.rotation[0]
     origin = np.tile(known["origin_m"][0], (count, 1))
     origin[:, 0] += 0.14 * np.linspace(-0.5, 0.5, count)  # the body sways; shanks turn
@@ -214,7 +216,7 @@ def test_forces_outside_of_their_cones_and_in_the_air_are_found(moved: Moved) ->
 def test_a_foot_in_a_corner_may_press_on_the_floor_though_the_wall_is_nearer(moved: Moved) -> None:
     assert moved.robot is not None
     assert isinstance(moved.terrain, Ground)
-    known, sides = moved.table.known(), np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    known, sides = moved.table.arrays(), np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     floor = Patch(
         vertices_m=3.0 * sides, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.75
     )
@@ -243,7 +245,7 @@ def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_th
         table = replace(
             still,
             origin_m=moving,
-            quaternion=np.tile(moved.table.known()["quaternion"][0], (len(angles), 1)),
+            quaternion=np.tile(moved.table.arrays()["quaternion"][0], (len(angles), 1)),
         )
         report = judged(table, moved)
         assert (report.group("slip").verdict == "violated") == stands
@@ -316,7 +318,7 @@ def test_what_is_wrong_beyond_the_digits_is_refused(name: str, moved: Moved) -> 
 def test_rows_that_are_lost_or_late_are_no_jitter(moved: Moved) -> None:
     table, rows = moved.table, np.arange(len(moved.table.time_s))
     with refuses("time_s", "row 90"):
-        replace(table, **{name: array[rows != 90] for name, array in table.known().items()})
+        replace(table, **{name: array[rows != 90] for name, array in table.arrays().items()})
     with refuses("time_s", "row 91"):
         replace(table, time_s=table.time_s + 2e-3 * (rows > 90))
     with refuses("time_s"):
@@ -400,7 +402,7 @@ def test_a_column_that_the_others_contradict_is_refused(
     report = judged(moved.table, moved)
     assert report.group(name).value < 0.6 * report.group(name).limit
     for share, holds in ((1.0, False), (0.1, True)):
-        array = np.array(moved.table.known()[column])
+        array = np.array(moved.table.arrays()[column])
         array[rows] += share * error * scale
         group = judged(replace(moved.table, **{column: array}), moved).group(name)
         assert (group.verdict == "holds") is holds
@@ -425,17 +427,17 @@ def test_torques_are_worked_out_where_the_file_says_none_or_zeros(moved: Moved) 
             ),
         ),
     )
-    for torques in (None, np.zeros_like(moved.table.known()["torques_nm"])):
+    for torques in (None, np.zeros_like(moved.table.arrays()["torques_nm"])):
         report = check_motion(replace(moved.table, torques_nm=torques), weak, moved.terrain)
         assert report.group("torque").value > 3.0
         assert not report.accepted
 
 
 def test_numbers_that_no_motion_has_and_a_turn_that_is_none_are_refused(moved: Moved) -> None:
-    far = np.array(moved.table.known()["origin_m"])
+    far = np.array(moved.table.arrays()["origin_m"])
     far[3, 1] = 1e308
     with refuses("origin_m", "row 3"):
         replace(moved.table, origin_m=far)
-    flat = np.zeros_like(moved.table.known()["quaternion"])
+    flat = np.zeros_like(moved.table.arrays()["quaternion"])
     with refuses("quaternion", "row 0"):
         judged(replace(moved.table, quaternion=flat), moved)

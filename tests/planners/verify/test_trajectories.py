@@ -803,7 +803,7 @@ def test_json_holds_every_group_with_its_limit():
     assert gap["value"] == pytest.approx(0.01)
     assert record["accepted"] is False
     assert record["message"].startswith(
-        "rejected: contact_gap (LH) 0.01 m at 0.000 s, limit 0.001 m"
+        "rejected: contact_gap (at 0.000 s, LH): 0.01 m, limit 0.001 m"
     )
 
 
@@ -928,7 +928,7 @@ def test_footing_is_reported_of_places_and_of_what_is_beside_them_and_refuses_no
         report = check_trajectory(beside)
         needs[away] = report.figures["footing_friction"]
         assert report.accepted
-        assert report.margin_message.startswith("no sure" if needs[away] > 0.75 else "sure")
+        assert report.remark.startswith("no sure" if needs[away] > 0.75 else "sure")
     assert [needs[0.01], needs[0.04]] == pytest.approx([1.0, 0.0], abs=0.02)
     sticks = replace(walk, adhesive=np.ones(4, dtype=bool), suction_n=50.0)
     assert check_trajectory(sticks).figures["footing_friction"] == 0.0

@@ -79,9 +79,9 @@ def test_tables_come_back_to_the_last_bit(to: str, moved: Moved, tmp_path: Path)
     FORMATS[to].write(moved, path)
     back, table = read_table(path), moved.table
     assert (back.joints, back.limbs) == (table.joints, table.limbs)
-    assert set(back.known()) == set(table.known())
-    for name, array in table.known().items():
-        np.testing.assert_array_equal(back.known()[name], array)
+    assert set(back.arrays()) == set(table.arrays())
+    for name, array in table.arrays().items():
+        np.testing.assert_array_equal(back.arrays()[name], array)
 
 
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
