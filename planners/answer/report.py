@@ -220,7 +220,7 @@ class Report(Generic[S]):
         plan.
         """
         judged = [group.name for group in self.groups if group.verdict in _BODY_VERDICTS]
-        body = [name for name in self._body if name != MARGIN]
+        body = [name for name in self.answer.BODY if name != MARGIN]
         return ("contacts", *(name for name in judged if name in body)) if body else tuple(judged)
 
     @property
@@ -300,26 +300,23 @@ class Report(Generic[S]):
         """Where and when a group is refused, and by how much; or why, where its judge says it."""
         if group.message:
             return f"{group.name}: {group.message}"
-        size, limit = (f"{number:.3g} {group.unit}" for number in (group.value, group.limit))
+        size, limit = (
+            f"{number:.3g} {group.unit}".removesuffix(" 1").rstrip()
+            for number in (group.value, group.limit)
+        )
         moment = "" if group.when is None else self.answer.moment(group.when)
-        place = ", ".join(filter(None, (moment, group.where)))
-        allowed = f", limit {limit.removesuffix(' 1').rstrip()}" if group.limit else ""
-        return f"{group.name}{f' ({place})' if place else ''}: {size.removesuffix(' 1').rstrip()}{allowed}"
-
-    @property
-    def _body(self) -> tuple[str, ...]:
-        """Names of the groups of the whole body."""
-        return self.answer.BODY
+        place = f" ({', '.join(filter(None, (moment, group.where)))})".replace(" ()", "")
+        return f"{group.name}{place}: {size}" + (f", limit {limit}" if group.limit else "")
 
     @property
     def _of_body(self) -> list[Group]:
         """The groups of a plan's whole body and of its margins, or of a leap's whole body."""
-        return [group for group in self.groups if group.name in self._body]
+        return [group for group in self.groups if group.name in self.answer.BODY]
 
     @property
     def _of_contacts(self) -> list[Group]:
         """All groups but those of the whole body and of margins."""
-        return [group for group in self.groups if group.name not in self._body]
+        return [group for group in self.groups if group.name not in self.answer.BODY]
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""
