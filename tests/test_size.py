@@ -31,11 +31,11 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1400, 15929),
-    "cli": (3585, 40140),
+    "cli": (3585, 40144),
     "configs": (3, 30),
     "envs": (3167, 43723),
     "learners": (5513, 80053),
-    "planners": (35495, 571982),
+    "planners": (35494, 571974),
     "runner": (7256, 96644),
     "views": (4520, 70385),
 }

@@ -116,7 +116,7 @@ class Group:
     @property
     def share(self) -> float:
         """Share of the way from its key frame to the next at which the moment is."""
-        return 0.0 if self.when is None else self.when - math.floor(self.when)
+        return 0.0 if self.when is None else self.when % 1.0
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""
