@@ -30,13 +30,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1400, 15929),
-    "cli": (3585, 40144),
+    "api": (1397, 15911),
+    "cli": (3585, 40148),
     "configs": (3, 30),
     "envs": (3167, 43723),
     "learners": (5513, 80053),
     "planners": (35532, 572583),
-    "runner": (7257, 96668),
+    "runner": (6858, 92433),
     "views": (4520, 70400),
 }
 CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
