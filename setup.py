@@ -23,6 +23,7 @@ DATA = [
     "*.urdf",
     "*.srdf",
     "LICENSE.txt",
+    "follow.py.txt",
     "pool-*/*",
 ]
 FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")

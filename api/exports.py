@@ -88,8 +88,8 @@ def export(
         out: the file, or for drawn motions and data sets the folder; a name beside the input where
             it is None.
         to: "csv", "npz", "jointtrajectory" (ROS 2; JSON, or YAML by the name of ``out``), "mujoco"
-            (MJCF with key frames), "reference" (mjlab's tracking task), "foxglove" (MCAP, and a
-            layout), or "minari" for a data set; None for what the ending of ``out`` says.
+            (MJCF with key frames), "reference" (mjlab's tracking task), "crocoddyl" (an
+            .npz, and a script beside it), "foxglove" (MCAP), or "minari" for a data set; None for what the ending of ``out`` says.
         rate_hz: rows per second, 100 where it is not given; 30 to 200 are usual.
         count: number of walks, over grounds of seeds 0, 1, ...; walks that the folder has already
             are not made again.

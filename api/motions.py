@@ -25,10 +25,9 @@ from stancekit.runner.log import Log, McapLog
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import WORLDS as WORLDS
-from stancekit.runner.worlds import World, WorldSettings
-from stancekit.runner.worlds.settings import EstopCheck
-from stancekit.runner.worlds.world import Actuator
+from stancekit.runner.worlds.settings import EstopCheck, WorldSettings
+from stancekit.runner.worlds.world import WORLDS as WORLDS
+from stancekit.runner.worlds.world import JointBus
 
 if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
@@ -42,7 +41,7 @@ LIFT = "lift"
 @checked
 def simulate(
     motion: _Motion | str | Path,
-    world: str | World = "mujoco",
+    world: str | JointBus = "mujoco",
     *,
     setup: str | Path | None = None,
     settings: RunSettings = RunSettings(check_limits=False),
@@ -89,7 +88,7 @@ def simulate(
 @checked
 def run(
     motion: _Motion | Problem | str | Path,
-    world: str | World = "mujoco",
+    world: str | JointBus = "mujoco",
     *,
     setup: str | Path | None = None,
     settings: RunSettings = RunSettings(),
@@ -141,12 +140,10 @@ def run(
         stack.callback(made.close)
         written = Log() if log is None else stack.enter_context(McapLog(Path(log)))
         monitor = None
-        if arm is not None and isinstance(made, Actuator):
+        if arm is not None and made.kind == "hardware":
             from stancekit.runner.safety.heartbeat import HeartbeatMonitor
-            from stancekit.runner.worlds.ros.driver import RosWorld
 
-            watched = made.setup if isinstance(made, RosWorld) else None
-            monitor = stack.enter_context(HeartbeatMonitor(settings.limits.silent_s, watched))
+            monitor = stack.enter_context(HeartbeatMonitor(settings.limits.silent_s, made.alone))
         runner = Runner(
             made,
             settings=settings,
@@ -167,7 +164,7 @@ def run(
 
 def check_run(
     asked: Accepted[Any] | Problem,
-    world: str | World,
+    world: str | JointBus,
     settings: RunSettings,
     *,
     led: bool,
@@ -302,11 +299,11 @@ def _is_course(path: str | Path) -> bool:
 
 
 def _world(
-    world: str | World,
+    world: str | JointBus,
     asked: Accepted[Any] | Problem,
     setup: str | Path | None = None,
     arm: EstopCheck | None = None,
-) -> World:
+) -> JointBus:
     """The world, made for whom the motion is for where it is a name."""
     if not isinstance(world, str):
         if setup is not None:

@@ -42,8 +42,7 @@ OF_BUS = (
 )
 WRONG_CALIBRATION = "wrong calibration"
 OF_HOST = ("nan command", "limit exceeded", "slow host", "clock jump")
-OF_BRIDGE = tuple(f"rosbridge: {kind}" for kind in rosbridge.FAULTS if kind != "rejects goals")
-"""Commands are streamed, and no goals."""
+OF_BRIDGE = tuple(f"rosbridge: {kind}" for kind in rosbridge.FAULTS)
 FAULTS = (*OF_BUS, WRONG_CALIBRATION, *OF_HOST, "plan edited", "friction lost", *OF_BRIDGE)
 BEGIN_S, LATEST_S = 0.9, 2.0
 """While limbs lift, swing and are put down."""
@@ -60,10 +59,10 @@ class CountedWorld(SlippingWorld):
         super().__init__(*arguments, **options)
         self.commands_s: list[float] = []
 
-    def step(self, targets_rad: Array) -> State:
+    def send(self, targets_rad: Array, loads_rad: Array | None = None) -> None:
         """As the simulation."""
         self.commands_s.append(time.monotonic())
-        return super().step(targets_rad)
+        super().send(targets_rad, loads_rad)
 
     def close(self) -> None:
         """Nothing: what it comes to after the run is looked at."""
@@ -245,7 +244,7 @@ def behind_rosbridge(
         )
         ask_on(runner)
         time.sleep(0.6)
-        got = [when for what, when in bridge.log if what in ("stream", "goal")]
+        got = [when for what, when in bridge.log if what == "stream"]
         return found | {
             "stop_s": stop,
             "after": sum(when > runner.latch.time_s + CYCLE_S for when in got),

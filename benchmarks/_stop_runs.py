@@ -141,17 +141,15 @@ def host_main(arguments: list[str], says: int) -> None:
     latches = list[StopLatch]()
 
     def on_progress(kind: type[Any]) -> None:
-        arm = kind.torque
+        arm = kind.arm
 
-        def torque(world: Any, on: bool) -> None:
+        def noted(world: Any) -> None:
             latches.append(world.latch)
-            if on:
-                os.write(says, f"arming {time.monotonic()}\n".encode())
-            arm(world, on)
-            if on:
-                os.write(says, f"armed {time.monotonic()}\n".encode())
+            os.write(says, f"arming {time.monotonic()}\n".encode())
+            arm(world)
+            os.write(says, f"armed {time.monotonic()}\n".encode())
 
-        kind.torque = torque
+        kind.arm = noted
 
     def burst(*_: Any) -> None:
         raise ZeroDivisionError("a bug, from outside")
@@ -320,7 +318,7 @@ def judged(
     if what == "cable unplugged" and state["happened"]:
         from_s = state["happened"][0][1]  # by the bus's own clock
     if "log" in state:
-        moved_s = [when for message, when in state["log"] if message in ("stream", "goal")]
+        moved_s = [when for message, when in state["log"] if message == "stream"]
         torque, moving = [state["on"]], np.abs(state["rate_rad_s"]).max() > STILL_RAD_S
     else:
         moved_s = state["goal_packets_s"] + state["torque_packets_s"]

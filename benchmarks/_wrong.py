@@ -14,7 +14,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import clipped, half_planes
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.worlds import Imperfections
+from stancekit.runner.worlds.drives import Imperfections
 from stancekit.runner.worlds.world import Ground
 
 PAD_M, CORNERS = 0.03, 16

@@ -50,7 +50,7 @@ from stancekit.planners.search.plan_course import plan_course
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds.world import make_world
 
 RISES_M, SHORT_M = (0.05, 0.08), 0.3
 """Heights of a step, and the length of a leg below which they are less in proportion."""

@@ -56,8 +56,7 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
 from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds import make_world
-from stancekit.runner.worlds.world import World
+from stancekit.runner.worlds.world import JointBus, make_world
 from tests.emulators.slipping import SlippingWorld
 
 LATE_S = (0.5, 12.0)
@@ -209,7 +208,7 @@ def solved(course: Problem) -> bool:
     return TwoStage().solve(course).solution is not None
 
 
-def losing(course: Problem, share: float, at_s: float) -> World:
+def losing(course: Problem, share: float, at_s: float) -> JointBus:
     """A world that has this share of the friction from a time on."""
     world = SlippingWorld(course.robot, share=share, gravity_m_s2=course.gravity_m_s2)
     world.inject("friction differs", at_s)

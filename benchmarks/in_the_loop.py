@@ -51,7 +51,7 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.envelope_choice import Observation, SelectorPolicy
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds.world import make_world
 
 LIFT = "lift"
 

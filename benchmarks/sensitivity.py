@@ -46,7 +46,8 @@ from stancekit.runner.execution import Tolerance
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import Imperfections, make_world
+from stancekit.runner.worlds.drives import Imperfections
+from stancekit.runner.worlds.world import make_world
 
 WRONG = {
     "as planned": Wrong(),

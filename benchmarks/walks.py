@@ -43,7 +43,7 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.execution import Execution, Tolerance
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds.world import make_world
 
 HEADING_RAD, HEIGHTS, FRICTION, SLIP_M = 0.64, 3.6, 0.6, 0.01
 SHORTEST = 0.6

@@ -3,7 +3,7 @@
     python benchmarks/worlds.py --out out/worlds [--robots drawn1 drawn2 ...] [--ways plain axes ...]
 
 Robots of 3 to 8 legs with 3 to 6 joints each (those of clothes.py; legs of two have no workspace with an
-inside) climb over level ground or walk there; in each way their file, what turns their joints, or
+inside) climb over level ground, walk there or stand in one posture; in each way their file, what turns their joints, or
 the place of the ground is another. A row says how far apart the two bodies are at the end, how far
 each is from its plan, or the line by which a world or the planner refused. Rows that are there are
 not made again.
@@ -28,7 +28,7 @@ from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds.world import make_world
 
 WORLDS = ("mujoco", "bullet")
 WAYS = (
@@ -53,7 +53,7 @@ class Arguments(Options):
     robots: tuple[str, ...] = tuple(f"drawn{seed}" for seed in (1, 2, 3, 4, 7, 8, 9, 13, 14, 19))
     """Seeds of clothes.py's robots, or names of robots, whose files stay as they are."""
     ways: tuple[str, ...] = WAYS
-    motions: tuple[str, ...] = ("climb", "walk")
+    motions: tuple[str, ...] = ("climb", "walk", "posture")
     pace: float = 2.0
     """Pace of climbs."""
 
@@ -77,9 +77,8 @@ def ran(robot: str, motion: str, way: str, arguments: Arguments) -> Row:
     row = {"robot": robot, "motion": motion, "way": way}
     far_m = 1e3 * float(way.removesuffix(" km")) if way.endswith("km") else 0.0
     try:
-        answer = (climb if motion == "climb" else walk)(
-            *asked(robot, way, arguments.out), far_m, arguments.out
-        )
+        asks = {"climb": climb, "walk": walk, "posture": posture}[motion]
+        answer = asks(*asked(robot, way, arguments.out), far_m, arguments.out)
         if answer.solution is None:
             return {**row, "said": f"planner: {answer.message}"}
         accepted = Accepted.verified(answer.solution, robot)
@@ -113,7 +112,19 @@ def asked(robot: str, way: str, folder: Path) -> tuple[str, float]:
     return str(path), size_m(seed)
 
 
-def climb(robot: str, size: float, far_m: float, folder: Path) -> Any:
+def posture(robot: str, size: float, far_m: float, folder: Path) -> Any:
+    """A stand on level ground, of one key frame."""
+    return climb(robot, size, far_m, folder, ahead=0.0, frames=1)
+
+
+def climb(
+    robot: str,
+    size: float,
+    far_m: float,
+    folder: Path,
+    ahead: float = 0.35,
+    frames: int | None = None,
+) -> Any:
     """A climb over level ground, by a third of the robot's size."""
     start, half = (far_m, -0.4 * far_m), 4.0 * size
     corners = [(start[0] + half * x, start[1] + half * y) for x in (-1, 1) for y in (-x, x)]
@@ -123,7 +134,8 @@ def climb(robot: str, size: float, far_m: float, folder: Path) -> Any:
     return stancekit.plan(
         folder / "level.obj",
         start=start,
-        goal=(far_m + 0.35 * size, start[1]),
+        goal=(far_m + ahead * size, start[1]),
+        frames=frames,
         robot=robot,
         time_limit_s=60.0,
     )

@@ -27,6 +27,7 @@ class Export:
       jointtrajectory  ROS 2's trajectory_msgs/JointTrajectory, .json or .yaml
       mujoco           MJCF of robot and terrain, with a key frame per row
       reference        the .npz that mjlab's tracking task reads
+      crocoddyl        an .npz, and a script that follows it with Crocoddyl
       foxglove         MCAP of ROS 2's messages, for Foxglove, too (extra viz)
       minari           one-step episodes of EnvelopeSelection-v0, of a data set of `stancekit label`
 

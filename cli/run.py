@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from stancekit.runner.safety.ending import Ended
     from stancekit.runner.safety.estop import Source
     from stancekit.runner.settings import RunSettings
-    from stancekit.runner.worlds import WorldClass
     from stancekit.runner.worlds.settings import EstopCheck
+    from stancekit.runner.worlds.world import JointBus
 
 
 _BUSY = 1.0
@@ -321,7 +321,7 @@ class RunMotion:
         from stancekit.runner.acceptance import Accepted
         from stancekit.runner.report import RunReport
         from stancekit.runner.safety.estop import on_signals
-        from stancekit.runner.worlds import SoftContact, WorldSettings
+        from stancekit.runner.worlds.settings import SoftContact, WorldSettings
 
         with as_options("world"):
             kind = WORLDS.get(self.world)
@@ -457,7 +457,7 @@ class RunMotion:
 
         return None if self.actuators is None else read_actuators(self.actuators)
 
-    def _check(self, kind: WorldClass) -> None:
+    def _check(self, kind: type[JointBus]) -> None:
         """Raise InvalidInput for an option out of range, or with another world, and a file that
         cannot be written.
         """

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from stancekit.planners.answer.trajectory import Trajectory
     from stancekit.runner.execution import Execution
     from stancekit.runner.report import RunReport
-    from stancekit.runner.worlds import World
+    from stancekit.runner.worlds.world import JointBus
 
 
 _KINDS = {"int": "an integer", "float": "a number"}
@@ -145,7 +145,7 @@ class Simulate:
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.motion.plan_motion import Timing
         from stancekit.runner.settings import RunSettings
-        from stancekit.runner.worlds import SoftContact, WorldSettings
+        from stancekit.runner.worlds.settings import SoftContact, WorldSettings
 
         checked(self.pace, "--pace", least=0.1, most=4.0)
         self._check_files()
@@ -161,7 +161,7 @@ class Simulate:
                 check_run(accepted, self.world, settings, led=False)
         except InvalidInput as error:
             raise InvalidInput(str(error).replace("timing:", "--pace:")) from None
-        world: str | World = self.world
+        world: str | JointBus = self.world
         with as_options("world", "contact_stiffness_n_m", "contact_damping_ns_m"):
             contact = SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
             if contact is not None and (kind := WORLDS.get(self.world)).kind == "simulation":

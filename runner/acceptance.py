@@ -16,7 +16,7 @@ from ctypes.util import find_library
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 import numpy as np
 from packaging.requirements import Requirement
@@ -38,7 +38,8 @@ from stancekit.planners.verify.geometry import tipping
 from stancekit.planners.verify.judge import judge
 from stancekit.planners.verify.postures import joint_report
 
-from .worlds.world import World
+if TYPE_CHECKING:
+    from .safety.guard import SafeWorld
 
 TOOLS = ("dev",)
 """Extras for working on the package, which no command needs."""
@@ -317,7 +318,7 @@ def check_stands(accepted: Accepted[Plan], least_push: float) -> None:
         raise InvalidInput(f"{accepted.source}: {tips}; least_push 0 runs it all the same")
 
 
-def check_fits(accepted: Accepted[Plan], world: World) -> None:
+def check_fits(accepted: Accepted[Plan], world: SafeWorld) -> None:
     """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose
     of the plan.
     """
@@ -358,7 +359,7 @@ def judged(motion: Motion) -> Report[Any]:
     return judge(motion, joints=known, margins=False)
 
 
-def check_joints(source: str, robot: Robot, world: World, gravity_m_s2: float) -> None:
+def check_joints(source: str, robot: Robot, world: SafeWorld, gravity_m_s2: float) -> None:
     """Raise InvalidInput unless the world has the robot's joints, in their order, is for such a
     robot, and pulls as it is planned for, where it says how it pulls.
     """

@@ -49,8 +49,7 @@ from .safety.estop import Source, Stopped, on_signals, watched
 from .safety.guard import SafeWorld
 from .safety.heartbeat import HeartbeatMonitor
 from .settings import RunSettings
-from .worlds import make_world
-from .worlds.world import State, Terrain, World
+from .worlds.world import JointBus, State, Terrain, make_world
 
 Progress = Callable[[int, int], None]
 Until = Callable[[Target, State], bool]
@@ -69,7 +68,7 @@ class Runner:
 
     def __init__(
         self,
-        world: World,
+        world: JointBus,
         *,
         settings: RunSettings = RunSettings(),
         dry: bool = True,
@@ -200,7 +199,7 @@ class Runner:
             if rise > 0.0:
                 self.decide("start", f"{1e3 * rise:.0f} mm higher: a foot was in the ground")
         terrain = prepared.terrain if terrain is None else terrain
-        state = self.world.reset(terrain, first.angles_rad, origin, rotation)
+        state = self.world.connect(terrain, first.angles_rad, origin, rotation)
         self.log.write("measurement", state_json(state))
         self.state, self._found = state, np.array(state.angles_rad)
         if (wrench := self._carry(0.0)) is not None and wrench.any():
@@ -212,7 +211,7 @@ class Runner:
         if self.world.real and not self.world.dry:
             self.decide("armed", "torque on, at the measured pose")
         self.world.arm()
-        if (evidence := self.world.evidence) and not self.world.dry:
+        if (evidence := self.world.world.report()) and not self.world.dry:
             self.decide("e-stop", evidence)
         far = float(np.abs(state.angles_rad - first.angles_rad).max())
         self.decide(

@@ -19,8 +19,7 @@ from stancekit.runner.log import Record
 from stancekit.runner.prepared import Tracked
 from stancekit.runner.run import Runner, Until
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
-from stancekit.runner.worlds.world import Terrain
+from stancekit.runner.worlds.world import Terrain, make_world
 from stancekit.views.gaits import GaitView
 from stancekit.views.plans import PlanView
 from stancekit.views.scene import Animation, Scene

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,9 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
 
 from ..motion.time_parametrization import RATE_HZ, joint_motion
+from ..worlds.drives import Drives
 from ..worlds.mujoco import MujocoWorld, mujoco_module
-from ..worlds.simulation import SimulatedBody, local_origin
+from ..worlds.simulation import SimulatedBody, local_origin, simulated_body
 from ..worlds.world import Terrain
 
 
@@ -43,10 +45,12 @@ class Moved:
     reached [s].
 
     Arguments:
+        motion: what was sampled.
         without: why there are no joints, empty where there are.
     """
 
     table: MotionTable
+    motion: Played
     robot: Robot | None
     terrain: Terrain
     gravity_m_s2: float
@@ -293,6 +297,40 @@ def _reference_bytes(moved: Moved) -> bytes:
     return held.getvalue()
 
 
+def _write_crocoddyl(moved: Moved, path: Path) -> None:
+    """The numbers, and beside them the script that follows them, unless one is there.
+
+    Raises InvalidInput for joints that turn without end, which Pinocchio counts otherwise.
+    """
+    assert moved.robot is not None
+    world, at = moved.robot.source.legs(), moved.motion.at(moved.table.time_s)
+    body, drives = simulated_body(world), Drives.of(world)
+    if endless := [
+        name
+        for leg in world.legs
+        for name, turns in zip(leg.joint_names, leg.turns, strict=True)
+        if turns
+    ]:
+        raise InvalidInput(f"crocoddyl: expected joints with limits, got {endless[0]} without")
+    content: dict[str, Any] = {
+        **moved.table.known(),
+        "joints": moved.table.joints,
+        "urdf": body.urdf,
+        "feet": body.feet,
+        "tips_m": body.tips_m,
+        "rotors_kg_m2": drives.rotor_kg_m2,
+        "normals": at.normals,
+        "friction": at.friction,
+        "gravity_m_s2": moved.gravity_m_s2,
+    }
+    held = io.BytesIO()
+    np.savez_compressed(held, **content)
+    write_bytes(path, held.getvalue())
+    script = path.with_suffix(".py")
+    if not script.exists():
+        write_bytes(script, files(__package__).joinpath("follow.py.txt").read_bytes())
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Format:
     """A format: how its files end, whether it is of joints, and who writes it to a path."""
@@ -337,6 +375,7 @@ FORMATS: Mapping[str, _Format] = {
         joints=True,
         write=lambda moved, path: write_bytes(path, _reference_bytes(moved)),
     ),
+    "crocoddyl": _Format(suffixes=(".npz",), joints=True, write=_write_crocoddyl),
     "foxglove": _Format(suffixes=(".mcap",), joints=False, write=_foxglove),
 }
 """By the name that ``export --to`` takes."""
@@ -391,6 +430,7 @@ def moved_of(subject: Motion, to: str, rate_hz: float = RATE_HZ, source: str = "
     )
     return Moved(
         table=table,
+        motion=sampled,
         robot=robot,
         terrain=terrain,
         gravity_m_s2=gravity_m_s2,

@@ -16,7 +16,6 @@ from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 
 from ..motion.time_parametrization import soft_motion
-from ..worlds.world import Stoppable
 from .estop import Stopped
 from .guard import SafeWorld
 
@@ -92,32 +91,27 @@ def _homeward(world: SafeWorld, home: Sequence[Array], speed_rad_s: float) -> st
 
 
 def _held(world: SafeWorld, message: str) -> tuple[_Left, str]:
-    device = world.world
-    if isinstance(device, Stoppable):
-        wrong = _done(device.hold)
-        wrong = wrong or str(getattr(device, "pending", ""))
-        if wrong:
-            return "left to the device", f"{message}; {wrong}" if message else wrong
+    wrong = _done(world.world.stop)
+    if wrong:
+        return "left to the device", f"{message}; {wrong}" if message else wrong
     return "held", message
 
 
 def _relaxed(world: SafeWorld) -> tuple[_Left, str]:
-    device = world.world
-    if not isinstance(device, Stoppable):
+    if not world.real:
         return "held", f"world {world.name} has no switch for its torque"
-    wrong = _done(device.relax)
+    wrong = _done(lambda: world.world.stop(torque_off=True))
     return ("left to the device", wrong) if wrong else ("torque off", "")
 
 
-def _done(verb: Callable[[], None]) -> str:
+def _done(verb: Callable[[], str]) -> str:
     """Have a device do it, once more where that is cut off (by a second Ctrl-C); what went wrong,
-    empty if nothing.
+    or may still move, empty if nothing.
     """
     wrong = ""
     for _ in range(2):
         try:
-            verb()
-            return ""
+            return verb()
         except HardwareFault as error:
             return str(error)
         except BaseException as error:  # told as its outcome: nothing may end a stop

@@ -17,17 +17,13 @@ from typing import NoReturn, Self
 
 import numpy as np
 
-from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
 
-from ..worlds.drives import Drives
-from ..worlds.hardware import NullWorld
 from ..worlds.world import (
-    Actuator,
+    JointBus,
     State,
     Terrain,
-    World,
     WorldCapabilities,
     check_state,
     check_world,
@@ -165,13 +161,14 @@ class Limits:
 
 
 class SafeWorld:
-    """A world with a guard, itself a world.
+    """A world with the guard, the latch and the watchdog around it.
 
     It owns the world, and closes it.
 
     Arguments:
-        dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A
-            simulation is nothing real. latch: the world's.
+        dry: nothing is sent to anything real, whose joints are taken to be where they would have been
+            sent, its body where it was, its feet to feel nothing. A simulation is nothing real.
+            latch: the world's.
         sources: asked before every command. sent, clipped, refused: numbers of commands that went
             through, that were changed on the way, and that came after the stop. armed: an arming
             came to its end, or none is needed.
@@ -183,7 +180,7 @@ class SafeWorld:
 
     def __init__(
         self,
-        world: World,
+        world: JointBus,
         *,
         limits: Limits = Limits(),
         dry: bool = True,
@@ -191,34 +188,22 @@ class SafeWorld:
         clock: Callable[[], float] = time.monotonic,
         monitor: HeartbeatMonitor | None = None,
     ) -> None:
-        self.world, self.limits = world, limits
         check_world(world)
-        self.latch: StopLatch = world.latch
+        self.world, self.limits, self.latch = world, limits, world.latch
         self.name, self.kind, self.robot, self.servo = (
             world.name,
             world.kind,
             world.robot,
             world.servo,
         )
-        self.joints, self.rate_hz = world.joints, world.rate_hz
-        self.gravity_m_s2: float | None = getattr(world, "gravity_m_s2", None)
-        self._drives: Drives | None = getattr(world, "drives", None)
-        self.capabilities = getattr(world, "capabilities", None) or WorldCapabilities.of_drives(
-            self.drives, world.rate_hz, senses=True
-        )
+        self.joints, self.rate_hz, self.drives = world.joints, world.rate_hz, world.drives
+        self.gravity_m_s2, self.capabilities = world.gravity_m_s2, world.capabilities
         self._bounds = _bounds(self.capabilities, limits)
         self._path = np.full(len(world.joints), limits.path_rad)
-        if self._drives is not None and world.kind != "hardware":
-            self._path = np.maximum(
-                self._path, _SATURATED * self._drives.torque_nm / self._drives.stiffness_nm_rad
-            )
-        self.real = isinstance(world, Actuator)
-        if (
-            world.kind == "hardware" and not self.real
-        ):  # else it would move without having been armed
-            raise InvalidInput(
-                f"world {world.name}: expected hardware to have armed, torque, hold and relax"
-            )
+        if world.kind != "hardware":
+            saturated = _SATURATED * self.drives.torque_nm / self.drives.stiffness_nm_rad
+            self._path = np.maximum(self._path, saturated)
+        self.real = world.kind == "hardware"
         self.dry = dry and self.real
         self.sent = self.clipped = self.refused = 0
         self.armed = not self.real
@@ -227,38 +212,27 @@ class SafeWorld:
             world.latch, limits.silent_s if moves else float("inf"), clock, monitor
         )
         self.latch.listen(*sources, self.watchdog.look)
-        if hasattr(world, "beat"):  # to wait for a device is not to be silent
-            world.beat = self.watchdog.kick
-        self._to: World = world
+        world.beat = self.watchdog.kick  # to wait for a device is not to be silent
+        self._state: State | None = None
         self._last: Array | None = None
         self._away = self._lean = np.zeros(len(world.joints))
         self._first: Array | None = None
         self._loads: Array | None = None
         self.leaps = False
 
-    @cached_property
-    def drives(self) -> Drives:
-        """The world's loops; where it does not say nobody knows what they yield to, and it is sent
-        angles alone.
-        """
-        if self._drives is not None:
-            return self._drives
-        result = Drives.of(self.robot.source.legs(self.servo))
-        return replace(result, yields=False)
-
-    def reset(
+    def connect(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
-        """Reset the world.
+        """Connect the world.
 
         A real robot is only measured and does not move.
 
         Raises Stopped, InvalidInput, HardwareFault.
         """
         self._ask()
-        state = self.world.reset(terrain, angles_rad, position_m, rotation)
+        state = self.world.connect(terrain, angles_rad, position_m, rotation)
         self._check_measured(state)
-        self._to = NullWorld(self.world, state) if self.dry else self.world
+        self._state = state
         self._first = self._last = np.array(state.angles_rad, dtype=float)
         self._away = self._lean = np.zeros(len(self.joints))
         self._loads = None
@@ -268,8 +242,7 @@ class SafeWorld:
         """Let a simulation begin with its joints loaded, as if it had been sent this before;
         whether it is one that can. What is real is sent its loads softly.
         """
-        preload = getattr(self.world, "preload", None)
-        if self.kind == "hardware" or preload is None or not preload(targets_rad):
+        if self.real or not self.world.preload(targets_rad):
             return False
         self._last = np.array(targets_rad, dtype=float)
         return True
@@ -278,39 +251,32 @@ class SafeWorld:
         """Let a simulated body bear this force and moment beside its weight, shape (6,); a real one
         does already.
         """
-        carry = getattr(self.world, "carry", None)
-        if self.kind == "simulation" and carry is not None:
-            carry(wrench)
+        if not self.real:
+            self.world.carry(wrench)
 
     @property
     def last_rad(self) -> Array:
         """Targets that were sent last, or measured where nothing was sent, shape (J,).
 
-        Raises InvalidInput before ``reset``.
+        Raises InvalidInput before ``connect``.
         """
         if self._last is None:
-            raise InvalidInput("world: expected reset before anything else, got no reset")
+            raise InvalidInput("world: expected connect before anything else, got no connect")
         return self._last
-
-    @property
-    def evidence(self) -> str:
-        """Evidence of the world about its e-stop since it was armed; empty where it has none."""
-        return str(getattr(self.world, "evidence", ""))
 
     def arm(self) -> None:
         """Let something real move: its torque is switched on at the pose where it is.
 
-        Nothing to do for others.
-
         Raises Stopped, HardwareFault, after which no torque is on that was off before.
         """
         self._ask()
-        if isinstance(self._to, Actuator):
-            self.watchdog.guard()
-            try:
-                self._to.torque(True)
-            finally:
-                self.armed = self._to.armed
+        if self.dry:
+            return
+        self.watchdog.guard()
+        try:
+            self.world.arm()
+        finally:
+            self.armed = self.world.armed or not self.real
 
     def step(self, targets_rad: Array, lean_rad: Array | None = None) -> State:
         """Send what of the targets is within limits.
@@ -334,8 +300,7 @@ class SafeWorld:
         sent = self._bounded(targets)
         self.watchdog.kick()
         try:
-            loaded = getattr(self._to, "loaded", None) if self.leaps else None
-            state = self._to.step(sent) if loaded is None else loaded(sent, self._lean)
+            self._state = state = self._sent(sent)
             self._check_measured(state)
         except Stopped:
             self.refused += 1
@@ -351,6 +316,28 @@ class SafeWorld:
             state = replace(state, angles_rad=state.angles_rad - self._lean)
         self._check_deviation(state)
         return state
+
+    def _sent(self, targets: Array) -> State:
+        """The state after these targets, or as it would be.
+
+        A device asks the latch itself, directly before it writes.
+        """
+        if not self.real:
+            with self.latch.sending():
+                self.world.send(targets, self._lean if self.leaps else None)
+            return self.world.read()
+        if not self.dry:
+            self.world.send(targets)
+            return self.world.read()
+        before, period_s = self._state, 1.0 / self.rate_hz
+        assert before is not None
+        return replace(
+            before,
+            time_s=before.time_s + period_s,
+            angles_rad=targets,
+            rates_rad_s=(targets - before.angles_rad) / period_s,
+            sent_rad=targets,
+        )
 
     def trip(self, reason: str) -> NoReturn:
         """Stop for this reason, and raise Stopped."""

@@ -1,64 +1,51 @@
-"""The monitor: a small process beside the host, which acts where the host falls silent altogether
-or is gone.
+"""The monitor: a small process beside the host, which says what stops the robot where the host falls
+silent altogether or is gone.
 
 No thread of a process helps it when all of it hangs (SIGSTOP, a call that never returns) or is
-killed. The monitor hears a beat for every command, and answers. Without one for too long, or when
-the pipe ends without a farewell, it cancels all goals of a robot behind a rosbridge, over a
-connection of its own. A servo bus has room for one owner, so there it opens nothing: it says that
-the servos' own bus watchdogs stop them.
+killed. Then nothing is sent any more, and the robot stops by itself: servos by their own bus
+watchdogs, a controller behind a rosbridge at its last target. The monitor hears a beat for every
+command, and answers; it opens nothing. Without a beat for too long, or when the pipe ends without a
+farewell, it tells whoever reads the terminal.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import select
 import subprocess
 import sys
 import time
-from dataclasses import asdict
 from types import TracebackType
 from typing import IO, Self
 
-from pydantic import TypeAdapter
-
 from stancekit.planners.errors import InvalidInput
 
-from ..worlds.ros.bridge import RosLink
-from ..worlds.ros.follow import AGAIN_S
-from ..worlds.ros.goal import cancel_all, ready_to_cancel
-from ..worlds.ros.setup import RosSetup
-
 _BEAT, _REST, _CLOSE = b".", b"-", b"q"
-ROUNDS = 3
-"""A cancel is sent so often: one that comes before its goal is lost, and one that waits in a queue
-needs time."""
 _READY_S = 20.0
-"""So long the monitor may take to start and to connect."""
+"""So long the monitor may take to start."""
 ANSWER_S = 1.0
 """A beat may go so long without an answer, or four times the limit for the host, if that is
 more."""
 END_S = 5.0
 """So long it may take to end after a farewell; then it is killed."""
-BUS = "the servos are stopped by their own bus watchdogs, and hold"
 
 
 class HeartbeatMonitor:
     """The host's side.
 
-    A context manager: entered, the monitor is there, and connected.
+    A context manager: entered, the monitor is there.
 
     Arguments:
         limit_s: the longest silence between two beats; the first begins the watch.
-        setup: of a robot behind a rosbridge, None for anything else.
+        alone: what stops the robot then, in words (``JointBus.alone``).
 
     Raises:
-        InvalidInput: where the monitor could not connect.
+        InvalidInput: where the monitor did not start.
     """
 
-    def __init__(self, limit_s: float, setup: RosSetup | None = None) -> None:
-        self.limit_s, self._setup = limit_s, setup
+    def __init__(self, limit_s: float, alone: str) -> None:
+        self.limit_s, self._alone = limit_s, alone
         self._child: subprocess.Popen[bytes] | None = None
         self._asked_s: float | None = None  # when the first beat was that has no answer yet
         self._unresponsive = False
@@ -93,11 +80,8 @@ class HeartbeatMonitor:
         return "the heartbeat monitor does not answer" if self._unresponsive else None
 
     def __enter__(self) -> Self:
-        orders = {
-            "limit_s": self.limit_s,
-            "ros": None if self._setup is None else asdict(self._setup),
-        }
-        command = [sys.executable, "-m", "stancekit.runner.safety.heartbeat"]
+        module = "stancekit.runner.safety.heartbeat"
+        command = [sys.executable, "-m", module, str(self.limit_s), self._alone]
         self._child = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
@@ -106,8 +90,6 @@ class HeartbeatMonitor:
             start_new_session=True,
         )  # a session of its own: Ctrl-C is for the host
         stdin, stdout = _pipes(self._child)
-        with contextlib.suppress(BrokenPipeError):  # one that ended at once says nothing, either
-            stdin.write(json.dumps(orders).encode() + b"\n")
         os.set_blocking(stdin.fileno(), False)  # the host never waits for its monitor
         answer = stdout.readline() if select.select([stdout], [], [], _READY_S)[0] else b""
         if answer != b"ready\n":
@@ -187,53 +169,15 @@ def _watch(stream: int, limit_s: float, answers: int) -> str:
 
 
 def main() -> int:
-    """The monitor's own process: one line says what to guard, then beats."""
-    orders = json.loads(_line(0))
-    setup = None if orders["ros"] is None else TypeAdapter(RosSetup).validate_python(orders["ros"])
-    link = None if setup is None else RosLink(setup.host, setup.port, setup.timeout_s)
-    if link is not None and setup is not None:
-        try:
-            link.open()
-            ready_to_cancel(link, setup.controller, setup.ros)
-        except InvalidInput as error:
-            sys.stdout.write(f"{error}\n")
-            return 1
+    """The monitor's own process: how long a silence may be, and what stops the robot then; then
+    beats.
+    """
+    limit_s, alone = sys.argv[1:]
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    why = _watch(0, orders["limit_s"], 1)
-    if why:
-        done = BUS if setup is None or link is None else _cancelled(setup, link)
-        sys.stderr.write(f"stancekit: heartbeat monitor: {why}: {done}\n")
-    if link is not None:
-        link.close()
+    if why := _watch(0, float(limit_s), 1):
+        sys.stderr.write(f"stancekit: heartbeat monitor: {why}: {alone}\n")
     return 0
-
-
-def _cancelled(setup: RosSetup, link: RosLink) -> str:
-    """Cancel all goals of a robot, over a new connection where the first is of no use; what to say
-    of that.
-    """
-    try:
-        with contextlib.ExitStack() as stack:
-            if link.trouble() is not None:
-                link.close()
-                link = RosLink(setup.host, setup.port, setup.timeout_s)
-                stack.callback(link.close)
-                link.open()
-            for _ in range(ROUNDS):
-                cancel_all(link, setup.controller, setup.ros)
-                time.sleep(AGAIN_S)
-    except InvalidInput as error:
-        return f"goals could not be cancelled: {error}"
-    return f"a cancel was sent for all goals of {setup.controller}"
-
-
-def _line(stream: int) -> bytes:
-    """Up to the end of the line, and no byte more."""
-    line = b""
-    while not line.endswith(b"\n") and (byte := os.read(stream, 1)):
-        line += byte
-    return line
 
 
 def _pipes(child: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:

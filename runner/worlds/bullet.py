@@ -28,7 +28,7 @@ class BulletWorld(SimulatedWorld):
     """
 
     name = "bullet"
-    lacks = "rotors count as parts of links, dry friction fades below 0.1 rad/s"
+    lacks = "rotors count as parts of links"
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -72,6 +72,7 @@ class BulletWorld(SimulatedWorld):
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         push = self.imperfections.pushed_n(self._time)
         carried = self._carried.any()
+        resisted = bool(drives.viscous_nms_rad.any() or drives.dry_nm.any())
         for _ in range(self._substeps):
             if carried:
                 self._bear()
@@ -89,9 +90,17 @@ class BulletWorld(SimulatedWorld):
                 self._robot,
                 self._motors,
                 bullet.TORQUE_CONTROL,
-                forces=(torques - drives.resistance(rates)).tolist(),
+                forces=torques.tolist(),
                 physicsClientId=client,
             )
+            if resisted:  # as motors that hold still with no more than this: none turns them back
+                bullet.setJointMotorControlArray(
+                    self._robot,
+                    self._motors,
+                    bullet.VELOCITY_CONTROL,
+                    forces=(drives.viscous_nms_rad * np.abs(rates) + drives.dry_nm).tolist(),
+                    physicsClientId=client,
+                )
             bullet.stepSimulation(physicsClientId=client)
             bump += self._contacts(forces)
         self._time += self._substeps * PHYSICS_S

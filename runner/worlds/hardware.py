@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -14,59 +16,14 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.robot_file import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo
 
 from .drives import Drives
 from .settings import WorldSettings
-from .world import LatchedWorld, State, Terrain, World, WorldCapabilities, WorldKind
+from .world import JointBus, State, Terrain, WorldKind, check_state
 
 
-class NullWorld(LatchedWorld):
-    """In place of a world that was reset: no command goes through.
-
-    Its joints are where they would have been sent.
-
-    Arguments:
-        first: what the world measured. The body is where it was, and its feet feel nothing. The
-            latch is the world's.
-    """
-
-    def __init__(self, world: World, first: State) -> None:
-        self.latch, self.name, self.robot, self.servo = (
-            world.latch,
-            world.name,
-            world.robot,
-            world.servo,
-        )
-        self.joints, self.rate_hz = world.joints, world.rate_hz
-        self._state = replace(first, sent_rad=np.array(first.angles_rad))
-        self.steps = 0
-
-    def reset(
-        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
-    ) -> State:
-        """Return the measured state; nothing is asked again."""
-        return self._state
-
-    def step(self, targets_rad: Array) -> State:
-        """Send nothing; the joints are at the targets, shape (J,) [rad]."""
-        with self.latch.sending():
-            self.steps += 1
-        before, period_s = self._state, 1.0 / self.rate_hz
-        self._state = replace(
-            before,
-            time_s=before.time_s + period_s,
-            angles_rad=np.array(targets_rad, dtype=float),
-            rates_rad_s=(np.asarray(targets_rad, dtype=float) - before.angles_rad) / period_s,
-            sent_rad=np.array(targets_rad, dtype=float),
-        )
-        return self._state
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-class ReplayWorld(LatchedWorld):
+class ReplayWorld(JointBus):
     """The measurements of a log, one a step.
 
     Nothing moves; commands are compared with those of the log.
@@ -81,16 +38,15 @@ class ReplayWorld(LatchedWorld):
     def __init__(self, path: str | Path, robot: Robot, servo: Servo | None = None) -> None:
         from ..log import LOADED, read_log, state_from_json, table
 
-        super().__init__()
-        servo = servo or robot.servo
         recorded = read_log(path)
         plan: dict[str, Any] = recorded.of("plan")[0]
-        self.robot, self.servo, self.rate_hz = robot, servo, _rate(plan["rate_hz"], path)
-        self.joints = joint_names(robot)
-        if tuple(plan["joints"]) != self.joints:
+        drives = Drives.of(robot.source.legs(servo or robot.servo))
+        if tuple(plan["joints"]) != drives.joints:
             raise InvalidInput(
-                f"{path}: expected a log of a robot with joints {self.joints[0]} …, got another's"
+                f"{path}: expected a log of a robot with joints {drives.joints[0]} …, got another's"
             )
+        rate_hz, sees = _rate(plan["rate_hz"], path), bool(plan.get("sees", True))
+        super().__init__(robot, servo, _loops(plan, drives, path), rate_hz, senses=sees)
         self.digest, self.whole = str(plan["digest"]), recorded.whole
         self._states = [
             state_from_json(each, f"{path}: measurement") for each in recorded.of("measurement")
@@ -101,44 +57,27 @@ class ReplayWorld(LatchedWorld):
             for each in recorded.of("command")
         ]
         for state in self._states:
-            shapes = (
-                state.angles_rad.shape,
-                state.torques_nm.shape,
-                state.forces_n.shape,
-                state.position_m.shape,
-            )
-            if shapes != ((count,), (count,), (len(robot.limbs), 3), (3,)):
-                names = ("angles_rad", "torques_nm", "forces_n", "position_m")
-                came = ", ".join(
-                    f"{name} {shape}" for name, shape in zip(names, shapes, strict=True)
-                )
-                raise InvalidInput(
-                    f"{path}: measurement: expected arrays for {count} joints and "
-                    f"{len(robot.limbs)} "
-                    f"limbs, got the shapes {came}"
-                )
+            try:
+                check_state(state, count, len(robot.limbs), self.name)
+            except HardwareFault as fault:
+                raise InvalidInput(f"{path}: measurement: {fault}") from None
         if not self._states:
             raise InvalidInput(
                 f"{path}: expected measurements, got none: the run ended before it began"
             )
-        self.drives = _loops(plan, Drives.of(robot.source.legs(servo)), path)
-        self._sees = bool(plan.get("sees", True))
         self._preloaded = any(each["what"] == LOADED for each in recorded.of("decision"))
         self._row = 0
         self.worst_rad = 0.0
-        self.capabilities = WorldCapabilities.of_drives(
-            self.drives, self.rate_hz, senses=self._sees
-        )
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
-        """Make the world, see ``WorldClass``."""
+        """Make the world, see ``JointBus``."""
         path = settings.file("a log", cls.name)
         if settings.rate_hz is not None:
             raise InvalidInput("rate_hz: expected none with world replay: the log has its own")
         return cls(path, settings.robot, settings.servo)
 
-    def reset(
+    def connect(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
         """The first measurement of the log."""
@@ -149,8 +88,8 @@ class ReplayWorld(LatchedWorld):
         """Tell whether the world of the log was loaded at once."""
         return self._preloaded
 
-    def step(self, targets_rad: Array) -> State:
-        """The next measurement.
+    def send(self, targets_rad: Array, loads_rad: Array | None = None) -> None:
+        """Compare these targets with those of the log.
 
         Raises HardwareFault where the log ends.
         """
@@ -158,8 +97,10 @@ class ReplayWorld(LatchedWorld):
         if self._row >= len(self._states) or self._row > len(self._sent):
             raise HardwareFault(f"replay: the log ends after {self._row - 1} commands")
         away = float(np.abs(np.asarray(targets_rad) - self._sent[self._row - 1]).max())
-        with self.latch.sending():
-            self.worst_rad = max(self.worst_rad, away)
+        self.worst_rad = max(self.worst_rad, away)
+
+    def read(self) -> State:
+        """The next measurement."""
         return self._states[self._row]
 
     def close(self) -> None:
@@ -195,77 +136,152 @@ def _rate(value: float, path: str | Path) -> float:
 
 
 RATE_HZ = 50.0
+_SLACK_RAD = 0.05
+"""A joint measured this far beyond its limits is at its stop; one that is farther beyond is
+calibrated or mapped wrong."""
+_Measured = tuple[Array, Array, Array]
 
 
-class HardwareWorld(LatchedWorld):
-    """Joints under position control.
+class HardwareWorld(JointBus):
+    """Joints of a device: the one life of servos on a bus and of a robot behind a rosbridge.
 
-    The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that
-    pose and the measured angles have them, and forces are zero.
+    The body is not measured: ``State`` repeats the pose given to ``connect``, the feet are where
+    that pose and the measured angles have them, and forces are zero. Subclasses say how a device is
+    found, armed, sent to, measured and left.
 
-    late: how often more time was lost than is caught up. Raises InvalidInput without pinocchio.
+    Raises InvalidInput without pinocchio.
     """
 
-    name: str
-    capabilities: WorldCapabilities
     catch_up: float = 1.0
     """So many late periods are made up for by shorter ones, so that a plan keeps its time."""
+    wrong = "is its calibration right"
+    """What to ask about a joint that is measured beyond its limits."""
 
-    def __init__(self, robot: Robot, servo: Servo, rate_hz: float) -> None:
-        super().__init__()
-        self.robot, self.servo, self.rate_hz = robot, servo, rate_hz
-        self.joints = joint_names(robot)
-        self._kinematics = Kinematics(robot, servo)
-        self.armed, self.late, self._open = False, 0, False
+    def __init__(self, robot: Robot, servo: Servo | None, drives: Drives, rate_hz: float) -> None:
+        super().__init__(robot, servo, drives, rate_hz, senses=False)
+        self._kinematics = Kinematics(robot, self.servo)
+        own = self._kinematics.velocity_rad_s  # joints turn no faster than their file allows
+        fastest = np.minimum(self.capabilities.velocity_rad_s, np.where(own > 0.0, own, np.inf))
+        self.capabilities = replace(self.capabilities, velocity_rad_s=fastest)
+        self._open = False
+        self._driven = False  # goals may have been sent that joints are still on their way to
         self._sent = np.zeros(len(self.joints))
 
-    def _limits(self, drives: Drives) -> WorldCapabilities:
-        """Limits of these drives, at joints that turn no faster than the robot's file allows."""
-        can = WorldCapabilities.of_drives(drives, self.rate_hz, senses=False)
-        own = self._kinematics.velocity_rad_s
-        slower = np.where(own > 0.0, own, np.inf)
-        return replace(can, velocity_rad_s=np.minimum(can.velocity_rad_s, slower))
+    def connect(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
+        """Connect, check everything, measure; nothing moves, and the torque stays as it was.
 
-    def sendable(self, targets_rad: Array) -> Array:
-        """The targets as ``step`` would send them now: no farther than a joint turns in a period,
-        and within limits.
+        Arguments:
+            angles_rad: not used, the measured ones come back.
+            position_m, rotation: where the body is taken to be.
+
+        Raises:
+            InvalidInput: for whatever is wrong, for nothing has moved.
         """
-        can = self.capabilities
-        most = can.velocity_rad_s / self.rate_hz
-        near = np.clip(targets_rad, self._sent - most, self._sent + most)
-        return np.asarray(np.clip(near, can.lower_rad, can.upper_rad))
-
-    def _begin(self, position_m: Array, rotation: Array) -> None:
-        """Begin to count time; where the body is taken to be."""
+        self.armed = False
+        try:
+            measured = self._reached()
+        except HardwareFault as fault:
+            raise InvalidInput(str(fault)) from None
+        self._check_angles(measured[0])
+        self._sent = measured[0].copy()
         self._pose = np.array(position_m, dtype=float), np.array(rotation, dtype=float)
         self._start_s = self._due_s = time.monotonic()
+        return self._state(*measured)
 
-    def _checked(self, targets_rad: Array) -> Array:
-        """Targets for ``step``.
+    def arm(self) -> None:
+        """Arm: hold the measured pose.
 
-        Raises InvalidInput where the world is not armed, or they are not finite.
+        However an arming is interrupted, the torque is as it was before; ``stop`` makes sure of it.
+        Raises InvalidInput for whatever is wrong before anything can move, HardwareFault after that.
+        """
+        if not self._open:
+            raise InvalidInput("world: expected connect before arm, got no connect")
+        try:
+            self._switched_on()
+        except BaseException as error:  # joints are held, then it is raised again
+            driven = self._driven
+            with suppress(HardwareFault):  # what goes wrong now is told by the ending's ``stop``
+                self.stop()
+            if isinstance(error, HardwareFault) and not driven:
+                raise InvalidInput(str(error)) from None
+            raise
+        self.armed, self._due_s = True, time.monotonic()
+
+    def send(self, targets_rad: Array, loads_rad: Array | None = None) -> None:
+        """Send targets, clipped to limits and to what a joint can turn in a period.
+
+        Raises InvalidInput for targets that are not finite, and where the world is not armed;
+        HardwareFault for whatever the device does wrong, after which the world is not armed.
         """
         if not self.armed:
-            raise InvalidInput("world: expected torque(True) before step, got step first")
+            raise InvalidInput("world: expected arm before step, got step first")
         targets = np.asarray(targets_rad, dtype=float)
         if targets.shape != self._sent.shape or not np.all(np.isfinite(targets)):
             raise InvalidInput(
                 f"targets_rad: expected {len(self.joints)} finite numbers, got others"
             )
-        return targets
+        can = self.capabilities
+        most = can.velocity_rad_s / self.rate_hz
+        near = np.clip(targets, self._sent - most, self._sent + most)
+        with self._disarming():
+            self._sent = self._put(np.clip(near, can.lower_rad, can.upper_rad))
 
-    def _wait(self) -> None:
-        """Until the period is over; where more is lost than is caught up the count starts anew."""
+    def read(self) -> State:
+        """Wait for the end of the control period, and measure; faults are as those of ``send``."""
         self._due_s += 1.0 / self.rate_hz
         left = self._due_s - time.monotonic()
         if left > 0.0:
             time.sleep(left)
-        elif left < -self.catch_up / self.rate_hz:
-            self.late += 1
+        elif left < -self.catch_up / self.rate_hz:  # more is lost than is caught up
             self._due_s = time.monotonic()
+        with self._disarming():
+            return self._state(*self._measured())
 
-    def _state_of(self, angles_rad: Array, rates_rad_s: Array, torques_nm: Array) -> State:
-        """State that was measured, shape (J,) each, on the pose that is assumed."""
+    @abstractmethod
+    def _reached(self) -> _Measured:
+        """Connect, check the device, measure.
+
+        Raises InvalidInput, HardwareFault.
+        """
+
+    @abstractmethod
+    def _switched_on(self) -> None:
+        """Arm; ``stop`` is called where it does not come to its end."""
+
+    @abstractmethod
+    def _put(self, angles_rad: Array) -> Array:
+        """Send these angles; return what was sent."""
+
+    @abstractmethod
+    def _measured(self) -> _Measured:
+        """Angles, rates and torques, shape (J,) each."""
+
+    def _label(self, index: int) -> str:
+        """A joint as messages call it."""
+        return self.joints[index]
+
+    def _check_angles(self, angles: Array) -> None:
+        can = self.capabilities
+        beyond = (angles < can.lower_rad - _SLACK_RAD) | (angles > can.upper_rad + _SLACK_RAD)
+        for index in np.flatnonzero(beyond):
+            raise InvalidInput(
+                f"{self._label(int(index))}: expected an angle in [{can.lower_rad[index]:.2f}, "
+                f"{can.upper_rad[index]:.2f}] rad, measured {angles[index]:.2f}: {self.wrong}?"
+            )
+
+    @contextmanager
+    def _disarming(self) -> Iterator[None]:
+        """After a fault the world is not armed."""
+        try:
+            yield
+        except HardwareFault:
+            self.armed = False
+            raise
+
+    def _state(self, angles_rad: Array, rates_rad_s: Array, torques_nm: Array) -> State:
+        """State that was measured, on the pose that is assumed."""
         position, rotation = self._pose
         return State(
             time_s=time.monotonic() - self._start_s,

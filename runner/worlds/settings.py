@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import sqrt
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -113,28 +113,27 @@ class SimulationSetup:
     contact_stiffness_n_m: Annotated[float | None, Field(gt=0.0, le=_MOST_N_M)] = None
     contact_damping_ns_m: Annotated[float | None, Field(ge=0.0, le=_MOST_N_M)] = None
 
-    @classmethod
-    def from_yaml(cls, path: str | Path) -> SimulationSetup:
-        """Read a file, YAML or JSON.
-
-        Raises InvalidInput with all that is wrong.
-        """
-        data = read_yaml(path)
-        if data.get("format") != FORMAT:
-            raise InvalidInput(
-                f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}"
-            )
-        setup = validated(cls, data, str(path))
-        try:
-            SoftContact.of(setup.contact_stiffness_n_m, setup.contact_damping_ns_m)
-        except InvalidInput as error:
-            raise InvalidInput(f"{path}: {error}") from None
-        return setup
+    def __post_init__(self) -> None:
+        SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
 
     @property
     def contact(self) -> SoftContact | None:
         """The ground that it asks for, None for hard ground."""
         return SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
+
+
+Setup = TypeVar("Setup")
+
+
+def read_setup(kind: type[Setup], path: str | Path) -> Setup:
+    """Read a set-up file, YAML or JSON, of a dataclass whose field ``format`` says how it begins.
+
+    Raises InvalidInput with all that is wrong.
+    """
+    data, known = read_yaml(path), kind.__dataclass_fields__["format"].default  # type: ignore[attr-defined]
+    if data.get("format") != known:
+        raise InvalidInput(f"{path}: format: expected {known}, got {shown(data.get('format'), 40)}")
+    return validated(kind, data, str(path))
 
 
 EstopCheck = Literal["heard", "try", "without"]

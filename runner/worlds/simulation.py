@@ -28,8 +28,8 @@ from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import RobotModel
 
 from .drives import Drives, Imperfections
-from .settings import SimulationSetup, SoftContact, WorldSettings
-from .world import LatchedWorld, State, Terrain, WorldCapabilities, WorldKind
+from .settings import SimulationSetup, SoftContact, WorldSettings, read_setup
+from .world import JointBus, State, Terrain, WorldKind
 
 _SPECK = 1e-6
 """Share of the robot's mass that a root without one gets: simulators take what weighs nothing for
@@ -339,7 +339,7 @@ SPACING_M = 0.025
 """Spacing of the grid that simulators get of heights."""
 
 
-class SimulatedWorld(LatchedWorld):
+class SimulatedWorld(JointBus):
     """One robot on one terrain, from nothing: needs no arming, and measures everything.
 
     Arguments:
@@ -347,7 +347,7 @@ class SimulatedWorld(LatchedWorld):
     """
 
     kind: WorldKind = "simulation"
-    name: str
+    gravity_m_s2: float
 
     def __init__(
         self,
@@ -360,15 +360,10 @@ class SimulatedWorld(LatchedWorld):
         actuators: Actuators | None = None,
         contact: SoftContact | None = None,
     ) -> None:
-        super().__init__()
-        servo = servo or robot.servo
-        self.robot, self.servo, self.rate_hz, self.gravity_m_s2 = (
-            robot,
-            servo,
-            rate_hz,
-            gravity_m_s2,
-        )
-        self.model, self.imperfections = robot.source.legs(servo), imperfections
+        self.model = robot.source.legs(servo or robot.servo)
+        drives = Drives.of(self.model, actuators)
+        super().__init__(robot, servo, drives, rate_hz, senses=True, gravity_m_s2=gravity_m_s2)
+        self.imperfections = imperfections
         last = len(robot.limbs) - 1
         if outside := set(imperfections.deaf) - set(range(last + 1)):
             raise InvalidInput(
@@ -377,9 +372,6 @@ class SimulatedWorld(LatchedWorld):
         if contact is not None:
             contact.check_bears(robot.mass_kg * gravity_m_s2)
         self.contact = contact
-        self.drives = Drives.of(self.model, actuators)
-        self.joints = self.drives.joints
-        self.capabilities = WorldCapabilities.of_drives(self.drives, rate_hz, senses=True)
         self._substeps = max(1, round(1.0 / (rate_hz * PHYSICS_S)))
         self._perfect = imperfections == Imperfections()
         self._draw = np.random.default_rng(imperfections.seed)
@@ -394,7 +386,7 @@ class SimulatedWorld(LatchedWorld):
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
-        """Make the world, see ``WorldClass``."""
+        """Make the world, see ``JointBus``."""
         contact = settings.contact
         if settings.setup is not None:
             if contact is not None:
@@ -402,7 +394,7 @@ class SimulatedWorld(LatchedWorld):
                     "contact_stiffness_n_m: expected a value from the set-up file or from the "
                     "option, got both"
                 )
-            contact = SimulationSetup.from_yaml(settings.setup).contact
+            contact = read_setup(SimulationSetup, settings.setup).contact
         rate_hz = _RATE_HZ if settings.rate_hz is None else settings.rate_hz
         options = {} if contact is None else {"contact": contact}
         return cls(
@@ -415,7 +407,7 @@ class SimulatedWorld(LatchedWorld):
             **options,
         )
 
-    def reset(
+    def connect(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
         """Put the robot, at rest, into this pose over this terrain."""
@@ -427,39 +419,36 @@ class SimulatedWorld(LatchedWorld):
         return self._measured(self._placed(terrain, self._sent - self._offset, place, rotation))
 
     def preload(self, targets_rad: Array) -> bool:
-        """After ``reset``: the joints were sent this before, shape (J,) [rad], and press from the
-        beginning.
-        """
+        """Let joints press from the beginning."""
         self._sent = np.clip(targets_rad, self.drives.lower_rad, self.drives.upper_rad)
         self._waiting = deque([self._sent] * self._late)
         return True
 
-    def carry(self, wrench: Array) -> None:
-        """From now on the robot bears this beside its weight: a force on its body [N], as if at its
-        centre of mass, and a moment [Nm], in the world, shape (6,).
-        """
+    def carry(self, wrench: Array) -> bool:
+        """Let the body bear this beside its weight."""
         self._carried = read_only(wrench, (6,), "wrench")
+        return True
 
-    def loaded(self, targets_rad: Array, loads_rad: Array) -> State:
-        """One control period as of ``step``, but drives are told apart the angles and the loads in
-        the targets, shape (J,) [rad]: the loads may lead beyond the limits of angles. The first
-        of them were in the targets before.
+    def send(self, targets_rad: Array, loads_rad: Array | None = None) -> None:
+        """Send position targets, shape (J,) [rad].
+
+        Arguments:
+            loads_rad: told to drives apart from the angles, which alone are held within limits. The
+                first of them were in the targets before.
         """
-        last = self._sent - (loads_rad if self._loads is None else self._loads)
-        wanted = targets_rad - loads_rad
-        angles = self.drives.sendable(wanted, last, 1.0 / self.rate_hz)
-        self._loads = np.array(loads_rad)
-        return self._send(np.where(angles == wanted, targets_rad, angles + loads_rad))
+        period_s = 1.0 / self.rate_hz
+        if loads_rad is None:
+            self._sent = self.drives.sendable(targets_rad, self._sent, period_s)
+        else:
+            last = self._sent - (loads_rad if self._loads is None else self._loads)
+            wanted = targets_rad - loads_rad
+            angles = self.drives.sendable(wanted, last, period_s)
+            self._loads = np.array(loads_rad)
+            self._sent = np.where(angles == wanted, targets_rad, angles + loads_rad)
+        self._waiting.append(self._sent)
 
-    def step(self, targets_rad: Array) -> State:
-        """One control period with these position targets, shape (J,) [rad]."""
-        return self._send(self.drives.sendable(targets_rad, self._sent, 1.0 / self.rate_hz))
-
-    def _send(self, targets: Array) -> State:
-        """The state after a control period with these targets."""
-        with self.latch.sending():
-            self._sent = targets
-            self._waiting.append(targets)
+    def read(self) -> State:
+        """The state after a control period with what was sent."""
         return self._measured(self._advanced(self._waiting.popleft() - self._offset))
 
     def _measured(self, state: State) -> State:

@@ -1,22 +1,23 @@
-"""Interface of a world: joints under position control on a terrain, one control period a step."""
+"""Worlds: joints under position control on a terrain, one control period a step."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from inspect import isabstract
 from math import isfinite
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, get_args, runtime_checkable
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, checked, checked_name, read_only
-from stancekit.planners.files.documents import read_yaml, shown, validated, yaml_of
+from stancekit.planners.files.documents import shown, yaml_of
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.plugins import Registry
@@ -29,7 +30,7 @@ from stancekit.planners.terrain.patch import Solid
 
 from ..safety.estop import StopLatch
 from .drives import Drives, Imperfections
-from .settings import SoftContact, WorldSettings
+from .settings import SoftContact, WorldSettings, read_setup
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,113 +68,6 @@ Terrain = Sequence[Patch] | Ground
 """Flat patches, each a solid body behind its surface; or heights."""
 WorldKind = Literal["simulation", "recording", "hardware"]
 """Whether a world computes what happens, repeats what happened, or moves something real."""
-
-
-class World(Protocol):
-    """Three methods, and what it can do.
-
-    A context manager; ``reset`` may be called again. A world may have besides: ``capabilities``
-    (``WorldCapabilities``), ``drives`` (``Drives``), ``preload(targets_rad)``, which says whether
-    joints can begin loaded, ``carry(wrench)``, which a simulated body bears beside its weight,
-    ``beat``, which it calls while it waits for a device, ``evidence`` of its e-stop, and
-    ``pending``, which names what may still move the robot after ``hold``, in words.
-
-    Arguments:
-        kind: what is of "hardware" is an ``Actuator``, too, and moves only when armed.
-        latch: what it sends to the robot goes through ``estop.StopLatch.sending()``; tripped, it sends
-            nothing any more.
-    """
-
-    kind: WorldKind
-    name: str
-    latch: StopLatch
-    robot: Robot
-    servo: Servo
-    joints: tuple[str, ...]
-    rate_hz: float
-
-    def reset(
-        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
-    ) -> State:
-        """Put the robot, at rest, into this pose over this terrain."""
-        ...
-
-    def step(self, targets_rad: Array) -> State:
-        """One control period with these position targets, shape (J,) [rad]."""
-        ...
-
-    def close(self) -> None:
-        """Give everything back; once is enough."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
-
-
-@runtime_checkable
-class Stoppable(Protocol):
-    """A world that can be left in a state: standing as it is, or without torque."""
-
-    def hold(self) -> None:
-        """Send nothing any more; the joints keep what they were told last.
-
-        Where an arming was interrupted, it makes sure that the torque is as it was before, or
-        raises HardwareFault.
-        """
-        ...
-
-    def relax(self) -> None:
-        """Torque off everywhere."""
-        ...
-
-
-@runtime_checkable
-class Actuator(Stoppable, Protocol):
-    """A world that moves something real: it takes no step unless armed."""
-
-    armed: bool
-
-    def torque(self, on: bool) -> None:
-        """Arm, at the measured pose; or let go.
-
-        An arming that is interrupted, by whatever it raises, leaves no torque on that was off
-        before.
-        """
-        ...
-
-
-class LatchedWorld(ABC):
-    """Base of the worlds here: a latch, and that they close at the end of a ``with`` block.
-
-    Arguments:
-        kind: "hardware" unless a world says that it is not.
-    """
-
-    kind: WorldKind = "hardware"
-
-    def __init__(self) -> None:
-        self.latch = StopLatch()
-
-    @abstractmethod
-    def close(self) -> None:
-        """Give everything back; once is enough."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -225,44 +119,170 @@ class WorldCapabilities:
             )
 
 
-_NUMBER = np.dtype(np.float64)
-METHODS = ("reset", "step", "close")
+class JointBus(ABC):
+    """Joints under position control, over a terrain: simulators and devices fill in ``connect``,
+    ``send``, ``read`` and ``close``, what is real ``arm`` and ``stop``, too.
+
+    ``SafeWorld`` is the one guard around each of them. A context manager; ``connect`` may be called
+    again.
+
+    Arguments:
+        drives: the loops of its joints, whose names, limits and order count.
+        rate_hz: targets per second.
+        senses: the body's pose and contact forces are measured.
+        gravity_m_s2: what pulls, None where nobody knows better than the plan.
+
+    kind: "hardware" unless a world says that it is not; that moves only when armed. lacks: what it cannot do as the robot has it.
+    alone: what stops the robot where its host is silent or gone. latch: a device asks it directly
+    before every write. beat: called while ``send`` waits for a device. armed: its torque is on.
+    """
+
+    kind: WorldKind = "hardware"
+    name: str
+    lacks = ""
+    alone = "nothing is known to stop the robot"
+
+    def __init__(
+        self,
+        robot: Robot,
+        servo: Servo | None,
+        drives: Drives,
+        rate_hz: float,
+        *,
+        senses: bool,
+        gravity_m_s2: float | None = None,
+    ) -> None:
+        self.latch, self.armed = StopLatch(), False
+        self.robot, self.servo = robot, servo or robot.servo
+        self.drives, self.joints, self.rate_hz = drives, drives.joints, rate_hz
+        self.gravity_m_s2 = gravity_m_s2
+        self.capabilities = WorldCapabilities.of_drives(drives, rate_hz, senses=senses)
+        self.beat: Callable[[], None] = lambda: None
+
+    @classmethod
+    @abstractmethod
+    def make(cls, settings: WorldSettings) -> Self:
+        """A world.
+
+        Raises InvalidInput for a rate or a file that it does not take, and for a package that is
+        not installed; nothing is sent to anything.
+        """
+
+    @abstractmethod
+    def connect(
+        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
+    ) -> State:
+        """Put a simulated robot, at rest, into this pose over this terrain; measure a real one, which
+        does not move.
+        """
+
+    def arm(self) -> None:
+        """Switch the torque on, at the measured pose.
+
+        An arming that is interrupted, by whatever it raises, leaves no torque on that was off
+        before.
+        """
+        self.armed = True
+
+    def preload(self, targets_rad: Array) -> bool:
+        """After ``connect``, let joints begin loaded, as if they had been sent this before, shape (J,)
+        [rad]; tell whether they can.
+        """
+        return False
+
+    def carry(self, wrench: Array) -> bool:
+        """Let a body bear this from now on beside its weight: a force, as if at the robot's centre of
+        mass [N], and a moment [Nm], in the world, shape (6,); tell whether it can.
+        """
+        return False
+
+    @abstractmethod
+    def send(self, targets_rad: Array, loads_rad: Array | None = None) -> None:
+        """Send position targets, shape (J,) [rad].
+
+        Arguments:
+            loads_rad: in a leap, by how much targets lead beyond angles, shape (J,).
+        """
+
+    @abstractmethod
+    def read(self) -> State:
+        """The state at the end of the control period, for which a device is waited for."""
+
+    def stop(self, *, torque_off: bool = False) -> str:
+        """Send nothing any more, and say what may still move the robot, empty where nothing may.
+
+        Joints keep what they were told last. Where an arming was interrupted, the torque is as it was
+        before it. Raises HardwareFault where that cannot be made sure of.
+
+        Arguments:
+            torque_off: everywhere.
+        """
+        return ""
+
+    def report(self) -> str:
+        """Evidence since it was armed that its e-stop works; empty where there is none."""
+        return ""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give everything back; once is enough."""
+
+    def step(self, targets_rad: Array) -> State:
+        """One control period: send, and read."""
+        self.send(targets_rad)
+        return self.read()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def is_bus(kind: Any) -> bool:
+    """Tell whether something is a class of worlds; one that says how it is armed and stopped is
+    hardware, and no other.
+    """
+    if not isinstance(kind, type) or not issubclass(kind, JointBus) or isabstract(kind):
+        return False
+    own = [getattr(kind, verb) is not getattr(JointBus, verb) for verb in ("arm", "stop")]
+    right = all(own) if kind.kind == "hardware" else not any(own)
+    return right and kind.kind in get_args(WorldKind)
 
 
 def check_world(world: Any) -> None:
-    """Raise InvalidInput, in one line, for an object that is no ``World``: what it lacks, or has of
+    """Raise InvalidInput, in one line, for an object that is no ``JointBus``, or has something of
     another kind.
     """
     name = checked_name(getattr(world, "name", None), "world: name")
-    types = {"latch": StopLatch, "robot": Robot, "servo": Servo}
+    if not is_bus(type(world)):
+        raise InvalidInput(f"world {name}: expected {EXPECTED}, got another object")
+    types = {
+        "latch": StopLatch,
+        "robot": Robot,
+        "servo": Servo,
+        "drives": Drives,
+        "capabilities": WorldCapabilities,
+    }
     for attribute, type_ in types.items():
         if not isinstance(value := getattr(world, attribute, None), type_):
             raise InvalidInput(
                 f"world {name}: {attribute}: expected a {type_.__name__}, got {shown(value)}"
             )
-    if (kind := getattr(world, "kind", None)) not in get_args(WorldKind):
-        raise InvalidInput(
-            f"world {name}: kind: expected one of {', '.join(get_args(WorldKind))}, got "
-            f"{shown(kind)}"
-        )
     checked(getattr(world, "rate_hz", None), f"world {name}: rate_hz", above=0.0)
-    joints = getattr(world, "joints", None)
-    if (
-        not isinstance(joints, tuple)
-        or not joints
-        or not all(isinstance(each, str) for each in joints)
-    ):
-        raise InvalidInput(f"world {name}: joints: expected a tuple of names, got {shown(joints)}")
-    can = getattr(world, "capabilities", None)
-    if can is not None and not isinstance(can, WorldCapabilities):
-        raise InvalidInput(
-            f"world {name}: capabilities: expected a WorldCapabilities, got {shown(can)}"
-        )
-    if can is not None and can.joints != joints:
-        raise InvalidInput(f"world {name}: capabilities: expected those of its joints, got others")
-    for method in METHODS:
-        if not callable(getattr(world, method, None)):
-            raise InvalidInput(f"world {name}: expected the method {method}, got none")
+    if not world.joints == world.drives.joints == world.capabilities.joints:
+        raise InvalidInput(f"world {name}: joints: expected those of its drives, got others")
+
+
+EXPECTED = "a JointBus (kind, make, connect, send, read, close; of hardware, and of that alone, arm and stop)"
+
+
+_NUMBER = np.dtype(np.float64)
 
 
 def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
@@ -322,54 +342,7 @@ def _plain_and_finite(state: State, shapes: dict[str, tuple[int, ...]]) -> bool:
     return bool(np.isfinite(np.concatenate(arrays, axis=None)).all())
 
 
-__all__ = [
-    "WORLDS",
-    "Imperfections",
-    "SoftContact",
-    "State",
-    "World",
-    "WorldClass",
-    "WorldSettings",
-    "make_world",
-]
-
-
-class WorldClass(Protocol):
-    """The class of a world, as it is registered.
-
-    Subclasses of ``SimulatedWorld`` have all that but physics.
-
-    Arguments:
-        kind: what is of "hardware" has the methods torque, hold and relax, too (``world.Actuator``):
-            nothing real moves unless it was armed.
-    """
-
-    kind: WorldKind
-
-    def make(self, settings: WorldSettings) -> World:
-        """A world.
-
-        Raises InvalidInput for a rate or a file that it does not take, and for a package that is
-        not installed; nothing is sent to anything.
-        """
-        ...
-
-
-def _is_world_class(thing: Any) -> bool:
-    kind = getattr(thing, "kind", None)
-    methods = (
-        "make",
-        "reset",
-        "step",
-        "close",
-        *(("torque", "hold", "relax") if kind == "hardware" else ()),
-    )
-    return kind in get_args(WorldKind) and all(
-        callable(getattr(thing, method, None)) for method in methods
-    )
-
-
-WORLDS: Registry[WorldClass] = Registry(
+WORLDS: Registry[type[JointBus]] = Registry(
     "world",
     "stancekit.worlds",
     {
@@ -379,8 +352,8 @@ WORLDS: Registry[WorldClass] = Registry(
         "dynamixel": "stancekit.runner.worlds.dynamixel.driver:DynamixelWorld",
         "ros": "stancekit.runner.worlds.ros.driver:RosWorld",
     },
-    expected="a world (kind, make, reset, step, close; of hardware torque, hold and relax, too)",
-    accepts=_is_world_class,
+    expected=EXPECTED,
+    accepts=is_bus,
 )
 
 
@@ -395,7 +368,7 @@ def make_world(
     imperfections: Imperfections = Imperfections(),
     actuators: Actuators | None = None,
     contact: SoftContact | None = None,
-) -> World:
+) -> JointBus:
     """Make a world, with one robot in it.
 
     Arguments:
@@ -458,12 +431,7 @@ class SetupFile:
 
         Raises InvalidInput with all that is wrong.
         """
-        data, known = read_yaml(path), cls.__dataclass_fields__["format"].default
-        if data.get("format") != known:
-            raise InvalidInput(
-                f"{path}: format: expected {known}, got {shown(data.get('format'), 40)}"
-            )
-        setup = validated(cls, data, str(path))
+        setup = read_setup(cls, path)
         if joints is not None:
             try:
                 setup.check(joints)

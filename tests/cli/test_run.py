@@ -517,18 +517,12 @@ def test_a_run_that_was_stopped_says_so_before_how_far_it_was_from_its_end():
 
 SERVOS = '''
 """Joints that go where they are sent, one control period later; the body is not measured, and nothing is felt."""
-from dataclasses import dataclass
+from dataclasses import replace
 import numpy as np
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.drives import Drives
-from stancekit.runner.worlds.world import WorldCapabilities
-from stancekit.runner.worlds.world import LatchedWorld, State
+from stancekit.runner.worlds.world import JointBus, State
 
-@dataclass
-class Bench:
-    armed: bool = False
-
-class Servos(LatchedWorld):
+class Servos(JointBus):
     name = "servos"
 
     @classmethod
@@ -536,19 +530,18 @@ class Servos(LatchedWorld):
         return cls(settings)
 
     def __init__(self, settings):
-        super().__init__()
-        self.robot, self.servo, self.rate_hz = settings.robot, settings.servo, settings.rate_hz or 40.0
-        self.joints, self.bench = joint_names(self.robot), Bench()
-        self.capabilities = WorldCapabilities.of_drives(Drives.of(self.robot.source.legs()), self.rate_hz, senses=False)
+        drives = replace(Drives.of(settings.robot.source.legs()), yields=False)
+        super().__init__(settings.robot, settings.servo, drives, settings.rate_hz or 40.0, senses=False)
 
-    def reset(self, terrain, angles_rad, position_m, rotation):
+    def connect(self, terrain, angles_rad, position_m, rotation):
         self.angles, self.pose, self.time_s = np.array(angles_rad), (position_m, rotation), 0.0
         return self.state()
 
-    def step(self, targets_rad):
-        with self.latch.sending():
-            self.angles = np.array(targets_rad)
+    def send(self, targets_rad, loads_rad=None):
+        self.angles = np.array(targets_rad)
         self.time_s += 1.0 / self.rate_hz
+
+    def read(self):
         return self.state()
 
     def state(self):
@@ -563,18 +556,12 @@ class Servos(LatchedWorld):
         pass
 '''
 ARMED = """
-    @property
-    def armed(self):
-        return self.bench.armed
+    def arm(self):
+        self.armed = True
 
-    def torque(self, on):
-        self.bench.armed = on
-
-    def hold(self):
-        pass
-
-    def relax(self):
-        self.bench.armed = False
+    def stop(self, *, torque_off=False):
+        self.armed = False
+        return ""
 """
 
 
@@ -634,8 +621,7 @@ def test_hardware_of_ones_own_moves_only_when_armed_and_has_the_verbs_for_it(
     path = planned / "mine.py"
     path.write_text(SERVOS)
     said = refusal("run", "plan.json", "--world", "mine.py:Servos")
-    assert said.startswith("world mine.py:Servos: expected a world (kind, make, reset, ")
-    assert "of hardware torque, hold and relax, too" in said
+    assert said.startswith("world mine.py:Servos: expected a JointBus (kind, make, connect, ")
     path = planned / "robot.py"
     path.write_text(SERVOS + ARMED)
     for options, dry in (((), True), (("--arm",), False)):
@@ -657,22 +643,23 @@ def test_hardware_of_ones_own_moves_only_when_armed_and_has_the_verbs_for_it(
         assert refusal(*verb, "--world", "robot.py:Servos").startswith(said)
 
 
-def test_hardware_that_calls_itself_a_simulation_is_armed_and_its_limits_are_checked(
-    planned, stancekit, refusal
-):
+def test_hardware_that_calls_itself_a_simulation_is_refused(planned, refusal):
     (planned / "sly.py").write_text(
         SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"') + ARMED
     )
-    assert "check_limits: expected True but in a simulation, got False in world servos" in refusal(
-        "simulate", "plan.json", "--world", "sly.py:Servos"
-    )
-    ran = stancekit("run", "plan.json", "--world", "sly.py:Servos", "--pace", "2", "--json")
-    assert (ran.code, ran.records[0]["dry"]) == (0, True)
+    for verb in ("run", "simulate"):
+        said = refusal(verb, "plan.json", "--world", "sly.py:Servos")
+        assert "sly.py:Servos: expected a JointBus" in said
 
 
 def test_a_world_without_a_latch_and_one_that_raises_are_one_line(planned, stancekit):
     simulated = SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"')
-    (planned / "open.py").write_text(simulated.replace("super().__init__()", "self.latch = None"))
+    (planned / "open.py").write_text(
+        simulated.replace(
+            "    def connect(",
+            "    latch = property(lambda self: None, lambda self, latch: None)\n\n    def connect(",
+        )
+    )
     ran = stancekit("run", "plan.json", "--world", "open.py:Servos")
     assert (ran.code, ran.err) == (
         2,
@@ -714,7 +701,7 @@ def test_a_simulation_of_ones_own_is_a_subclass_and_simulated_like_the_others(pl
     [
         ("none.py:Mine", "none.py: expected a file, found nothing there"),
         ("mine.py:Mine", "mine.py: expected 'Mine' in it, found no such name; it defines "),
-        ("mine.py:Bench", "world mine.py:Bench: expected a world (kind, make, "),
+        ("mine.py:State", "world mine.py:State: expected a JointBus (kind, make, "),
         ("mine.py", "--world: expected FILE.py:NAME, got no name after mine.py"),
         (
             "gazebo",

@@ -9,24 +9,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.robot_file import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 from stancekit.runner.safety.guard import Limits
-from stancekit.runner.worlds.world import LatchedWorld, State, WorldCapabilities
+from stancekit.runner.worlds.drives import Drives
+from stancekit.runner.worlds.settings import WorldSettings
+from stancekit.runner.worlds.world import JointBus, State
 
 FREQUENCY_RAD_S = 60.0
 PATIENT = Limits(silent_s=5.0)
 """For hosts that are not tried for their haste: a loaded machine pauses for .25 s."""
 
 
-class MemoryWorld(LatchedWorld):
-    """An ``Actuator``. found_rad: where the joints are at first, shape (J,); the given angles where
+class MemoryWorld(JointBus):
+    """found_rad: where the joints are at first, shape (J,); the given angles where
     None.
 
     Faults: ``stuck`` joints do not move; ``fault`` is called before every command, and may raise,
@@ -39,30 +42,19 @@ class MemoryWorld(LatchedWorld):
     def __init__(
         self, robot: Robot | None = None, *, found_rad: Array | None = None, rate_hz: float = 100.0
     ) -> None:
-        super().__init__()
-        self.robot, self.servo, self.rate_hz = robot or hexapod(), Servo(), rate_hz
-        self.joints = joint_names(self.robot)
-        limbs, count = len(self.robot.limbs), len(self.joints)
-        self.capabilities = WorldCapabilities(
-            joints=self.joints,
-            rate_hz=rate_hz,
-            lower_rad=np.tile(self.servo.lower_rad, limbs),
-            upper_rad=np.tile(self.servo.upper_rad, limbs),
-            velocity_rad_s=np.full(count, self.servo.velocity_rad_s),
-            torque_nm=np.full(count, self.servo.torque_nm),
-            has_body_pose=False,
-            has_contact_forces=False,
-        )
+        robot = robot or hexapod()
+        drives = replace(Drives.of(robot.source.legs(Servo())), yields=False)
+        super().__init__(robot, Servo(), drives, rate_hz, senses=False)
         self.found_rad = found_rad
-        self.armed = False
         self.torque_on = False
+        self.pending = ""
         self.commands: list[tuple[float, Array]] = []
         self.stuck: list[int] = []
         self.fault: Callable[[MemoryWorld], None] = lambda world: None
         self.spoil: Callable[[State], State] = lambda state: state
         self.closed = 0
 
-    def reset(
+    def connect(
         self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array
     ) -> State:
         """Measure; nothing moves."""
@@ -74,36 +66,44 @@ class MemoryWorld(LatchedWorld):
         self._pose = np.array(position_m, dtype=float), np.array(rotation, dtype=float)
         return self.measured()
 
-    def torque(self, on: bool) -> None:
-        """Arm, or let go."""
-        if not on:
-            self.relax()
-            return
+    @classmethod
+    def make(cls, settings: WorldSettings) -> MemoryWorld:
+        """One of this robot."""
+        return cls(settings.robot)
+
+    def arm(self) -> None:
+        """Torque on."""
         with self.latch.sending():
             self.torque_on = True
         try:
             self.latch.check()
         except BaseException:
-            self.relax()
+            self.stop(torque_off=True)
             raise
         self.armed = True
 
-    def hold(self) -> None:
-        """Keep the last target."""
+    def stop(self, *, torque_off: bool = False) -> str:
+        """Keep the last target, or torque off."""
         self.armed = False
+        if torque_off:
+            self.relax()
+        return self.pending
 
     def relax(self) -> None:
         """Torque off."""
-        self.armed = self.torque_on = False
+        self.torque_on = False
 
-    def step(self, targets_rad: Array) -> State:
-        """A control period, in millisecond steps of the second-order system."""
+    def send(self, targets_rad: Array, loads_rad: Array | None = None) -> None:
+        """Note a command."""
         self.fault(self)
         if not self.armed:
-            raise InvalidInput("memory: expected torque(True) before step")
+            raise InvalidInput("memory: expected arm before step")
         with self.latch.sending():
             self.commands.append((time.monotonic(), np.array(targets_rad)))
         self._sent = np.array(targets_rad, dtype=float)
+
+    def read(self) -> State:
+        """A control period, in millisecond steps of the second-order system."""
         free = np.ones(len(self.joints))
         free[self.stuck] = 0.0
         for _ in range(round(1000.0 / self.rate_hz)):

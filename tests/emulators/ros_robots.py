@@ -30,7 +30,7 @@ QUICK: dict[str, Any] = {"timeout_s": 1.5, "estop": "/e_stop"}
 
 
 def reset(world: RosWorld) -> State:
-    return world.reset((), START, np.array([0.0, 0.0, 0.2]), np.eye(3))
+    return world.connect((), START, np.array([0.0, 0.0, 0.2]), np.eye(3))
 
 
 def commands(bridge: RosBridge) -> list[str]:
@@ -127,6 +127,6 @@ def armed(
             ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **(QUICK | settings))
         ) as world:
             reset(world)
-            world.torque(True)
+            world.arm()
             yield bridge, world
         assert bridge.errors == []

@@ -2,8 +2,7 @@
 faults.
 
 It is as unkind as a real one: what is published on a topic that was advertised just before comes
-late, or never; a goal is accepted late, and a cancel that overtakes that is never acted on; a
-controller that does not run says nothing; subscriptions of another type than the topic's are
+late, or never; a controller that does not run says nothing; subscriptions of another type than the topic's are
 silent, as are types that it does not know; a stamp in the past makes a trajectory void. Where the
 computer is too slow the robot's time stands still meanwhile, so that no joint seems to jump; and
 while a host that counts what it hears has not yet been run, so that nothing seems to be late.
@@ -29,15 +28,8 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from .rosbridge_protocol import (
-    Client,
-    cancel_wrong,
-    fields_wrong,
-    goal_wrong,
-    operation_wrong,
-    path_wrong,
-)
-from .trajectory_controller import INVALID_JOINTS, Controller, Task
+from .rosbridge_protocol import Client, operation_wrong, path_wrong
+from .trajectory_controller import Controller
 
 FAULTS = (
     "rosbridge gone",
@@ -48,7 +40,6 @@ FAULTS = (
     "null angle",
     "half a message",
     "delay",
-    "rejects goals",
     "stuck joint",
     "e-stop",
     "status error",
@@ -63,10 +54,7 @@ FAULTS = (
     "one jump",
     "commands lost",
 )
-ENDS2 = {"succeeded": 4, "cancelled": 5, "aborted": 6}
-ENDS1 = {"succeeded": 3, "cancelled": 2, "aborted": 4, "rejected": 5}
 TICK_S = 0.005
-FEEDBACK_S = 0.05
 MOST_S = 0.03
 """The robot's time goes on by no more than this at once."""
 HEARD_S = 3.0
@@ -76,8 +64,6 @@ CONNECT_S = 0.1
 then."""
 KEPT_S = 1.0
 """It comes no more where they are later than this: then it is lost."""
-ACCEPT_S = 0.05
-"""A goal is accepted so long after it came."""
 FROZEN_S = 4.0
 """A rosbridge that is frozen reads and sends nothing for so long, and then everything."""
 SECOND_S = 0.04
@@ -95,12 +81,11 @@ class RosBridge:
     A context manager.
 
     names: of the robot's joints, other: of joints that only publish their state. ros: 1 or 2.
-    rate_hz: of the joint states. one_thread: read nothing from a client while its goal is on its
-    way, as some rosbridges do. estop: on /e_stop. rosapi: whether there is one. stamps: of the
+    rate_hz: of the joint states. estop: on /e_stop. rosapi: whether there is one. stamps: of the
     states, none are 0. clock_s: how far the robot's clock is off. connect_s: so long after a topic
     was advertised the robot hears what is published there. misses: it hears nothing before the
     topic was advertised anew. log: every command with its time: ("stream" | "late stream" | "halt"
-    | "goal" | "cancel" | "switch", time), late those that came too late to be acted on. errors:
+    | "switch", time), late those that came too late to be acted on. errors:
     what was against the protocol.
     """
 
@@ -113,7 +98,6 @@ class RosBridge:
         rate_hz: float = 100.0,
         controller: str = "/joint_trajectory_controller",
         other: Sequence[str] = (),
-        one_thread: bool = False,
         port: int = 0,
         estop: Estops = "latched",
         rosapi: bool = True,
@@ -127,7 +111,7 @@ class RosBridge:
         self.log: list[tuple[str, float]] = []
         self.errors: list[str] = []
         self.received: list[dict[str, Any]] = []
-        self._other, self._period_s, self._one_thread = list(other), 1.0 / rate_hz, one_thread
+        self._other, self._period_s = list(other), 1.0 / rate_hz
         self._estop, self._rosapi, self._stamps, self._epoch_s = (
             estop,
             rosapi,
@@ -135,15 +119,12 @@ class RosBridge:
             EPOCH_S + clock_s,
         )
         self._connect_s, self._misses = connect_s, misses
-        self._accepting = dict[str, float]()  # goals of ROS 1 that came, and when they are accepted
         self._thaw_s, self._second_s, self._regular_s, self._phase = 0.0, 0.0, 0.0, 0
         self._nanos = "nanosec" if ros == 2 else "nsecs"
         self._lock, self._ending = threading.RLock(), threading.Event()
         self._clients: list[Client] = []
-        self._running: dict[str, Task] = {}
         self._due: list[tuple[float, Callable[[], object]]] = []
         self._faults: set[str] = set()
-        self._statuses: list[dict[str, Any]] = []
         self._server = serve(
             self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL)
         )
@@ -173,7 +154,6 @@ class RosBridge:
                 "rate_rad_s": self.robot.rate.tolist(),
                 "desired_rad": self.robot.desired()[0].tolist(),
                 "on": self.robot.on,
-                "goals": len(self._running),
                 "log": list(self.log),
             }
 
@@ -211,9 +191,7 @@ class RosBridge:
             client.end()
 
     def _hear(self, client: Client, text: str) -> None:
-        """One message; a client's goals go on when its connection ends, as they do at a
-        rosbridge.
-        """
+        """One message."""
         while (wait_s := self._thaw_s - time.monotonic()) > 0.0:
             time.sleep(wait_s)
         if "silent" in self._faults:
@@ -295,15 +273,12 @@ class RosBridge:
 
     def _published(self, client: Client, message: dict[str, Any]) -> None:
         topic, message_fields = message["topic"], message["msg"]
-        action = f"{self.controller}/follow_joint_trajectory"
         with self._lock:
             if topic == f"{self.controller}/{'joint_trajectory' if self.ros == 2 else 'command'}":
                 if (wrong := path_wrong(message_fields, self._nanos)) is not None:
                     self._refuse(client, message.get("id"), wrong)
                     return
                 loaded = self.robot.load(message_fields, self._nanos, self._epoch_s)
-                if loaded:
-                    self.robot.end("cancelled", 0)
                 what = (
                     "halt"
                     if not message_fields["points"]
@@ -312,33 +287,8 @@ class RosBridge:
                     else "late stream"
                 )
                 self.log.append((what, time.monotonic()))
-            elif self.ros == 1 and topic == f"{action}/goal":
-                goal_id = message_fields["goal_id"]["id"]
-                self._accepting[goal_id] = time.monotonic() + ACCEPT_S
-                self._later(ACCEPT_S, self._accept, client, goal_id, message_fields["goal"])
-            elif self.ros == 1 and topic == f"{action}/cancel":
-                if (wrong := fields_wrong(message_fields, "GoalID")) is not None:
-                    self._refuse(client, message.get("id"), wrong)
-                self._cancel(message_fields["id"])
-
-    def _accept(self, client: Client, told: str, goal: dict[str, Any]) -> None:
-        """Act on a goal of ROS 1, unless it was cancelled before: then it is acted on as well, and
-        for ever.
-        """
-        with self._lock:
-            del self._accepting[told]
-            status = self._begin(client, told, goal)
-            if status is not None:
-                self._finished1(told, status, INVALID_JOINTS if status == "rejected" else 0)
 
     def _call_service(self, client: Client, message: dict[str, Any]) -> None:
-        if (
-            self.ros == 2
-            and message["service"]
-            == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal"
-        ):
-            self._cancel_goal(client, message)
-            return
         values = self._service(message["service"], message.get("args", {}))
         known = values is not None
         answer = {
@@ -404,83 +354,6 @@ class RosBridge:
             "required_command_interfaces": interfaces,
         }
 
-    def _cancel_goal(self, client: Client, message: dict[str, Any]) -> None:
-        """action_msgs/srv/CancelGoal: an id and a stamp of zeros are all goals; others are not
-        known here.
-        """
-        arguments = message.get("args", {})
-        wrong = cancel_wrong(arguments)
-        if wrong is not None:
-            self._refuse(client, message.get("id"), wrong)
-            return
-        with self._lock:
-            going = [{"goal_id": {"uuid": [0] * 16}}] if self._running else []
-            self._cancel("")
-        values = {"return_code": 0, "goals_canceling": going}
-        answer = {
-            "op": "service_response",
-            "service": message["service"],
-            "values": values,
-            "result": True,
-        }
-        self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
-
-    def _send_action_goal(self, client: Client, message: dict[str, Any]) -> None:
-        def run() -> None:
-            topic_id = message["id"]
-            head, fed = {"action": message["action"], "id": topic_id}, 0.0
-            with self._lock:
-                why = self._begin(client, topic_id, message.get("args", {}))
-            if why is not None:
-                refused = {"values": "Action goal was rejected", "status": 0, "result": False}
-                self._say(client, head | {"op": "action_result"} | refused)
-                return
-            task = self._running[topic_id]
-            while task.ended is None and not self._ending.is_set():
-                time.sleep(TICK_S)
-                if message.get("feedback") and time.monotonic() > fed + FEEDBACK_S:
-                    fed = time.monotonic()
-                    self._say(client, head | {"op": "action_feedback", "values": self._feedback()})
-            self._running.pop(topic_id, None)
-            how, code = task.ended or ("aborted", 0)
-            values = {"error_code": code, "error_string": ""}
-            self._say(
-                client,
-                head
-                | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True},
-            )
-
-        if self._one_thread:
-            run()
-        else:
-            threading.Thread(target=run, daemon=True).start()
-
-    def _cancel_action_goal(self, client: Client, message: dict[str, Any]) -> None:
-        with self._lock:
-            self._cancel(message["id"])
-
-    def _begin(self, client: Client, message: str, goal: dict[str, Any]) -> str | None:
-        wrong = goal_wrong(goal, self._nanos)
-        if wrong is not None:
-            self._refuse(client, message, wrong)
-        task = None
-        if wrong is None and "rejects goals" not in self._faults:
-            task = self.robot.begin(goal, self._nanos, self._epoch_s)
-        self.log.append(("goal", time.monotonic()))
-        if task is None:
-            return "rejected"
-        self._running[message] = task
-        return None
-
-    def _cancel(self, message: str) -> None:
-        self.log.append(("cancel", time.monotonic()))
-        if message in self._accepting:
-            return
-        task = self._running.get(message) if message else self.robot.task
-        if task is not None and task is self.robot.task:
-            self.robot.stop()
-            self.robot.end("cancelled", 0)
-
     def _feedback(self) -> dict[str, Any]:
         with self._lock:
             actual, (desired, rate) = self.robot.position, self.robot.desired()
@@ -490,19 +363,6 @@ class RosBridge:
                 "actual": {"positions": actual.tolist(), "velocities": self.robot.rate.tolist()},
                 "error": {"positions": (desired - actual).tolist()},
             }
-
-    def _finished1(self, message: str, how: str, code: int) -> None:
-        """A result of actionlib, and the final status that stays in the list."""
-        status = {
-            "goal_id": {"id": message, "stamp": {"secs": 0, "nsecs": 0}},
-            "status": ENDS1[how],
-        }
-        self._statuses = [*self._statuses[-4:], status]
-        action = f"{self.controller}/follow_joint_trajectory"
-        self._tell(
-            f"{action}/result",
-            {"status": status, "result": {"error_code": code, "error_string": ""}},
-        )
 
     def _say(self, client: Client, message: Any) -> None:
         if "silent" not in self._faults:
@@ -539,8 +399,6 @@ class RosBridge:
                 passed_s = 0.0 if self._awaited(now) else min(now - self._ticked_s, MOST_S)
                 self.robot.advance(self.robot.now_s + passed_s)
                 self._ticked_s = now
-                if self.ros == 1:
-                    self._live1()
                 self._others_live(now)
                 if self.robot.now_s >= published + self._period_s - 0.5 * TICK_S:
                     published = self.robot.now_s
@@ -590,19 +448,8 @@ class RosBridge:
             self._regular_s = now
             self._tell("/e_stop", {"data": "e-stop" in self._faults})
 
-    def _live1(self) -> None:
-        """Feedback and ends of actionlib's goals."""
-        action = f"{self.controller}/follow_joint_trajectory"
-        for message, task in list(self._running.items()):
-            if task.ended is None:
-                goal = {"goal_id": {"id": message}, "status": 1}
-                self._tell(f"{action}/feedback", {"status": goal, "feedback": self._feedback()})
-            else:
-                del self._running[message]
-                self._finished1(message, *task.ended)
-
     def _speak(self) -> None:
-        """Joint states, the controller's state, and actionlib's status."""
+        """Joint states, and the controller's state."""
         names, robot = [*self.robot.names, *self._other], self.robot
         rest = [0.0] * len(self._other)
         positions: list[Any] = [*robot.position.tolist(), *rest]
@@ -621,13 +468,6 @@ class RosBridge:
             state = self._header() | self._feedback()
             self._tell(
                 f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", state
-            )
-        if self.ros == 1:
-            going = [{"goal_id": {"id": each}, "status": 0} for each in self._accepting]
-            going += [{"goal_id": {"id": each}, "status": 1} for each in self._running]
-            self._tell(
-                f"{self.controller}/follow_joint_trajectory/status",
-                {"status_list": [*going, *self._statuses]},
             )
         if "e-stop" in self._faults:
             self._tell("/e_stop", {"data": True})

@@ -1,8 +1,7 @@
 """The public rosbridge v2 protocol as tables: operations and ROS messages with their fields, and a
 client.
 
-Written from the protocol's specification (rosbridge_suite) and the definitions of trajectory_msgs
-and control_msgs.
+Written from the protocol's specification (rosbridge_suite) and the definitions of trajectory_msgs.
 """
 
 from __future__ import annotations
@@ -24,8 +23,6 @@ OPERATIONS: dict[str, dict[str, tuple[type, ...]]] = {
     "subscribe": {"topic": (str,)},
     "unsubscribe": {"topic": (str,)},
     "call_service": {"service": (str,)},
-    "send_action_goal": {"action": (str,), "action_type": (str,)},
-    "cancel_action_goal": {"id": (str,), "action": (str,)},
 }
 """Operations that a client may send, and the fields that the protocol requires of it."""
 OPTIONAL: dict[str, tuple[type, ...]] = {
@@ -37,7 +34,6 @@ OPTIONAL: dict[str, tuple[type, ...]] = {
     "fragment_size": (int,),
     "compression": (str,),
     "args": (list, dict),
-    "feedback": (bool,),
     "latch": (bool,),
     "timeout": (int, float),
 }
@@ -51,14 +47,6 @@ FIELDS = {
         "effort",
         "time_from_start",
     },
-    "FollowJointTrajectory": {
-        "trajectory",
-        "path_tolerance",
-        "goal_tolerance",
-        "goal_time_tolerance",
-    },
-    "JointTolerance": {"name", "position", "velocity", "acceleration"},
-    "GoalID": {"stamp", "id"},
 }
 """Fields of the ROS messages; a rosbridge refuses any other."""
 
@@ -129,16 +117,6 @@ def fields_wrong(said: Any, kind: str) -> str | None:
     return f"{kind}: no field {min(unknown)}" if unknown else None
 
 
-def cancel_wrong(said: Any) -> str | None:
-    """Fault of a request of action_msgs/srv/CancelGoal for all goals."""
-    info = said.get("goal_info") if isinstance(said, dict) and set(said) == {"goal_info"} else None
-    if not isinstance(info, dict) or set(info) != {"goal_id", "stamp"}:
-        return f"CancelGoal: fields {said}"
-    if info["goal_id"] != {"uuid": [0] * 16} or info["stamp"] != {"sec": 0, "nanosec": 0}:
-        return f"CancelGoal: goal_info is {info}"
-    return None
-
-
 def path_wrong(said: Any, nanos: str) -> str | None:
     """Fault of a JointTrajectory."""
     if (wrong := fields_wrong(said, "JointTrajectory")) is not None:
@@ -157,11 +135,3 @@ def path_wrong(said: Any, nanos: str) -> str | None:
         if len(point["positions"]) != len(said["joint_names"]):
             return "JointTrajectoryPoint: positions are not one a joint"
     return None
-
-
-def goal_wrong(goal: Any, nanos: str) -> str | None:
-    """Fault of a goal of FollowJointTrajectory."""
-    wrong = fields_wrong(goal, "FollowJointTrajectory") or path_wrong(goal["trajectory"], nanos)
-    for tolerance in [*goal.get("path_tolerance", []), *goal.get("goal_tolerance", [])]:
-        wrong = wrong or fields_wrong(tolerance, "JointTolerance")
-    return wrong

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.files.arrays import Array
 from stancekit.runner.worlds.mujoco import MujocoWorld
 from stancekit.runner.worlds.world import State
 
@@ -36,14 +35,14 @@ class SlippingWorld(MujocoWorld):
             raise ValueError(f"kind: expected one of {', '.join(FAULTS)}, got {kind!r}")
         self._due.append((at_s, kind))
 
-    def step(self, targets_rad: Array) -> State:
-        """One control period."""
+    def read(self) -> State:
+        """The state after a control period."""
         now = float(self._data.time)
         for kind in [kind for at_s, kind in self._due if at_s <= now]:
             self._happen(kind)
             self.happened_s = now
         self._due = [item for item in self._due if item[0] > now]
-        return super().step(targets_rad)
+        return super().read()
 
     def _happen(self, kind: str) -> None:
         bodies = self._model.geom_bodyid

@@ -64,7 +64,7 @@ def test_the_servos_stand_as_the_plan_begins_by_the_calibration_file_and_are_gon
         assert state["ids"] == [100 - k for k in range(1, 25)]
         assert 0.0 < state["time_share"] <= 1.0
         with DynamixelWorld(robot, Calibration.from_yaml("servos.yaml", names)) as world:
-            measured = world.reset((), np.zeros(24), np.zeros(3), np.eye(3)).angles_rad
+            measured = world.connect((), np.zeros(24), np.zeros(3), np.eye(3)).angles_rad
             assert not world.bus.fast
         np.testing.assert_allclose(measured, angles, atol=2e-3)
         bus.ask("power loss in 0.01 s")

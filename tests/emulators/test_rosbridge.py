@@ -18,7 +18,6 @@ from tests.emulators.rosbridge import RosBridge
 from tests.emulators.rosbridge_protocol import operation_wrong
 from tests.emulators.trajectory_controller import Controller
 
-ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
 NAMES = ["a", "b"]
 
 
@@ -36,27 +35,6 @@ def heard(
         message = json.loads(socket.recv(timeout=max(end - time.monotonic(), 0.0)))
         if wanted(message):
             return dict(message)
-
-
-def path(
-    time_s: float, positions: list[float], sec: str = "sec", nanosec: str = "nanosec"
-) -> dict[str, Any]:
-    whole = int(time_s)
-    stamp = {sec: whole, nanosec: round(1e9 * (time_s - whole))}
-    return {"joint_names": NAMES, "points": [{"positions": positions, "time_from_start": stamp}]}
-
-
-def send_goal(socket: ClientConnection, goal: dict[str, Any], told: str = "g1") -> None:
-    kind = "control_msgs/action/FollowJointTrajectory"
-    message = {
-        "op": "send_action_goal",
-        "id": told,
-        "action": ACTION,
-        "action_type": kind,
-        "args": goal,
-        "feedback": True,
-    }
-    socket.send(json.dumps(message))
 
 
 def test_a_subscriber_gets_publish_operations_with_topic_and_msg(bridge: RosBridge) -> None:
@@ -80,65 +58,6 @@ def test_a_subscriber_gets_publish_operations_with_topic_and_msg(bridge: RosBrid
             socket.recv(timeout=0.1)
 
 
-def test_a_goal_is_answered_with_feedback_and_a_result_that_carry_its_id(bridge: RosBridge) -> None:
-    with connect(f"ws://127.0.0.1:{bridge.port}") as socket:
-        end = [
-            {"name": name, "position": 0.004, "velocity": 0.0, "acceleration": 0.0}
-            for name in NAMES
-        ]
-        goal_time = {"sec": 1, "nanosec": 0}
-        send_goal(
-            socket,
-            {
-                "trajectory": path(0.3, [0.1, -0.1]),
-                "goal_tolerance": end,
-                "goal_time_tolerance": goal_time,
-            },
-        )
-        feedback = heard(socket, lambda said: said["op"] == "action_feedback")
-        assert set(feedback) == {"op", "id", "action", "values"}
-        assert (feedback["id"], feedback["action"]) == ("g1", ACTION)
-        result = heard(socket, lambda said: said["op"] == "action_result")
-        assert set(result) == {"op", "id", "action", "values", "status", "result"}
-        assert (result["id"], result["status"], result["result"]) == ("g1", 4, True)
-        assert result["values"]["error_code"] == 0
-    np.testing.assert_allclose(bridge.state()["position_rad"], [0.1, -0.1], atol=5e-3)
-
-
-def test_a_cancel_with_the_goals_id_ends_it_and_one_with_another_does_not(
-    bridge: RosBridge,
-) -> None:
-    with connect(f"ws://127.0.0.1:{bridge.port}") as socket:
-        send_goal(socket, {"trajectory": path(20.0, [1.0, 1.0])})
-        time.sleep(0.2)
-        socket.send(json.dumps({"op": "cancel_action_goal", "id": "other", "action": ACTION}))
-        time.sleep(0.2)
-        assert bridge.state()["goals"] == 1
-        socket.send(json.dumps({"op": "cancel_action_goal", "id": "g1", "action": ACTION}))
-        result = heard(socket, lambda said: said["op"] == "action_result")
-        assert (result["status"], result["result"]) == (5, True)
-    before = bridge.state()["position_rad"]
-    time.sleep(0.2)
-    np.testing.assert_allclose(bridge.state()["position_rad"], before, atol=1e-3)
-
-
-def test_with_one_thread_a_cancel_is_read_only_after_the_goal() -> None:
-    with (
-        RosBridge(NAMES, one_thread=True) as bridge,
-        connect(f"ws://127.0.0.1:{bridge.port}") as socket,
-    ):
-        send_goal(socket, {"trajectory": path(0.5, [0.1, 0.1])})
-        socket.send(json.dumps({"op": "cancel_action_goal", "id": "g1", "action": ACTION}))
-        assert heard(socket, lambda said: said["op"] == "action_result")["status"] == 4
-
-
-def test_a_goal_for_other_joints_is_rejected(bridge: RosBridge) -> None:
-    with connect(f"ws://127.0.0.1:{bridge.port}") as socket:
-        send_goal(socket, {"trajectory": path(0.5, [0.1, 0.1]) | {"joint_names": ["a", "c"]}})
-        result = heard(socket, lambda said: said["op"] == "action_result")
-        assert (result["status"], result["result"]) == (0, False)
-
-
 @pytest.mark.parametrize(
     ("text", "why"),
     [
@@ -147,7 +66,6 @@ def test_a_goal_for_other_joints_is_rejected(bridge: RosBridge) -> None:
         ('{"id": "x"}', "no op"),
         ('{"op": "dance"}', "unknown op dance"),
         ('{"op": "subscribe"}', "subscribe: topic is missing"),
-        ('{"op": "cancel_action_goal", "action": "/a"}', "cancel_action_goal: id is missing"),
         ('{"op": "publish", "topic": 3, "msg": {}}', "publish: topic is int"),
         (
             '{"op": "publish", "topic": "/joint_trajectory_controller/joint_trajectory", "msg": {"joints": []}}',
@@ -177,11 +95,6 @@ def test_the_examples_of_the_protocol_are_accepted() -> None:
         {"op": "publish", "id": "fred", "topic": "/cmd_vel", "msg": {"linear": {"x": 0.0}}},
         {"op": "advertise", "id": 3, "topic": "/cmd_vel", "type": "geometry_msgs/msg/Twist"},
         {"op": "call_service", "service": "/add_two_ints", "args": [{"a": 1}], "timeout": 2.5},
-        {
-            "op": "send_action_goal",
-            "action": "/fibonacci",
-            "action_type": "example_interfaces/action/Fibonacci",
-        },
     ):
         assert operation_wrong(example) is None
 

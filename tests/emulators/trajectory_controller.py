@@ -13,18 +13,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STEP_S = 0.002
-SUCCESSFUL, INVALID_JOINTS, PATH_VIOLATED, GOAL_VIOLATED = 0, -2, -4, -5
-
-
-@dataclass
-class Task:
-    """A goal of FollowJointTrajectory: its tolerances, and how it ended (None while it goes on)."""
-
-    path_rad: Array
-    goal_rad: Array
-    goal_s: float
-    begun_s: float
-    ended: tuple[str, int] | None = None
 
 
 @dataclass
@@ -73,7 +61,6 @@ class Controller:
     bandwidth_rad_s: float = 60.0
     most_rad_s: float = 6.0
     now_s: float = 0.0
-    task: Task | None = None
     on: bool = True
     rate: Array = field(init=False)
     stuck: NDArray[np.bool_] = field(init=False)
@@ -133,27 +120,6 @@ class Controller:
         )
         return True
 
-    def begin(self, goal: dict[str, Any], nanos: str, epoch_s: float = 0.0) -> Task | None:
-        """Take a goal; the one before is aborted.
-
-        None if its joints are wrong, or it does not run.
-        """
-        if not self.load(goal["trajectory"], nanos, epoch_s):
-            return None
-        self.end("aborted", SUCCESSFUL)
-        path, end = (
-            self._tolerances(goal.get(key, [])) for key in ("path_tolerance", "goal_tolerance")
-        )
-        self.task = Task(
-            path, end, _seconds(goal.get("goal_time_tolerance", {}), nanos), self.now_s
-        )
-        return self.task
-
-    def end(self, how: str, code: int) -> None:
-        """End the goal, if there is one; a goal that did not succeed leaves the joints held."""
-        if self.task is not None:
-            self.task.ended, self.task = (how, code), None
-
     def advance(self, to_s: float) -> None:
         """Move on to a time [s]."""
         while self.now_s + STEP_S <= to_s:
@@ -169,26 +135,6 @@ class Controller:
                 self.most_rad_s,
             )
             self.position = self.position + STEP_S * self.rate
-            self._judge(wanted)
-
-    def _judge(self, wanted: Array) -> None:
-        task = self.task
-        if task is None:
-            return
-        off, past = np.abs(wanted - self.position), self.now_s - task.begun_s - self.path.times[-1]
-        if past < 0.0 and np.any(off > task.path_rad):
-            self.stop()
-            self.end("aborted", PATH_VIOLATED)
-        elif past >= 0.0 and np.all(off <= task.goal_rad):
-            self.end("succeeded", SUCCESSFUL)
-        elif past > task.goal_s:
-            self.stop()
-            self.end("aborted", GOAL_VIOLATED)
-
-    def _tolerances(self, message: list[dict[str, Any]]) -> Array:
-        """Tolerances of the positions; 0 is unspecified."""
-        tolerances = {each["name"]: each["position"] for each in message if each["position"] > 0.0}
-        return np.array([tolerances.get(name, np.inf) for name in self.names])
 
 
 def _seconds(message: dict[str, int], nanos: str) -> float:

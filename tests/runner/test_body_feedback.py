@@ -49,8 +49,7 @@ from stancekit.runner.control.foot_placement import (
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
-from stancekit.runner.worlds.world import State
+from stancekit.runner.worlds.world import State, make_world
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
 from tests.runner.at_rest import at_rest

@@ -49,9 +49,8 @@ from stancekit.runner.control.surfaces import MISSING_M, EmptyStep, found_offset
 from stancekit.runner.control.tracker import FARTHEST, LoopStiffness
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import Imperfections, make_world
-from stancekit.runner.worlds.drives import Drives, Push
-from stancekit.runner.worlds.world import State
+from stancekit.runner.worlds.drives import Drives, Imperfections, Push
+from stancekit.runner.worlds.world import State, make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld
 from tests.emulators.slipping import SlippingWorld
 from tests.refusals import refuses
@@ -337,7 +336,7 @@ def test_a_push_gives_a_robot_that_falls_the_velocity_that_its_impulse_makes(nam
     push = Push(force_n=(30.0, 0.0, 0.0), at_s=0.05, seconds=0.1)
     standing, speeds = np.tile([0.0, 0.3, 0.0, 1.2], 6), list[float]()
     with make_world(name, COURSE.robot, imperfections=Imperfections(pushes=(push,))) as world:
-        world.reset((square(1.0),), standing, np.array([0.0, 0.0, 3.0]), np.eye(3))
+        world.connect((square(1.0),), standing, np.array([0.0, 0.0, 3.0]), np.eye(3))
         for _ in range(60):
             speeds.append(float(world.step(standing).velocity[0]))
     assert abs(speeds[8]) < 1e-3

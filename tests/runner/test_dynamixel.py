@@ -80,8 +80,8 @@ def world(bus: EmulatedBus) -> Iterator[DynamixelWorld]:
 
 @pytest.fixture
 def armed(world: DynamixelWorld) -> None:
-    world.reset(*STILL)
-    world.torque(True)
+    world.connect(*STILL)
+    world.arm()
 
 
 def wave(k: int) -> np.ndarray:
@@ -89,7 +89,7 @@ def wave(k: int) -> np.ndarray:
 
 
 def test_reset_measures_every_joint_and_moves_none(bus: EmulatedBus, world: DynamixelWorld) -> None:
-    state = world.reset(*STILL)
+    state = world.connect(*STILL)
     np.testing.assert_allclose(state.angles_rad, START, atol=table.RAD)
     np.testing.assert_allclose(state.feet_m, world._kinematics.feet(state.angles_rad))
     seen = bus.state()
@@ -166,13 +166,13 @@ def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(
     with refuses(NAMED[kind], kind=HardwareFault):
         move(world, 200)
     sent, at_s = bus.state()["goal_writes"], time.monotonic()
-    with refuses("torque(True)"):
+    with refuses("arm"):
         world.step(START)
     if kind in UNSEEN:
         with refuses("0.6 s", kind=HardwareFault):
-            world.hold()
+            world.stop()
     else:
-        world.hold()
+        world.stop()
     time.sleep(1.0)
     seen = bus.state()
     assert seen["goal_writes"] == sent
@@ -203,7 +203,7 @@ def test_a_host_that_paused_finds_its_servos_stopped(
     with refuses("servo 1 (LF_yaw)", kind=HardwareFault):
         world.step(wave(10))
     assert bus.state()["refused_goals"] == 24
-    world.torque(True)
+    world.arm()
     world.step(START)
 
 
@@ -213,8 +213,8 @@ from stancekit.runner.worlds.dynamixel.control_table import Calibration
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.planners.robot import hexapod
 world = DynamixelWorld(hexapod(), Calibration.from_yaml(sys.argv[1]))
-start = world.reset((), np.zeros(24), np.zeros(3), np.eye(3)).angles_rad
-world.torque(True)
+start = world.connect((), np.zeros(24), np.zeros(3), np.eye(3)).angles_rad
+world.arm()
 print("moving", flush=True)
 for k in range(1000):
     world.step(start + 0.2 * np.sin(2 * np.pi * k / 50.0))
@@ -243,20 +243,20 @@ def test_a_host_killed_without_a_word_leaves_servos_that_stop_by_themselves(tmp_
 def test_relaxing_switches_every_torque_off_and_names_whom_it_cannot_reach(
     world: DynamixelWorld, bus: EmulatedBus, armed: None
 ) -> None:
-    world.relax()
+    world.stop(torque_off=True)
     assert not any(bus.state()["torque"])
-    world.torque(True)
+    world.arm()
     bus.inject("silent servo")
     time.sleep(0.05)
     with refuses("servo", kind=HardwareFault):
-        world.relax()
+        world.stop(torque_off=True)
     assert bus.state()["torque"].count(True) == 1
 
 
 def test_settings_that_differ_are_not_written_while_the_torque_is_on(bus: EmulatedBus) -> None:
     with DynamixelWorld(ROBOT, mirrored(bus.path)) as world:
-        world.reset(*STILL)
-        world.torque(True)
+        world.connect(*STILL)
+        world.arm()
     other = replace(
         mirrored(bus.path),
         joints={n: replace(s, current_a=1.0) for n, s in mirrored("").joints.items()},
@@ -265,14 +265,14 @@ def test_settings_that_differ_are_not_written_while_the_torque_is_on(bus: Emulat
         DynamixelWorld(ROBOT, other) as world,
         refuses("servo 1 (LF_yaw)", "Current Limit"),
     ):
-        world.reset(*STILL)
+        world.connect(*STILL)
     assert all(bus.state()["torque"])
 
 
 def test_a_port_has_one_owner_and_must_be_one(
     bus: EmulatedBus, world: DynamixelWorld, tmp_path: Path
 ) -> None:
-    world.reset(*STILL)
+    world.connect(*STILL)
     for port, why in {
         bus.path: "expected a free port, somebody else has it open",
         str(tmp_path / "absent"): "expected a serial port, found nothing there",
@@ -282,11 +282,11 @@ def test_a_port_has_one_owner_and_must_be_one(
             pytest.raises(InvalidInput) as refused,
             DynamixelWorld(ROBOT, mirrored(port)) as second,
         ):
-            second.reset(*STILL)
+            second.connect(*STILL)
         assert str(refused.value) == f"port {port}: {why}"
     (tmp_path / "file").write_text("")
     with refuses("port"):
-        DynamixelWorld(ROBOT, mirrored(str(tmp_path / "file"))).reset(*STILL)
+        DynamixelWorld(ROBOT, mirrored(str(tmp_path / "file"))).connect(*STILL)
 
 
 def test_wrong_servos_are_refused_before_any_motion(
@@ -304,7 +304,7 @@ def test_wrong_servos_are_refused_before_any_motion(
             if wrong is deaf:
                 patched.setattr(servo_port, "time", FastTime())
             with refuses(name, kind=kind):
-                world.reset(*STILL)
+                world.connect(*STILL)
     assert bus.state()["goal_writes"] == 0
 
 
@@ -315,7 +315,7 @@ def test_a_joint_calibrated_wrong_is_named_before_any_motion(bus: EmulatedBus, s
         DynamixelWorld(ROBOT, calibration) as world,
         refuses(joint),
     ):
-        world.reset(*STILL)
+        world.connect(*STILL)
     assert bus.state()["goal_writes"] == 0
 
 
@@ -371,7 +371,7 @@ def test_first_contact_names_what_is_wrong_and_nothing_moves(
     if fault in MUTE:
         monkeypatch.setattr(servo_port, "time", FastTime())
     with refuses(REFUSED[fault]):
-        plain_world.reset(*STILL)
+        plain_world.connect(*STILL)
     seen = plain_bus.state()
     assert (seen["goal_writes"], any(seen["torque"])) == (0, False)
 
@@ -392,12 +392,12 @@ def test_what_is_odd_but_sound_is_taken_as_it_is(
     plain_bus: EmulatedBus, plain_world: DynamixelWorld, fault: str
 ) -> None:
     happened(plain_bus, fault)
-    state = plain_world.reset(*STILL)
+    state = plain_world.connect(*STILL)
     np.testing.assert_allclose(state.angles_rad, START, atol=table.RAD)
-    plain_world.torque(True)
+    plain_world.arm()
     for _ in range(5):
         state = plain_world.step(START)
-    plain_world.hold()
+    plain_world.stop()
     np.testing.assert_allclose(state.angles_rad, START, atol=2 * table.RAD)
     assert plain_world.bus.fast == (fault != "no fast sync read")
     assert plain_bus.state()["goal_writes"] == 6 * 24
@@ -408,7 +408,7 @@ def test_servos_whose_firmware_lacks_fast_sync_read_are_read_one_after_the_other
         EmulatedBus(range(1, 25), START.tolist(), firmware=44) as plain_bus,
         DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as plain_world,
     ):
-        plain_world.reset(*STILL)
+        plain_world.connect(*STILL)
         assert not plain_world.bus.fast
         assert plain_world.bus.retried == 0
 
@@ -420,13 +420,13 @@ def test_servos_with_other_ids_are_named(monkeypatch: pytest.MonkeyPatch) -> Non
         DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as plain_world,
         refuses("1 to 24", "31 to 54"),
     ):
-        plain_world.reset(*STILL)
+        plain_world.connect(*STILL)
 
 
 def held(plain_world: DynamixelWorld) -> str:
     """Why the servos cannot be seen to stand; empty where they can."""
     try:
-        plain_world.hold()
+        plain_world.stop()
     except HardwareFault as fault:
         return str(fault)
     return ""
@@ -450,8 +450,8 @@ STOPPED = {
 def test_a_fault_on_the_way_stops_with_its_name_and_nothing_moves_after(
     plain_bus: EmulatedBus, plain_world: DynamixelWorld, fault: str
 ) -> None:
-    plain_world.reset(*STILL)
-    plain_world.torque(True)
+    plain_world.connect(*STILL)
+    plain_world.arm()
     plain_bus.inject(fault, 0.1)
     with refuses(STOPPED[fault], kind=HardwareFault):
         move(plain_world, 200)

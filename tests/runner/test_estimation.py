@@ -32,8 +32,7 @@ from stancekit.runner.motion.time_parametrization import joint_profile
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
-from stancekit.runner.worlds.world import State
+from stancekit.runner.worlds.world import State, make_world
 from tests.runner.test_friction import PERIOD_S, felt
 
 ROBOT = hexapod()

@@ -204,7 +204,7 @@ def shares(world: SlippingWorld, periods: int = 200) -> tuple[np.ndarray, np.nda
     """
     feet = Kinematics(ROBOT).feet(STANDING)
     height = 0.012 - float(feet[:, 2].min())
-    first = world.reset((ground(0.8),), STANDING, np.array([0.0, 0.0, height]), np.eye(3))
+    first = world.connect((ground(0.8),), STANDING, np.array([0.0, 0.0, height]), np.eye(3))
     states = [world.step(SPREAD) for _ in range(periods)]
     forces = np.mean([state.forces_n for state in states[periods // 2 :]], axis=0)
     slid = np.linalg.norm((states[-1].feet_m - first.feet_m)[:, :2], axis=1)

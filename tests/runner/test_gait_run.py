@@ -27,7 +27,7 @@ from stancekit.runner.motion.redundancy import MeanForces
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds.world import make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld
 from tests.refusals import refuses
 
@@ -276,10 +276,11 @@ def test_loads_may_lead_beyond_the_limits_of_angles(motion: LeapRun):
         model = robot.source.own_model()
         stance = np.concatenate([leg.stance_rad for leg in model.legs])
         upper = np.minimum(world.drives.upper_rad, 9.0)
-        world.reset((), stance, np.array([0.0, 0.0, 5.0]), np.eye(3))
+        world.connect((), stance, np.array([0.0, 0.0, 5.0]), np.eye(3))
         loads = np.full(len(stance), 0.7)
         for _ in range(100):
-            apart = world.loaded(upper + 0.5 + loads, loads)
+            world.send(upper + 0.5 + loads, loads)
+            apart = world.read()
         np.testing.assert_allclose(apart.sent_rad, upper + loads, atol=1e-9)
         for _ in range(100):
             together = world.step(upper + 0.5 + loads)

@@ -21,7 +21,7 @@ from stancekit.runner.acceptance import JointNeeds, thermal_load
 from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.estop import Stopped
 from stancekit.runner.safety.guard import Limits, SafeWorld
-from stancekit.runner.worlds.world import Actuator, Stoppable, World
+from stancekit.runner.worlds.world import JointBus, is_bus
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
 from tests.refusals import assert_names, refuses
 
@@ -33,9 +33,9 @@ def guarded(
     world: MemoryWorld, *, dry: bool = False, limits: Limits = PATIENT, **options: object
 ) -> SafeWorld:
     safe = SafeWorld(world, dry=dry, limits=limits, **options)  # type: ignore[arg-type]
-    safe.reset((), START, *POSE)
+    safe.connect((), START, *POSE)
     if not dry:
-        world.torque(True)
+        world.arm()
     return safe
 
 
@@ -157,7 +157,7 @@ def test_a_device_that_may_still_move_after_a_hold_is_left_to_itself_and_the_rep
     world: MemoryWorld, safe: SafeWorld
 ) -> None:
     safe.step(START)
-    world.pending = "commands may still come"  # type: ignore[attr-defined]
+    world.pending = "commands may still come"
     found = end(safe, "hold", None, 0.4)
     assert (found.left, found.message) == ("left to the device", "commands may still come")
 
@@ -210,16 +210,14 @@ def test_what_is_no_state_of_this_robot_stops_it(
     ("attribute", "value", "name"),
     [
         ("name", 3, "name"),
-        ("kind", "toy", "kind"),
         ("latch", None, "latch"),
         ("robot", "hexapod", "robot"),
         ("servo", {}, "servo"),
         ("rate_hz", 0.0, "rate_hz"),
         ("rate_hz", "fast", "rate_hz"),
-        ("joints", [1, 2], "joints"),
-        ("joints", ("a", "b"), "capabilities"),
+        ("joints", ("a", "b"), "joints"),
+        ("drives", None, "drives"),
         ("capabilities", 7, "capabilities"),
-        ("step", None, "step"),
     ],
 )
 def test_an_object_that_is_no_world_is_refused_in_one_line(
@@ -313,16 +311,20 @@ def test_a_device_that_cannot_be_relaxed_is_left_to_its_own_watchdog(
     )
 
 
-def test_a_world_is_an_actuator_by_what_it_can_do() -> None:
-    world: World = MemoryWorld()
-    assert isinstance(world, Actuator)
-    assert isinstance(world, Stoppable)
-    from stancekit.runner.worlds import make_world
-
-    with make_world("mujoco", world.robot) as simulated:
-        assert not isinstance(simulated, Stoppable)
-        safe = SafeWorld(simulated, dry=True)
-        assert (safe.real, safe.dry) == (False, False)
+@pytest.mark.parametrize(
+    "own",
+    [
+        {"kind": "toy"},
+        {"kind": "simulation"},
+        {"arm": JointBus.arm},
+        {"stop": JointBus.stop},
+        {"read": JointBus.read},
+    ],
+)
+def test_what_says_how_it_is_armed_and_stopped_is_hardware_and_nothing_else_is(own: Any) -> None:
+    assert is_bus(MemoryWorld)
+    assert not is_bus(type("Own", (MemoryWorld,), own))
+    assert not is_bus(int)
 
 
 def test_limits_out_of_range_are_refused_all_at_once() -> None:

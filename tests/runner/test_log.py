@@ -212,7 +212,7 @@ def test_two_runs_do_not_write_one_log(tmp_path: Path, path: Path) -> None:
 def test_numbers_that_json_lacks_are_written_as_null_and_come_back_as_nan(
     world: MemoryWorld, path: Path
 ) -> None:
-    state = world.reset((), np.zeros(24), np.array([np.nan, 1.0, np.inf]), np.eye(3))
+    state = world.connect((), np.zeros(24), np.array([np.nan, 1.0, np.inf]), np.eye(3))
     with McapLog(path) as log:
         log.write("plan", PLAN)
         log.write("measurement", state_json(state))

@@ -73,7 +73,7 @@ def test_own_joints_are_sent_within_their_own_limits(device, legs, joints) -> No
             np.testing.assert_allclose(can.upper_rad, 0.3 + 0.2 * each)
             np.testing.assert_allclose(can.velocity_rad_s, 1.0 + 0.3 * each)
             np.testing.assert_allclose(can.torque_nm, 3.0 + 0.5 * each)
-            state = safe.reset((), np.zeros(len(each)), np.zeros(3), np.eye(3))
+            state = safe.connect((), np.zeros(len(each)), np.zeros(3), np.eye(3))
             safe.arm()
             for _ in range(4):
                 before, state = state, safe.step(np.full(len(each), 9.0))

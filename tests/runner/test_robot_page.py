@@ -19,8 +19,8 @@ from stancekit.planners.robot.actuators import ActuatorModel, read_actuators
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted, check_fits
-from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.ros.setup import RosSetup
+from stancekit.runner.worlds.world import make_world
 from tests.emulators.devices import DeviceProcess
 from tests.emulators.servo_bus import FAULTS
 

@@ -35,7 +35,7 @@ def test_reset_measures_and_sends_nothing_that_could_move_the_robot() -> None:
             np.testing.assert_allclose(state.feet_m, feet, atol=1e-9)
             assert not state.forces_n.any()
             assert not world.capabilities.has_body_pose
-            with refuses("torque(True)"):
+            with refuses("arm"):
                 world.step(START)
         assert commands(bridge) == []
         assert {message["op"] for message in bridge.received} == {"subscribe", "advertise"}
@@ -83,7 +83,7 @@ def test_directions_and_offsets_are_applied_to_what_is_sent_and_what_is_measured
     with emulated(names[::-1], message[::-1].tolist()) as bridge:
         with RosWorld(ROBOT, RosSetup(port=bridge.port, joints=joints)) as world:
             np.testing.assert_allclose(reset(world).angles_rad, START, atol=1e-9)
-            world.torque(True)
+            world.arm()
             for _ in range(20):
                 world.step(START + 0.1)
             turned = np.array(bridge.state()["position_rad"])[::-1] - message
@@ -145,7 +145,7 @@ def test_a_fault_while_streaming_stops_the_robot_and_nothing_is_sent_afterwards(
             wave(world)
         sent = len(handed)  # the last of them may still be on its way
         assert not world.armed
-        with refuses("torque(True)"):
+        with refuses("arm"):
             world.step(START)
         rested(bridge, world.setup.lead_s + 0.25)
         stopped = bridge.state()
@@ -166,7 +166,6 @@ def test_what_is_queued_while_a_rosbridge_is_away_does_not_go_out_on_its_return(
         link, heard = world._robot.link, len(bridge.log)
         goal = link._module.Message({"op": "publish", "topic": "/goal", "msg": {}})
         link.publish("/goal", "std_msgs/String", {"data": "late"})
-        link.send(goal)
         link.ros.send_on_ready(goal)  # what roslibpy keeps until it is connected again
         rested(bridge, 1.0)
         assert (len(bridge.log), bridge._clients) == (heard, [])
@@ -192,15 +191,15 @@ def test_a_host_that_falls_silent_leaves_the_robot_at_rest_after_the_lead() -> N
 def test_relax_switches_the_controller_off_and_torque_on_again(ros: Literal[1, 2]) -> None:
     with armed(ros, controller_manager="/controller_manager") as (bridge, world):
         assert bridge.state()["on"]
-        world.relax()
+        world.stop(torque_off=True)
         assert not bridge.state()["on"]
-        world.torque(True)
+        world.arm()
         assert bridge.state()["on"]
     with (
         armed(ros) as (_, world),
         refuses("controller_manager", kind=HardwareFault),
     ):
-        world.relax()
+        world.stop(torque_off=True)
 
 
 @pytest.mark.parametrize(
@@ -477,7 +476,7 @@ def test_a_robot_that_hears_commands_seconds_late_is_armed_when_it_does_and_does
         bridge = stack.enter_context(emulated(ros=ros, connect_s=2.5))
         begin_s = bridge.state()["now_s"]
         world = measured(stack, bridge)
-        world.torque(True)
+        world.arm()
         assert bridge.state()["now_s"] - begin_s > 2.5
         np.testing.assert_allclose(bridge.state()["position_rad"], START, atol=2e-6)
         for k in range(40):
@@ -489,7 +488,7 @@ def test_a_robot_that_hears_commands_seconds_late_is_armed_when_it_does_and_does
 def test_a_topic_that_a_robot_missed_is_advertised_anew() -> None:
     with ExitStack() as stack:
         bridge, world = made(stack, 1, misses=True)
-        world.torque(True)
+        world.arm()
         slowly(world, 0, 20)
         ops = [
             message["op"]
@@ -506,7 +505,7 @@ def test_a_robot_that_hears_no_command_is_not_armed(ros: Version) -> None:
         bridge, world = made(stack, ros, connect_s=60.0)
         topic = f"/joint_trajectory_controller/{'joint_trajectory' if ros == 2 else 'command'}"
         with refuses(topic):
-            world.torque(True)
+            world.arm()
         assert not world.armed
         assert commands(bridge) == []
         np.testing.assert_allclose(bridge.state()["position_rad"], START, atol=1e-9)
@@ -533,12 +532,3 @@ def test_a_robot_at_rest_or_one_that_lags_is_not_taken_for_one_that_hears_nothin
         for _ in range(40):
             world.step(START + 1.2)
         assert world.armed
-
-
-def test_goals_are_sent_again_to_an_action_server_that_connects_late() -> None:
-    with ExitStack() as stack:
-        bridge, world = made(stack, 1, connect_s=2.5)
-        world.torque(True)
-        state = world.run_trajectory(np.array([0.5]), START[None, :] + 0.1)
-        np.testing.assert_allclose(state.angles_rad, START + 0.1, atol=0.03)
-        assert commands(bridge).count("goal") == 2  # the one that is cancelled, and the trajectory

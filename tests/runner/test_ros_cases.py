@@ -18,9 +18,7 @@ from stancekit.runner.worlds.ros.controller import FOREIGN, ControllerState
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.joint_states import JointStates
 from stancekit.runner.worlds.ros.setup import Mapping, same_names
-from stancekit.runner.worlds.world import State
 from tests.emulators import rosbridge
-from tests.emulators.fast_time import PACE
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 from tests.emulators.rosbridge import RosBridge
 from tests.refusals import refuses
@@ -75,9 +73,9 @@ def test_a_rosbridge_that_freezes_delivers_nothing_late_that_moves_the_robot(
         bridge.inject("frozen", 0.5)
         with refuses(kind=HardwareFault):
             stream(world)
-        world.hold()
-        held, void = bridge.state()["position_rad"], "out of date by its stamps" in world.pending
-        assert void or "may still move it" in world.pending
+        pending = world.stop()
+        held, void = bridge.state()["position_rad"], "out of date by its stamps" in pending
+        assert void or "may still move it" in pending
         rosbridge.time.sleep(max(bridge._thaw_s - rosbridge.time.monotonic(), 0.0) + 1.0)
         since = [what for what, at_s in bridge.log if at_s > bridge._thaw_s]
         assert ("halt" in since) == (ros == 1)
@@ -95,19 +93,17 @@ def test_without_stamps_the_report_says_that_commands_may_still_come(
         RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world,
     ):
         reset(world)
-        world.torque(True)
+        world.arm()
         bridge.inject("frozen", 0.5)
         with refuses(kind=HardwareFault):
             stream(world)
-        world.hold()
-        assert "have no stamps, and may still move it" in world.pending
+        assert "have no stamps, and may still move it" in world.stop()
 
 
 def test_after_a_stop_of_a_robot_that_is_heard_nothing_is_pending() -> None:
     with armed(1) as (bridge, world):
         stream(world, 20)
-        world.hold()
-        assert world.pending == ""
+        assert world.stop() == ""
         held = bridge.state()["position_rad"]
         time.sleep(0.3)
         assert moved_rad(bridge, held) < 2e-3
@@ -128,8 +124,8 @@ def test_an_e_stop_that_is_heard_or_published_lets_a_robot_be_armed(
     with emulated(ros=1, estop=estop, rosapi=rosapi) as bridge, world_of(bridge) as world:
         world.estop = how
         reset(world)
-        world.torque(True)
-        assert world.evidence == why
+        world.arm()
+        assert world.report() == why
 
 
 @pytest.mark.parametrize(
@@ -145,7 +141,7 @@ def test_an_e_stop_that_nobody_hears_arms_nothing(estop: Any, rosapi: bool, name
     with emulated(ros=1, estop=estop, rosapi=rosapi) as bridge, world_of(bridge) as world:
         reset(world)
         with refuses("/e_stop", name):
-            world.torque(True)
+            world.arm()
         assert not world.armed
         assert commands(bridge) == []
 
@@ -163,18 +159,9 @@ def test_an_e_stop_is_tried_by_pressing_and_releasing_it() -> None:
         reset(world)
         bridge.inject("e-stop", 0.2)
         bridge.inject("e-stop released", 1.2)
-        world.torque(True)
-        assert world.evidence == "e-stop /e_stop: pressed and released"
+        world.arm()
+        assert world.report() == "e-stop /e_stop: pressed and released"
         stream(world, 3)
-
-
-@pytest.mark.parametrize("wait_s", [0.0, 0.3])
-def test_a_goal_right_after_arming_is_taken_and_its_cancel_waits_until_it_is(wait_s: float) -> None:
-    for _ in range(2):
-        with armed(1) as (bridge, world):
-            time.sleep(wait_s)
-            world.run_trajectory(np.array([0.3]), START[None, :] + 0.1)
-            assert commands(bridge)[:3] == ["stream", "goal", "cancel"]
 
 
 def test_wheels_without_positions_are_left_alone() -> None:
@@ -187,15 +174,15 @@ def test_wheels_without_positions_are_left_alone() -> None:
 @pytest.mark.parametrize("ros", [1, 2])
 def test_after_torque_off_a_run_starts_again(ros: Ros) -> None:
     with armed(ros, **MANAGED) as (bridge, world):
-        world.relax()
+        world.stop(torque_off=True)
         assert not bridge.robot.on
         with world_of(bridge, **MANAGED) as again:
             reset(again)
-            again.torque(True)
+            again.arm()
             again.step(START)
             assert bridge.robot.on
         with world_of(bridge) as other:
-            world.relax()
+            world.stop(torque_off=True)
             with refuses():
                 reset(other)
 
@@ -236,7 +223,7 @@ def test_another_client_is_named_before_and_after_arming() -> None:
 def test_odd_robots_are_armed_and_move(settings: dict[str, Any]) -> None:
     with emulated(ros=1, **settings) as bridge, world_of(bridge) as world:
         reset(world)
-        world.torque(True)
+        world.arm()
         stream(world, 25)
         assert world.armed
 
@@ -274,9 +261,9 @@ def test_a_stop_at_any_step_of_an_arming_leaves_the_controller_off(
             bridge.robot.on = False
             stop_after(world, after)
             with refuses("button", kind=Stopped):
-                world.torque(True)
+                world.arm()
             assert not world.armed
-            world.hold()
+            world.stop()
         time.sleep(0.05)
         assert commands(bridge) == sent
         assert not bridge.state()["on"]
@@ -288,33 +275,22 @@ def test_a_controller_that_was_not_switched_by_us_is_left_alone() -> None:
             reset(world)
             stop_after(world, "stream")
             with pytest.raises(Stopped):
-                world.torque(True)
+                world.arm()
             time.sleep(0.05)
         assert commands(bridge) == ["stream"]
         assert bridge.state()["on"]
 
 
 @pytest.mark.parametrize("ros", [1, 2])
-def test_after_a_stop_no_target_and_no_goal_is_sent(ros: Literal[1, 2]) -> None:
+def test_after_a_stop_no_target_is_sent(ros: Literal[1, 2]) -> None:
     with armed(ros) as (bridge, world):
         world.step(START)
         world.latch.trip("button")
         before = commands(bridge)
         with refuses("button", kind=Stopped):
             world.step(START + 0.01)
-        with refuses("button", kind=Stopped):
-            world.run_trajectory(np.array([0.5]), START[None, :] + 0.1)
         time.sleep(0.05)
         assert commands(bridge) == before == ["stream", "stream"]
-
-
-def test_a_trajectory_on_its_way_is_cancelled_by_a_stop() -> None:
-    with armed() as (bridge, world):
-        timer = threading.Timer(0.5 / PACE, world.latch.trip, ("button",))
-        timer.start()
-        with refuses("button", kind=HardwareFault):
-            world.run_trajectory(np.array([3.0]), START[None, :] + 0.5)
-        assert bridge.state()["goals"] == 0
 
 
 def standstill(world: RosWorld, monkeypatch: pytest.MonkeyPatch) -> threading.Event:
@@ -358,92 +334,6 @@ def test_a_target_that_cannot_be_written_in_time_is_never_written(
         goes_on.set()
         assert world._robot.link.answers(10.0)  # whatever was written before has come
         assert commands(bridge) == ["stream"]
-
-
-@pytest.mark.parametrize("ros", [1, 2])
-def test_a_whole_trajectory_is_followed_with_feedback_and_ends_where_it_should(
-    ros: Literal[1, 2],
-) -> None:
-    with armed(ros) as (bridge, world):
-        states = list[State]()
-        end = world.run_trajectory(
-            np.array([0.3, 0.6]), np.array([START + 0.1, START - 0.05]), states.append
-        )
-        np.testing.assert_allclose(end.angles_rad, START - 0.05, atol=world.setup.goal_rad)
-        assert max(state.angles_rad[0] for state in states) > 0.08
-        assert commands(bridge)[:3] == [
-            "stream",
-            "goal",
-            "cancel",
-        ]  # the one that is cancelled to see that it can be
-        assert commands(bridge)[-1] == "goal"
-        world.run_trajectory(np.array([0.2]), START[None, :])
-        assert commands(bridge).count("goal") == 3
-
-
-def test_trajectories_that_are_too_long_too_fast_or_beyond_limits_are_refused_before_they_are_sent() -> (
-    None
-):
-    with armed() as (bridge, world):
-        for times, angles, name in (
-            ([6.0], START + 0.1, "alone_s"),
-            ([0.1], START + 0.5, "LF_yaw"),
-            ([2.0], START + 2.0, "LF_yaw"),
-            ([0.0], START, "times"),
-        ):
-            with refuses(name):
-                world.run_trajectory(np.array(times), angles[None, :])
-        time.sleep(0.1)
-        assert commands(bridge) == ["stream"]
-
-
-def test_a_rosbridge_that_reads_no_cancel_while_a_goal_is_on_its_way_is_refused() -> None:
-    with emulated(one_thread=True) as bridge:
-        with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
-            reset(world)
-            world.torque(True)
-            with refuses("send_action_goals_in_new_thread:=true"):
-                world.run_trajectory(np.array([1.0]), START[None, :] + 0.1)
-        np.testing.assert_allclose(bridge.state()["position_rad"], START, atol=1e-6)
-
-
-def test_hold_from_another_thread_cancels_the_trajectory() -> None:
-    with armed() as (bridge, world):
-        threading.Timer(1.0 / PACE, world.hold).start()
-        with refuses(kind=HardwareFault):
-            world.run_trajectory(np.array([4.0]), START[None, :] + 1.0)
-        assert not world.armed
-        stopped = bridge.state()["desired_rad"]
-        time.sleep(0.2)
-        assert bridge.state()["desired_rad"] == stopped
-        assert stopped[0] < 0.6
-
-
-@pytest.mark.parametrize("ros", [1, 2])
-@pytest.mark.parametrize(
-    ("kind", "name"),
-    [
-        ("stuck joint", "aborted"),
-        ("rejects goals", "rejected"),
-        ("connection lost", "connection"),
-        ("rosbridge gone", "connection"),
-        ("e-stop", "/e_stop"),
-    ],
-)
-def test_a_trajectory_that_goes_wrong_is_a_fault_and_cancelled(
-    ros: Literal[1, 2], kind: str, name: str
-) -> None:
-    with armed(ros) as (bridge, world):
-        world.run_trajectory(np.array([0.1]), START[None, :])
-        bridge.inject(kind, 0.0 if kind == "rejects goals" else 0.3)
-        time.sleep(0.05)
-        with refuses(name, kind=HardwareFault):
-            world.run_trajectory(np.array([3.0]), START[None, :] + 1.2)
-        assert not world.armed
-        if kind != "rosbridge gone":
-            time.sleep(0.2)
-            assert bridge.state()["goals"] == 0
-            assert bridge.state()["desired_rad"][0] < 0.6
 
 
 LEG = ("hip", "knee")
@@ -574,8 +464,6 @@ def test_a_controller_that_wants_what_nobody_sent_follows_somebody_else(
         known.trouble()
         == "knee: the controller wants 0.200 rad, which was not sent: another client?"
     )
-    known.forget()
-    assert known.trouble() is None
 
 
 def test_a_controller_that_moves_joints_is_busy(

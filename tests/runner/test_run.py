@@ -34,7 +34,7 @@ from stancekit.runner.prepared import Prepared, Resumption
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds.world import make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
@@ -64,7 +64,7 @@ def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_
     runner, course = Runner(MemoryWorld()), accepted.plan.problem
     usual = runner.prepare(accepted)
     carried_n = usual.motion.at(usual.motion.rest_s).forces_n
-    runner.world.reset(course.terrain, usual.first.angles_rad, usual.first.origin_m, np.eye(3))
+    runner.world.connect(course.terrain, usual.first.angles_rad, usual.first.origin_m, np.eye(3))
     kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     resumption = runner.prepare(
         accepted, Resumption(kinematics=kinematics, carried_n=carried_n, pace=0.5)
@@ -99,7 +99,7 @@ def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_a
     kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     first = runner.prepare(accepted).first
     off = np.random.default_rng(0).uniform(-0.01, 0.01, len(first.targets_rad))
-    runner.world.reset(course.terrain, first.targets_rad + off, first.origin_m, np.eye(3))
+    runner.world.connect(course.terrain, first.targets_rad + off, first.origin_m, np.eye(3))
 
     def commands(*, taken_over: bool) -> list[Array]:
         prepared = runner.prepare(
@@ -296,7 +296,7 @@ def test_a_fault_while_connecting_is_reported_and_nothing_was_sent(
     def dead(*arguments: Any) -> Any:
         raise HardwareFault("memory: no answer from LF_yaw")
 
-    world.reset = dead  # type: ignore[method-assign]
+    world.connect = dead  # type: ignore[method-assign]
     report = ran(world, accepted)
     assert (report.message, report.ended.left, report.sent) == (
         "memory: no answer from LF_yaw",

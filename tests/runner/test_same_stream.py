@@ -26,13 +26,12 @@ from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import Tracker, command
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.dynamixel import port
 from stancekit.runner.worlds.dynamixel.control_table import ServoTicks, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.mujoco import MujocoWorld
-from stancekit.runner.worlds.world import State
+from stancekit.runner.worlds.world import State, make_world
 from tests.emulators.memory_world import PATIENT
 from tests.emulators.servo_bus import EmulatedBus
 from tests.refusals import refuses
@@ -161,7 +160,7 @@ def test_a_joint_that_turns_with_its_torque_gives_no_more_than_its_curve(name: s
         actuators=Actuators(joints={"*": "m"}, actuators={"m": kind}),
     )
     with world:
-        before: State = world.reset(
+        before: State = world.connect(
             (), np.tile([0.1, 0.4, 0.0, 0.8], 6), np.array([0.0, 0.0, 2.0]), np.eye(3)
         )
         seen = 0.0
@@ -247,7 +246,7 @@ def falling(name: str, wrench: list[float], leans: bool = False) -> np.ndarray:
         pose[:12:4] = 0.6
         pose[1:12:4] = -0.5
     with make_world(name, hexapod()) as world:
-        world.reset((SQUARE,), pose, np.array([0.0, 0.0, 3.0]), np.eye(3))
+        world.connect((SQUARE,), pose, np.array([0.0, 0.0, 3.0]), np.eye(3))
         world.carry(np.array(wrench))  # type: ignore[attr-defined]
         return np.array([world.step(pose).velocity for _ in range(20)][-1])
 

@@ -26,10 +26,15 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import LoopStiffness
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import Imperfections, SoftContact, WorldSettings, make_world
-from stancekit.runner.worlds.settings import SimulationSetup
+from stancekit.runner.worlds.drives import Imperfections
+from stancekit.runner.worlds.settings import (
+    SimulationSetup,
+    SoftContact,
+    WorldSettings,
+    read_setup,
+)
 from stancekit.runner.worlds.simulation import simulated_body
-from stancekit.runner.worlds.world import Ground, State, Terrain, World
+from stancekit.runner.worlds.world import Ground, JointBus, State, Terrain, make_world
 from tests.planners.robot.small_urdfs import fixed, link, quadruped
 from tests.refusals import assert_names, refuses
 
@@ -63,21 +68,23 @@ def feet(of: RobotModel, state: State) -> Array:
 
 
 @pytest.fixture(params=list(MODULES))
-def made(request: pytest.FixtureRequest) -> Callable[..., World]:
+def made(request: pytest.FixtureRequest) -> Callable[..., JointBus]:
     pytest.importorskip(MODULES[request.param])
     return lambda of, **options: make_world(request.param, robot(of), **options)
 
 
-def dropped(world: World, of: RobotModel, periods: int = 600, above_m: float = 0.001) -> State:
+def dropped(world: JointBus, of: RobotModel, periods: int = 600, above_m: float = 0.001) -> State:
     """A robot in its stance, just above the ground, after a while."""
     height = of.stand_height_m - float(of.body.com_m[2]) + above_m
-    state = world.reset(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))
+    state = world.connect(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))
     for _ in range(periods):
         state = world.step(stance(of))
     return state
 
 
-def test_a_robot_of_a_file_stands_on_its_feet_with_its_weight(made: Callable[..., World]) -> None:
+def test_a_robot_of_a_file_stands_on_its_feet_with_its_weight(
+    made: Callable[..., JointBus],
+) -> None:
     of = model()
     with made(of) as world:
         assert world.joints == tuple(name for leg in of.legs for name in leg.joint_names)
@@ -92,13 +99,13 @@ def test_a_robot_of_a_file_stands_on_its_feet_with_its_weight(made: Callable[...
 
 
 def test_its_base_is_where_it_was_put_wherever_the_base_s_mass_is(
-    made: Callable[..., World],
+    made: Callable[..., JointBus],
 ) -> None:
     heavy = '<link name="base"><inertial><mass value="10.0"/>'
     of = model(quadruped().replace(heavy, f'{heavy}<origin xyz=".05 -.02 .03" rpy=".3 0 .1"/>'))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     with made(of) as world:
-        state = world.reset(FLAT, stance(of), np.array([0.1, 0.2, 1.0]), turn)
+        state = world.connect(FLAT, stance(of), np.array([0.1, 0.2, 1.0]), turn)
         np.testing.assert_allclose(state.position_m, [0.1, 0.2, 1.0], atol=1e-9)
         np.testing.assert_allclose(state.rotation, turn, atol=1e-9)
         np.testing.assert_allclose(state.feet_m, feet(of, state), atol=1e-5)
@@ -109,7 +116,7 @@ def test_its_base_is_where_it_was_put_wherever_the_base_s_mass_is(
 
 
 def test_a_robot_that_is_written_otherwise_is_the_same_in_every_world(
-    made: Callable[..., World],
+    made: Callable[..., JointBus],
 ) -> None:
     """Axes of any length, digits that are none, a link without mass, efforts that are replaced."""
     odd = quadruped(effort=5.0).replace('axis xyz="0 1 0"', 'axis xyz="3e-20 2 5e-20"')
@@ -138,7 +145,7 @@ def with_mesh(folder: Path, name: str) -> RobotModel:
 
 
 def test_meshes_collide_as_their_hulls_and_a_missing_one_with_nothing(
-    tmp_path: Path, made: Callable[..., World]
+    tmp_path: Path, made: Callable[..., JointBus]
 ) -> None:
     (tmp_path / "trunk.obj").write_text(TETRAHEDRON)
     body = simulated_body(with_mesh(tmp_path, "trunk.obj"))
@@ -159,15 +166,15 @@ def test_meshes_collide_as_their_hulls_and_a_missing_one_with_nothing(
     ):
         with made(of) as world:
             tucked = np.tile([0.0, 1.3, -2.3], 4)
-            state = world.reset(FLAT, tucked, np.array([0.0, 0.0, 0.06]), np.eye(3))
+            state = world.connect(FLAT, tucked, np.array([0.0, 0.0, 0.06]), np.eye(3))
             upside_down = np.diag([1.0, -1.0, -1.0])
-            state = world.reset(FLAT, tucked, np.array([0.0, 0.0, 0.395]), upside_down)
+            state = world.connect(FLAT, tucked, np.array([0.0, 0.0, 0.395]), upside_down)
             for _ in range(10):
                 state = world.step(tucked)
         assert (state.bump_n > 0.0) == bumps
 
 
-def test_links_stop_each_other_unless_they_may_touch(made: Callable[..., World]) -> None:
+def test_links_stop_each_other_unless_they_may_touch(made: Callable[..., JointBus]) -> None:
     fat = quadruped().replace('<sphere radius="0.02"/>', '<sphere radius="0.1"/>')
     inwards = {"LF_HAA": -0.6, "RF_HAA": 0.6}
     pair = '<robot name="quadruped"><disable_collisions link1="LF_FOOT" link2="RF_FOOT" reason="drawn"/></robot>'
@@ -177,7 +184,7 @@ def test_links_stop_each_other_unless_they_may_touch(made: Callable[..., World])
         for leg, name in enumerate(of.leg_names):
             angles[3 * leg] += inwards.get(f"{name}_HAA", 0.0)
         with made(of) as world:
-            world.reset(FLAT, stance(of), np.array([0.0, 0.0, 2.0]), np.eye(3))
+            world.connect(FLAT, stance(of), np.array([0.0, 0.0, 2.0]), np.eye(3))
             states = [world.step(angles) for _ in range(60)]
         found.append(max(state.bump_n for state in states))
     assert found[0] > 1.0
@@ -211,36 +218,36 @@ def test_a_root_without_mass_and_inertias_that_files_rounded_off_are_made_ones_t
         assert a + b >= c * (1.0 - 1e-9)
 
 
-def test_a_joint_without_a_torque_limit_is_refused(made: Callable[..., World]) -> None:
+def test_a_joint_without_a_torque_limit_is_refused(made: Callable[..., JointBus]) -> None:
     with refuses("joint LF_HAA"):
         made(model(quadruped(effort=0.0)))
 
 
-def test_late_commands_and_joints_mounted_off_are_as_said(made: Callable[..., World]) -> None:
+def test_late_commands_and_joints_mounted_off_are_as_said(made: Callable[..., JointBus]) -> None:
     of = model()
     start = np.array([0.0, 0.0, 2.0])
     with made(of, imperfections=Imperfections(delay_s=0.02)) as late, made(of) as prompt:
         for world in (late, prompt):
-            world.reset(FLAT, stance(of), start, np.eye(3))
+            world.connect(FLAT, stance(of), start, np.eye(3))
         waited = [late.step(stance(of) + 0.02).angles_rad for _ in range(12)][4:]
         at_once = [prompt.step(stance(of) + 0.02).angles_rad for _ in range(8)]
     away = np.abs(np.array(waited) - np.array(at_once)).max()
     assert away < 2e-3  # it fell for four periods more
     off = Imperfections(offset_rad=0.02, seed=3)
     with made(of, imperfections=off) as world:
-        state = world.reset(FLAT, stance(of), start, np.eye(3))
+        state = world.connect(FLAT, stance(of), start, np.eye(3))
         wrong = np.linalg.norm(state.feet_m - feet(of, state), axis=1)
     np.testing.assert_allclose(state.angles_rad, stance(of), atol=1e-6)
     assert 1e-3 < wrong.max() < 0.02 * sum(0.6 for _ in range(3))
 
 
-def test_feet_feel_late_what_they_touch(made: Callable[..., World]) -> None:
+def test_feet_feel_late_what_they_touch(made: Callable[..., JointBus]) -> None:
     of = model()
     found = []
     for delay_s in (0.0, 0.02):
         with made(of, imperfections=Imperfections(felt_delay_s=delay_s)) as world:
             height = of.stand_height_m - float(of.body.com_m[2]) + 0.001
-            states = [world.reset(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))]
+            states = [world.connect(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))]
             states += [world.step(stance(of)) for _ in range(60)]
         found.append(np.array([state.forces_n for state in states]))
     at_once, late = found
@@ -249,7 +256,7 @@ def test_feet_feel_late_what_they_touch(made: Callable[..., World]) -> None:
     np.testing.assert_array_equal(late[:4], 0.0)
 
 
-def test_feet_read_their_forces_as_wrongly_as_said(made: Callable[..., World]) -> None:
+def test_feet_read_their_forces_as_wrongly_as_said(made: Callable[..., JointBus]) -> None:
     of = model()
     wrong = (
         Imperfections(),
@@ -260,7 +267,7 @@ def test_feet_read_their_forces_as_wrongly_as_said(made: Callable[..., World]) -
     for imperfections in wrong:
         with made(of, imperfections=imperfections) as world:
             height = of.stand_height_m - float(of.body.com_m[2]) + 0.001
-            states = [world.reset(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))]
+            states = [world.connect(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))]
             states += [world.step(stance(of)) for _ in range(60)]
         found.append(np.array([state.forces_n for state in states]))
     true, less, noisy = found  # nothing here moves by what feet read
@@ -312,12 +319,12 @@ def patch(lean_rad: float = 0.0) -> tuple[Patch, ...]:
     )
 
 
-def stood(world: World, terrain: Terrain, periods: int = 400) -> list[State]:
+def stood(world: JointBus, terrain: Terrain, periods: int = 400) -> list[State]:
     """The states of the robot that is put on a terrain and keeps its joints."""
     height = OF.stand_height_m - float(OF.body.com_m[2])
     lean = terrain[0].frame if not isinstance(terrain, Ground) else np.eye(3)[:, [2, 0, 1]]
     turn = lean[:, [1, 2, 0]]
-    states = [world.reset(terrain, stance(OF), turn @ np.array([0.0, 0.0, height]), turn)]
+    states = [world.connect(terrain, stance(OF), turn @ np.array([0.0, 0.0, height]), turn)]
     for _ in range(periods):
         states.append(world.step(stance(OF)))
     return states
@@ -334,7 +341,7 @@ def depths(state: State) -> np.ndarray:
     ids=["soft patch", "stiff patch", "heights"],
 )
 def test_a_robot_at_rest_sinks_by_its_weight_over_the_stiffness_of_its_feet(
-    made: Callable[..., World], terrain: Terrain, stiffness_n_m: float
+    made: Callable[..., JointBus], terrain: Terrain, stiffness_n_m: float
 ) -> None:
     with made(OF, contact=SoftContact(stiffness_n_m=stiffness_n_m)) as world:
         state = stood(world, terrain)[-1]
@@ -348,7 +355,7 @@ def test_a_robot_at_rest_sinks_by_its_weight_over_the_stiffness_of_its_feet(
 
 
 def test_a_robot_on_little_damped_ground_swings_and_on_damped_ground_does_not(
-    made: Callable[..., World],
+    made: Callable[..., JointBus],
 ) -> None:
     swings = []
     for damping in (0.0, None):
@@ -360,7 +367,7 @@ def test_a_robot_on_little_damped_ground_swings_and_on_damped_ground_does_not(
     assert swings[1] < 0.5 * swings[0]
 
 
-def test_feet_do_not_creep_along_soft_ground(made: Callable[..., World]) -> None:
+def test_feet_do_not_creep_along_soft_ground(made: Callable[..., JointBus]) -> None:
     crept = []
     for contact in (None, SoftContact(stiffness_n_m=2e4)):
         with made(OF, contact=contact) as world:
@@ -370,13 +377,13 @@ def test_feet_do_not_creep_along_soft_ground(made: Callable[..., World]) -> None
     assert crept[1] < crept[0] + 2e-4  # over a second
 
 
-def test_ground_that_cannot_bear_the_robot_is_refused(made: Callable[..., World]) -> None:
+def test_ground_that_cannot_bear_the_robot_is_refused(made: Callable[..., JointBus]) -> None:
     with refuses("contact_stiffness_n_m"):
         made(OF, contact=SoftContact(stiffness_n_m=5e3))
 
 
 def test_a_set_up_file_says_how_the_ground_yields(
-    tmp_path: Path, made: Callable[..., World]
+    tmp_path: Path, made: Callable[..., JointBus]
 ) -> None:
     file = tmp_path / "soft.yaml"
     file.write_text("format: stancekit/simulation/1\ncontact_stiffness_n_m: 2.0e+4\n")
@@ -410,7 +417,7 @@ def test_a_set_up_file_that_is_wrong_is_refused_in_one_line(
     file = tmp_path / "soft.yaml"
     file.write_text(text)
     with pytest.raises(InvalidInput) as error:
-        SimulationSetup.from_yaml(file)
+        read_setup(SimulationSetup, file)
     assert str(error.value).startswith(f"{file}: ")
     assert_names(str(error.value), said)
     assert "\n" not in str(error.value)

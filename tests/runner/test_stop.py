@@ -56,8 +56,8 @@ def bus() -> Iterator[EmulatedBus]:
 def measured(bus: EmulatedBus) -> DynamixelWorld:
     """A world of its own on the bus, its torque off."""
     world = DynamixelWorld(ROBOT, calibrated(bus))
-    world.reset((), START, np.zeros(3), np.eye(3))
-    world.relax()
+    world.connect((), START, np.zeros(3), np.eye(3))
+    world.stop(torque_off=True)
     return world
 
 
@@ -90,13 +90,13 @@ def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_f
         with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
             writes = Writes(patch, lambda world=world: world.latch.trip("button"), at)  # type: ignore[misc]
             try:
-                world.torque(True)
+                world.arm()
             except Stopped:
                 assert "button" in world.latch.reason
             else:  # over before its stop: a late answer is read twice, so that arming's packets vary
                 assert writes.count <= at
                 assert at >= 10
-                world.relax()
+                world.stop(torque_off=True)
                 return
             assert not world.armed
             assert world.latch.after <= 1
@@ -106,8 +106,8 @@ def test_a_stop_at_any_packet_of_an_arming_leaves_every_torque_off_and_nothing_f
                 len(bus.torque_packets_s),
             )  # all: the answer to a reading came after them
             with pytest.raises(Stopped):
-                world.torque(True)
-            world.relax()
+                world.arm()
+            world.stop(torque_off=True)
             assert seen == (len(bus.goal_packets_s), len(bus.torque_packets_s))
     pytest.fail("an arming of 200 packets")
 
@@ -125,31 +125,31 @@ def test_whatever_interrupts_an_arming_leaves_every_torque_off(
         with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
             Writes(patch, burst, at)
             with pytest.raises(told, match="a bug"):
-                world.torque(True)
+                world.arm()
             assert not any(bus.state()["torque"])
             assert not world.armed
 
 
 def test_a_robot_that_was_held_is_held_on_where_its_arming_is_interrupted(bus: EmulatedBus) -> None:
     with measured(bus) as world:
-        world.torque(True)
-        world.hold()
+        world.arm()
+        world.stop()
     with pytest.MonkeyPatch.context() as patch, DynamixelWorld(ROBOT, calibrated(bus)) as world:
-        world.reset((), START, np.zeros(3), np.eye(3))
+        world.connect((), START, np.zeros(3), np.eye(3))
         Writes(patch, lambda: world.latch.trip("button"), 5)
         with pytest.raises(Stopped):
-            world.torque(True)
+            world.arm()
         seen = bus.state()
         assert all(seen["torque"])
         assert set(seen["watchdog"]) == {50}
-        world.relax()
+        world.stop(torque_off=True)
 
 
 def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(
     bus: EmulatedBus,
 ) -> None:
     with pytest.MonkeyPatch.context() as patch, measured(bus) as world:
-        world.torque(True)
+        world.arm()
         world.step(START)
         before = len(bus.goal_packets_s)
         Writes(patch, lambda: world.latch.trip("button"), 0)
@@ -160,7 +160,7 @@ def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(
         assert len(bus.goal_packets_s) == before + 1
         assert world.latch.after == 1
         assert bus.goal_packets_s[-1] - world.latch.time_s < 1.0 / world.rate_hz
-        world.relax()  # what stops the robot is sent, stop or no stop
+        world.stop(torque_off=True)  # what stops the robot is sent, stop or no stop
         assert not any(bus.state()["torque"])
 
 
@@ -257,8 +257,8 @@ def test_an_output_that_is_gone_carries_out_the_ending(
 
 def test_a_stop_on_the_way_home_ends_in_hold(accepted: Accepted, world: MemoryWorld) -> None:
     with SafeWorld(world, dry=False) as safe:
-        safe.reset((), START, np.zeros(3), np.eye(3))
-        world.torque(True)
+        safe.connect((), START, np.zeros(3), np.eye(3))
+        world.arm()
         world.fault = lambda world: safe.latch.trip("button") if len(world.commands) == 3 else None
         ended = end(safe, "home", [START + 0.3], 0.5)
     assert ended.left == "held"
@@ -272,8 +272,8 @@ def test_a_bug_on_the_way_home_ends_in_hold(accepted: Accepted, world: MemoryWor
         raise ZeroDivisionError("a bug")
 
     with SafeWorld(world, dry=False) as safe:
-        safe.reset((), START, np.zeros(3), np.eye(3))
-        world.torque(True)
+        safe.connect((), START, np.zeros(3), np.eye(3))
+        world.arm()
         safe.step(START)
         world.fault = bug
         ended = end(safe, "home", [START + 0.3], 0.5)
@@ -294,8 +294,8 @@ def test_an_ending_that_is_cut_off_is_done_once_more(cut: type[BaseException]) -
 
     world.relax = twice  # type: ignore[method-assign]
     with SafeWorld(world, dry=False) as safe:
-        safe.reset((), START, np.zeros(3), np.eye(3))
-        world.torque(True)
+        safe.connect((), START, np.zeros(3), np.eye(3))
+        world.arm()
         safe.latch.trip("button")
         ended = end(safe, "torque-off", None, 1.0)
     assert (ended.left, ended.message, len(tries), world.torque_on) == ("torque off", "", 2, False)

@@ -19,8 +19,7 @@ from stancekit.planners.robot.walker import contact_robot
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.control.tracker import command
-from stancekit.runner.worlds import WORLDS, make_world
-from stancekit.runner.worlds.world import Ground, State, World
+from stancekit.runner.worlds.world import WORLDS, Ground, JointBus, State, make_world
 from tests.planners.robot.small_urdfs import biped
 from tests.refusals import refuses
 
@@ -32,7 +31,7 @@ TOES = 1.8 * SHOULDERS + [0.0, 0.0, -0.2]
 
 
 @pytest.fixture(params=list(MODULES), scope="module")
-def world(request: pytest.FixtureRequest) -> Iterator[World]:
+def world(request: pytest.FixtureRequest) -> Iterator[JointBus]:
     pytest.importorskip(MODULES[request.param][0])
     with make_world(request.param, ROBOT) as made:
         yield made
@@ -62,12 +61,12 @@ def standing() -> tuple[Array, Array]:
     return answer.angles, answer.angles + answer.torques_nm / Servo().stiffness_nm_rad
 
 
-def stood(world: World, friction: float, turn: Rotation, periods: int) -> tuple[State, State]:
+def stood(world: JointBus, friction: float, turn: Rotation, periods: int) -> tuple[State, State]:
     """The state at once and after some periods of standing on a plane that was turned together with
     the robot.
     """
     angles, targets = standing()
-    first = world.reset(
+    first = world.connect(
         [leaning(ground(friction), turn)], angles, turn.apply([0.0, 0.0, 0.2]), turn.as_matrix()
     )
     last = first
@@ -76,7 +75,7 @@ def stood(world: World, friction: float, turn: Rotation, periods: int) -> tuple[
     return first, last
 
 
-def test_a_robot_that_stands_feels_its_weight_in_its_feet_and_nowhere_else(world: World) -> None:
+def test_a_robot_that_stands_feels_its_weight_in_its_feet_and_nowhere_else(world: JointBus) -> None:
     first, last = stood(world, 0.7, Rotation.identity(), 100)
     np.testing.assert_allclose(last.forces_n.sum(axis=0), [0.0, 0.0, 98.1], atol=0.3)
     np.testing.assert_allclose(last.forces_n[:, 2], 98.1 / 6.0, atol=0.6)
@@ -88,12 +87,12 @@ def test_a_robot_that_stands_feels_its_weight_in_its_feet_and_nowhere_else(world
     assert last.time_s == pytest.approx(0.5)
 
 
-def test_a_robot_stands_far_from_the_origin_as_near_to_it(world: World) -> None:
+def test_a_robot_stands_far_from_the_origin_as_near_to_it(world: JointBus) -> None:
     angles, targets = standing()
     for at in (np.zeros(3), np.array([5e5, -2e5, 300.0])):
         level = ground(0.7)
         level = replace(level, vertices_m=level.vertices_m + at)
-        world.reset([level], angles, at + np.array([0.0, 0.0, 0.2]), np.eye(3))
+        world.connect([level], angles, at + np.array([0.0, 0.0, 0.2]), np.eye(3))
         state = [world.step(targets) for _ in range(40)][-1]
         np.testing.assert_allclose(state.position_m - at, [0.0, 0.0, 0.2], atol=5e-4)
         np.testing.assert_allclose(state.forces_n.sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
@@ -109,13 +108,13 @@ def hollow(friction: float) -> Ground:
     )
 
 
-def test_heights_carry_a_robot_where_they_are(world: World) -> None:
+def test_heights_carry_a_robot_where_they_are(world: JointBus) -> None:
     angles, targets = standing()
     floor = hollow(0.7)
     np.testing.assert_allclose(
         floor.distance(np.array([[0.3, 0.1, 0.2], [0.0, 0.0, -0.15]])), [0.3, -0.05], atol=1e-3
     )
-    first = world.reset(floor, angles, np.array([0.3, 0.1, 0.1]), np.eye(3))
+    first = world.connect(floor, angles, np.array([0.3, 0.1, 0.1]), np.eye(3))
     for _ in range(100):
         last = world.step(targets)
     np.testing.assert_allclose(last.forces_n.sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
@@ -135,7 +134,7 @@ def test_feet_of_mujoco_feel_what_their_contacts_with_the_terrain_press_and_all_
     tipped = Rotation.from_rotvec([0.3, 0.2, 0.0]).as_matrix()
     several = bumps = 0
     with make_world("mujoco", ROBOT, rate_hz=1000.0) as world:  # one step of physics a period
-        world.reset(hollow(friction), angles, np.array([0.3, 0.2, 0.1]), tipped)
+        world.connect(hollow(friction), angles, np.array([0.3, 0.2, 0.1]), tipped)
         for _ in range(600):
             state = world.step(targets)
             model, data = world._model, world._data  # type: ignore[attr-defined]
@@ -158,12 +157,12 @@ def test_feet_of_mujoco_feel_what_their_contacts_with_the_terrain_press_and_all_
 
 
 @pytest.mark.parametrize(("friction", "holds"), [(0.44, True), (0.30, False)])
-def test_the_friction_of_heights_is_theirs(world: World, friction: float, holds: bool) -> None:
+def test_the_friction_of_heights_is_theirs(world: JointBus, friction: float, holds: bool) -> None:
     lines, rise = np.linspace(-1.0, 1.0, 41), float(np.tan(np.deg2rad(20.0)))
     slope = HeightField(x_m=lines, y_m=lines, heights_m=rise * lines[:, None] * np.ones(len(lines)))
     turn = Rotation.from_rotvec([0.0, -np.deg2rad(20.0), 0.0])
     angles, targets = standing()
-    first = world.reset(
+    first = world.connect(
         Ground(heights=slope, friction=friction),
         angles,
         turn.apply([0.0, 0.0, 0.2]),
@@ -176,7 +175,9 @@ def test_the_friction_of_heights_is_theirs(world: World, friction: float, holds:
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 45.0, 200.0])
-def test_the_friction_is_the_patch_s_in_every_direction(world: World, azimuth_deg: float) -> None:
+def test_the_friction_is_the_patch_s_in_every_direction(
+    world: JointBus, azimuth_deg: float
+) -> None:
     # tan 20° = .364; a friction pyramid of μ = .30 would hold along its diagonal
     axis = Rotation.from_euler("z", azimuth_deg, degrees=True).apply([0.0, np.deg2rad(20.0), 0.0])
     turn = Rotation.from_rotvec(axis)
@@ -186,30 +187,30 @@ def test_the_friction_is_the_patch_s_in_every_direction(world: World, azimuth_de
     assert np.linalg.norm(slid.feet_m - first.feet_m, axis=1).min() > 0.02
 
 
-def test_ice_holds_nothing(world: World) -> None:
+def test_ice_holds_nothing(world: JointBus) -> None:
     turn = Rotation.from_rotvec([0.0, np.deg2rad(5.0), 0.0])
     first, slid = stood(world, 0.0, turn, 100)
     way = 0.5 * 9.81 * np.sin(np.deg2rad(5.0)) * 0.5**2  # a body on a frictionless plane
     assert np.linalg.norm(slid.position_m - first.position_m) == pytest.approx(way, rel=0.1)
 
 
-def test_the_same_commands_give_the_same_states_to_the_last_bit(world: World) -> None:
+def test_the_same_commands_give_the_same_states_to_the_last_bit(world: JointBus) -> None:
     angles, targets = standing()
     wave = (
         0.05 * np.sin(np.linspace(0.0, 6.0, 60))[:, None] * np.random.default_rng(0).normal(size=24)
     )
     runs = []
     for _ in range(2):
-        world.reset([ground(0.7)], angles, np.array([0.0, 0.0, 0.2]), np.eye(3))
+        world.connect([ground(0.7)], angles, np.array([0.0, 0.0, 0.2]), np.eye(3))
         runs.append([world.step(targets + part) for part in wave])
     for one, other in zip(*runs, strict=True):
         np.testing.assert_array_equal(one.angles_rad, other.angles_rad)
         np.testing.assert_array_equal(one.forces_n, other.forces_n)
 
 
-def test_targets_are_sent_within_the_limits_of_joints_and_of_their_speed(world: World) -> None:
+def test_targets_are_sent_within_the_limits_of_joints_and_of_their_speed(world: JointBus) -> None:
     angles, _ = standing()
-    world.reset([ground(0.7)], angles, np.array([0.0, 0.0, 0.2]), np.eye(3))
+    world.connect([ground(0.7)], angles, np.array([0.0, 0.0, 0.2]), np.eye(3))
     state = world.step(angles + 1.0)
     np.testing.assert_allclose(
         state.sent_rad - angles, world.servo.velocity_rad_s / world.rate_hz, atol=1e-12
@@ -220,7 +221,7 @@ def test_targets_are_sent_within_the_limits_of_joints_and_of_their_speed(world: 
     assert np.abs(state.torques_nm).max() <= world.servo.torque_nm + 1e-9
 
 
-def test_it_says_what_it_can_do_and_closes_more_than_once(world: World) -> None:
+def test_it_says_what_it_can_do_and_closes_more_than_once(world: JointBus) -> None:
     assert world.joints == joint_names(ROBOT)
     assert world.rate_hz == 200.0
     with make_world(world.name, ROBOT) as other:
@@ -228,10 +229,10 @@ def test_it_says_what_it_can_do_and_closes_more_than_once(world: World) -> None:
     other.close()
 
 
-def test_gravity_is_the_one_that_was_asked_for(world: World) -> None:
+def test_gravity_is_the_one_that_was_asked_for(world: JointBus) -> None:
     angles, _ = standing()
     with make_world(world.name, ROBOT, gravity_m_s2=1.62) as moon:
-        moon.reset([], angles, np.array([0.0, 0.0, 5.0]), np.eye(3))
+        moon.connect([], angles, np.array([0.0, 0.0, 5.0]), np.eye(3))
         for _ in range(40):
             state = moon.step(angles)
     assert state.velocity[2] == pytest.approx(-1.62 * 0.2, rel=0.02)
@@ -249,7 +250,7 @@ def test_joints_that_turn_against_their_own_friction_are_where_they_are_sent(nam
     angles = np.concatenate([leg.stance_rad for leg in model.legs])
     rates = np.where(np.char.find(model.joint_names, "knee") >= 0, 0.5, 0.0)
     with make_world(name, robot, gravity_m_s2=1e-6) as world:
-        world.reset([], angles, np.array([0.0, 0.0, 5.0]), np.eye(3))
+        world.connect([], angles, np.array([0.0, 0.0, 5.0]), np.eye(3))
         lag = (4.0 * 0.5 + 1.0) / world.drives.stiffness_nm_rad.min()
         for k in range(100):
             wanted = angles + (k + 1) / world.rate_hz * rates
@@ -268,10 +269,10 @@ def test_nothing_is_printed_on_standard_output() -> None:
     pytest.importorskip("pybullet")
     program = (
         "import numpy as np\n"
-        "from stancekit.runner.worlds import make_world\n"
+        "from stancekit.runner.worlds.world import make_world\n"
         "from stancekit.planners.robot import hexapod\n"
         "with make_world('bullet', hexapod()) as world:\n"
-        "    world.reset([], np.zeros(24), np.zeros(3), np.eye(3))\n"
+        "    world.connect([], np.zeros(24), np.zeros(3), np.eye(3))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
@@ -296,7 +297,7 @@ def test_an_unknown_world_is_refused_with_those_there_are() -> None:
 def test_naming_a_world_imports_that_world_alone() -> None:
     program = (
         "import sys\n"
-        "from stancekit.runner.worlds import WORLDS\n"
+        "from stancekit.runner.worlds.world import WORLDS\n"
         "assert WORLDS.names()[:5] == ('bullet', 'mujoco', 'replay', 'dynamixel', 'ros')\n"
         "assert WORLDS.get('replay').name == 'replay'\n"
         "others = ('bullet', 'mujoco', 'dynamixel', 'ros')\n"

@@ -269,11 +269,6 @@ class ServoBus:
         """
         return self._read_some(address, size, 2)[0]
 
-    def reboot(self, index: int) -> None:
-        """Start a servo anew, torque off: the only way out of a shutdown."""
-        with self._talking(self._latch):
-            self._packets.reboot(self._handler, self.ids[index])
-
     def refuse(self, wrong: NDArray[np.bool_], why: str) -> None:
         """Raise HardwareFault that names the servos where ``wrong``, shape (S,)."""
         names = [self.label(int(index)) for index in np.flatnonzero(wrong)]

@@ -11,7 +11,6 @@ and asked for again, before it is believed.
 from __future__ import annotations
 
 import time
-from contextlib import suppress
 from dataclasses import replace
 from typing import Self
 
@@ -27,7 +26,7 @@ from stancekit.planners.robot.robot_file import Servo, joint_names
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import WorldSettings
-from ..world import State, Terrain, WorldCapabilities
+from ..world import WorldCapabilities
 from . import control_table as table
 from .bus import ServoBus, listed, signed, unsigned
 from .control_table import Calibration, ServoTicks
@@ -144,22 +143,17 @@ _CALM_S = 0.12
 for."""
 _STANDS_RAD_S, _STANDING_S = 0.05, 0.2
 """Servos stand that turn no faster; a hold waits so long for them to."""
-_SLACK_RAD = 0.05
-"""A joint measured this far beyond its limits is at its stop; one that is farther beyond is
-calibrated wrong."""
 
 
 class DynamixelWorld(HardwareWorld):
-    """Servos on a bus.
+    """Servos on a bus; not thread-safe.
 
-    ``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves; not thread-safe.
-
-    Torques are what the measured current stands for, roughly. ``bus_s`` is what talking took in the
-    last period. Raises InvalidInput for a calibration that lacks joints, and without the SDK or
-    pinocchio.
+    Torques are what the measured current stands for, roughly. Raises InvalidInput for a calibration
+    that lacks joints, and without the SDK or pinocchio.
     """
 
     name = "dynamixel"
+    alone = "the servos are stopped by their own bus watchdogs, and hold"
     catch_up = 3.0
 
     def __init__(
@@ -171,19 +165,19 @@ class DynamixelWorld(HardwareWorld):
         rate_hz: float = RATE_HZ,
         actuators: Actuators | None = None,
     ) -> None:
-        servo = servo or robot.servo
-        super().__init__(robot, servo, rate_hz)
         drives = Drives.of(
-            self._kinematics.model, actuators or Actuators(joints={"*": calibration.model})
+            robot.source.legs(servo or robot.servo),
+            actuators or Actuators(joints={"*": calibration.model}),
         )
         stiffer = 1.0 if actuators is not None else calibration.p_gain / table.P_GAIN
-        self.drives = replace(
+        drives = replace(
             drives,
             stiffness_nm_rad=stiffer * drives.stiffness_nm_rad,
             damping_nms_rad=stiffer * drives.damping_nms_rad,
             yields=not calibration.desk,
             assigned=None if calibration.desk else drives.assigned,
         )
+        super().__init__(robot, servo, drives, rate_hz)
         self.calibration = calibration
         calibration.check(self.joints)
         self._servos = calibration.ordered(self.joints)
@@ -199,16 +193,15 @@ class DynamixelWorld(HardwareWorld):
             latch=self.latch,
             blame=blame,
         )
-        self.capabilities, self.bus_s = self._capable(replaced=actuators is not None), 0.0
-        self._judge = MeasurementJudge(self.bus, self.drives.velocity_rad_s)
-        self._driven = False  # goals may have been sent that the servos are still on their way to
-        self._found: NDArray[np.bool_] | None = (
+        self.capabilities = self._capable(replaced=actuators is not None)
+        self._judge = MeasurementJudge(self.bus, drives.velocity_rad_s)
+        self._was_on: NDArray[np.bool_] | None = (
             None  # which torques were on before an arming that did not end well
         )
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
-        """Make the world, see ``WorldClass``."""
+        """Make the world, see ``JointBus``."""
         calibration = Calibration.from_yaml(
             settings.file("a calibration file", cls.name), joint_names(settings.robot)
         )
@@ -222,102 +215,36 @@ class DynamixelWorld(HardwareWorld):
             actuators=settings.actuators,
         )
 
-    def reset(
-        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
-    ) -> State:
-        """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
-
-        Arguments:
-            angles_rad: not used, the measured ones come back.
-            position_m, rotation: where the body is taken to be.
-
-        Raises:
-            InvalidInput: for whatever is wrong, for nothing has moved: a port that is absent or
-                busy, servos that are silent, in error or of another model, measurements that cannot
-                be true, angles beyond their limits, and a robot without torque that is not at rest
-                as calibrated.
-        """
-        self.armed = False
-        if not self._open:
-            self.bus.open()
-            self._open = True
-        try:
-            rows = self._found_out(position_m, rotation)
-        except HardwareFault as fault:
-            raise InvalidInput(str(fault)) from None
-        state = self._measured(rows)
-        self._check_angles(state.angles_rad)
-        if not rows[:, 0].any():
-            self._check_rest(state.angles_rad)
-        self._sent = state.angles_rad.copy()
-        return state
-
-    def torque(self, on: bool) -> None:
-        """Arm: hold the measured pose, with current limits and watchdogs set; or let go of the
-        robot.
-
-        A servo in a shutdown stays off and raises InvalidInput, as does whatever is wrong before
-        the first torque is switched on; HardwareFault after that. Arming clears watchdogs that have
-        stopped their servo. The latch is asked for every packet, and after the last. However an
-        arming is interrupted, the torque is off afterwards; only a robot that was held before, all
-        of it, is held on. ``hold`` makes sure of that.
-        """
-        if not on:
-            self.relax()
-            return
-        if not self._open:
-            raise InvalidInput("world: expected reset before torque, got no reset")
-        try:
-            self._switch_on()
-        except HardwareFault as fault:
-            if self._driven:
-                raise
-            raise InvalidInput(str(fault)) from None
-
-    def step(self, targets_rad: Array) -> State:
-        """Send targets, wait for the end of the control period, measure.
-
-        Targets are clipped to limits and to what a joint can turn in a period, and rounded to
-        ticks; ``sent_rad`` says what was sent. Raises InvalidInput for targets that are not finite,
-        and where the world is not armed; HardwareFault with the joint's name for whatever a device
-        does wrong. After a fault the world is not armed.
-        """
-        targets = self._checked(targets_rad)
-        try:
-            begin = time.monotonic()
-            self._send(self.sendable(targets))
-            sent = time.monotonic()
-            self._wait()
-            reading = time.monotonic()
-            rows = self._watched()
-            self.bus_s = sent - begin + time.monotonic() - reading
-            return self._measured(rows)
-        except HardwareFault:
-            self.armed = False
-            raise
-
-    def hold(self) -> None:
+    def stop(self, *, torque_off: bool = False) -> str:
         """Send nothing any more: servos keep the last target they were sent, and no step is taken
-        until armed again.
+        until armed again; or have no torque.
 
         A goal of its own would only give up what the servos lean on; their watchdogs hold them
         where they are. Waits until they are measured to stand. Raises HardwareFault where they do
         not in time, or cannot be seen to: then their bus watchdogs stop them, and the message says
-        when. After an arming that was interrupted the torque is as ``torque`` says; raises
-        HardwareFault where it is not.
+        when. After an arming that was interrupted the torque is off; only a robot that was held
+        before, all of it, is held on. Raises HardwareFault that names the servos of which that, or
+        their torque off, cannot be made sure.
         """
         self.armed = False
-        if self._found is not None:
+        if torque_off:
+            self._relax()
+        elif self._was_on is not None:
             self._disarm()
         elif self._driven:
             self._stand()
+        return ""
 
-    def relax(self) -> None:
-        """Torque off everywhere, and make sure of it.
+    def close(self) -> None:
+        """Give the port back.
 
-        Raises HardwareFault that names those that did not say so.
+        Torque stays as it is, and a servo whose torque is on is stopped by its watchdog.
         """
-        self.armed = self._driven = False
+        self.armed = self._open = False
+        self.bus.close()
+
+    def _relax(self) -> None:
+        self._driven = False
         if not self._open:
             return
         for again in (True, False):
@@ -329,27 +256,22 @@ class DynamixelWorld(HardwareWorld):
                     raise
             else:
                 if not rows.any():
-                    self._found = None
+                    self._was_on = None
                     return
         self.bus.refuse(rows[:, 0] > 0, "its torque did not go off")
 
-    def close(self) -> None:
-        """Give the port back.
-
-        Torque stays as it is, and a servo whose torque is on is stopped by its watchdog.
-        """
-        self.armed = self._open = False
-        self.bus.close()
-
-    def _found_out(self, position_m: Array, rotation: Array) -> NDArray[np.uint8]:
+    def _reached(self) -> tuple[Array, Array, Array]:
         """Check and set up all servos, and measure them twice: what is old or random shows.
 
-        As ``_watched``.
+        Raises InvalidInput for a port that is absent or busy, servos of another model, and a robot
+        without torque that is not at rest as calibrated.
         """
+        if not self._open:
+            self.bus.open()
+            self._open = True
         with self.bus.patient():
             _check_servos(self.bus, self._kind)
             _configure(self.bus, self._current)
-            self._begin(position_m, rotation)
             self._judge.begin()
             before = self._watched()
             time.sleep(_AGAIN_S)
@@ -357,7 +279,10 @@ class DynamixelWorld(HardwareWorld):
             why = self._judge.clocks(unsigned(before[:, 13:15]), unsigned(rows[:, 13:15]))
             if why:
                 raise HardwareFault(why)
-        return rows
+        measured = self._told(rows)
+        if not rows[:, 0].any():
+            self._check_rest(measured[0])
+        return measured
 
     def _stand(self) -> None:
         """Wait until no servo turns.
@@ -388,7 +313,7 @@ class DynamixelWorld(HardwareWorld):
         """The robot's own limits, the servos', and the calibration's, whichever are narrower; its
         file's torques count unless a person replaced them.
         """
-        can, own = self._limits(self.drives), self._kinematics.torque_nm
+        can, own = self.capabilities, self._kinematics.torque_nm
         torque = np.array([each.current_a for each in self._servos]) * self._kind.nm_a
         torque = np.minimum(torque, can.torque_nm)
         return replace(
@@ -401,68 +326,54 @@ class DynamixelWorld(HardwareWorld):
             else np.minimum(torque, np.inf if replaced else own),
         )
 
-    def _switch_on(self) -> None:
-        """Arm; torque off again where that does not come to its end."""
-        with self.bus.patient():
-            self._found = self._watched()[:, 0] > 0
-            try:
-                self._arm()
-                self._found, self._due_s = None, time.monotonic()
-            except BaseException:  # servos are held, then it is raised again
-                self.armed = False
-                with suppress(
-                    HardwareFault
-                ):  # what goes wrong now goes wrong in ``hold``, too, and is told there
-                    self._disarm()
-                raise
+    def _switched_on(self) -> None:
+        """Switch the torque on, with current limits and watchdogs set.
 
-    def _arm(self) -> None:
-        units = self.calibration.watchdog_units
-        self._everywhere(table.BUS_WATCHDOG, 0)
-        self.bus.write_all(table.GOAL_CURRENT, self._current)
-        self._everywhere(table.POSITION_P_GAIN, self.calibration.p_gain)
-        self._everywhere(table.PROFILE_ACCELERATION, 0)
-        fastest = np.maximum(self.capabilities.velocity_rad_s / table.RAD_S, 1.0)  # 0 is no limit
-        self.bus.write_all(table.PROFILE_VELOCITY, fastest.astype(np.int64))
-        state = self._measured(self._watched())
-        self._check_angles(state.angles_rad)
-        self._send(state.angles_rad)
-        self._everywhere(
-            table.BUS_WATCHDOG, units
-        )  # before the torque: a host that dies here leaves none without
-        rows = self._watched()
-        self.bus.refuse(
-            rows[:, 2] != units, f"expected a bus watchdog of {20 * units} ms, got another"
-        )
-        self._driven = True
-        self._everywhere(table.TORQUE_ENABLE, 1)
-        self.armed = True
-        self._watched()
-        self.latch.check()
+        A servo in a shutdown stays off. Arming clears watchdogs that have stopped their servo. The
+        latch is asked for every packet, and after the last.
+        """
+        with self.bus.patient():
+            self._was_on = self._watched()[:, 0] > 0
+            units = self.calibration.watchdog_units
+            self._everywhere(table.BUS_WATCHDOG, 0)
+            self.bus.write_all(table.GOAL_CURRENT, self._current)
+            self._everywhere(table.POSITION_P_GAIN, self.calibration.p_gain)
+            self._everywhere(table.PROFILE_ACCELERATION, 0)
+            fastest = np.maximum(self.capabilities.velocity_rad_s / table.RAD_S, 1.0)  # 0: no limit
+            self.bus.write_all(table.PROFILE_VELOCITY, fastest.astype(np.int64))
+            angles, _, _ = self._told(self._watched())
+            self._check_angles(angles)
+            self._sent = self._put(angles)
+            self._everywhere(
+                table.BUS_WATCHDOG, units
+            )  # before the torque: a host that dies here leaves none without
+            rows = self._watched()
+            self.bus.refuse(
+                rows[:, 2] != units, f"expected a bus watchdog of {20 * units} ms, got another"
+            )
+            self._driven = True
+            self._everywhere(table.TORQUE_ENABLE, 1)
+            self.armed = True
+            self._watched()
+            self.latch.check()
+            self._was_on = None
 
     def _disarm(self) -> None:
         """Torque off after an arming that was interrupted; a robot that was held before goes on
         holding.
         """
-        if self._found is None or not self._found.all():
-            self.relax()
-            return
-        units = self.calibration.watchdog_units
-        self._everywhere(table.BUS_WATCHDOG, units, stopping=True)
-        rows = self.bus.read_all(table.BUS_WATCHDOG.address, 1, alerts=False)
-        self.bus.refuse(rows[:, 0] != units, "its bus watchdog could not be set")
-        self._found = None
+        with self.bus.patient():
+            if self._was_on is None or not self._was_on.all():
+                self._relax()
+                return
+            units = self.calibration.watchdog_units
+            self._everywhere(table.BUS_WATCHDOG, units, stopping=True)
+            rows = self.bus.read_all(table.BUS_WATCHDOG.address, 1, alerts=False)
+            self.bus.refuse(rows[:, 0] != units, "its bus watchdog could not be set")
+            self._was_on = None
 
-    def _check_angles(self, angles: Array) -> None:
-        can = self.capabilities
-        for index in np.flatnonzero(
-            (angles < can.lower_rad - _SLACK_RAD) | (angles > can.upper_rad + _SLACK_RAD)
-        ):
-            raise InvalidInput(
-                f"{self.bus.label(int(index))}: expected an angle in [{can.lower_rad[index]:.2f}, "
-                f"{can.upper_rad[index]:.2f}] rad, measured {angles[index]:.2f}: is its "
-                "calibration right?"
-            )
+    def _label(self, index: int) -> str:
+        return self.bus.label(index)
 
     def _check_rest(self, angles: Array) -> None:
         for index, each in enumerate(self._servos):
@@ -473,10 +384,13 @@ class DynamixelWorld(HardwareWorld):
                     f"{angles[index]:.2f}: is its calibration right, and the robot at rest?"
                 )
 
-    def _send(self, angles: Array) -> None:
-        ticks = self._turning.ticks(angles)
+    def _put(self, angles_rad: Array) -> Array:
+        ticks = self._turning.ticks(angles_rad)
         self.bus.write_all(table.GOAL_POSITION, ticks)
-        self._sent = self._turning.angles(ticks)
+        return self._turning.angles(ticks)
+
+    def _measured(self) -> tuple[Array, Array, Array]:
+        return self._told(self._watched())
 
     def _watched(self) -> NDArray[np.uint8]:
         """Bytes that are read in every period, shape (J, 15), after a look at what the servos say
@@ -517,13 +431,13 @@ class DynamixelWorld(HardwareWorld):
             time.monotonic(), position, velocity, unsigned(rows[:, 13:15]), calm=calm
         )
 
-    def _measured(self, rows: NDArray[np.uint8]) -> State:
+    def _told(self, rows: NDArray[np.uint8]) -> tuple[Array, Array, Array]:
+        """Angles, rates and torques in these bytes, shape (J,) each."""
         current, rate = signed(rows[:, 3:5]), signed(rows[:, 5:9])
         turned = self._turning.direction
-        angles = self._turning.angles(signed(rows[:, 9:13]))
         rates = np.asarray(turned * rate * table.RAD_S, dtype=np.float64)
         torques = np.asarray(turned * current * table.AMPERE * self._kind.nm_a, dtype=np.float64)
-        return self._state_of(angles, rates, torques)
+        return self._turning.angles(signed(rows[:, 9:13])), rates, torques
 
     def _everywhere(self, register: table.Register, value: int, *, stopping: bool = False) -> None:
         self.bus.write_all(register, np.full(len(self.joints), value), stopping=stopping)

@@ -158,11 +158,6 @@ class RosLink:
                 f"rosbridge {self.url}: nothing could be sent for {self.timeout_s:g} s"
             ) from None
 
-    def send(self, message: Message) -> None:
-        """Send an operation as it is; nothing where the connection is lost."""
-        if self.alive:
-            self.ros.send_on_ready(self._module.Message(message))
-
     def call(self, service: str, kind: str, request: Message) -> Message:
         """Call a service and wait.
 

@@ -96,12 +96,6 @@ class ControllerState:
         """When the newest state was measured, ``time.monotonic``; -inf for never."""
         return self._heard_s
 
-    def forget(self) -> None:
-        """Whatever it wants from now on is nobody else's, until the next target is sent."""
-        with self._lock:
-            self._sent.clear()
-            self._foreign = self._unheard = np.zeros(len(self._joints))
-
     def wants(self, positions: Array) -> bool | None:
         """Tell whether it wants the joints there, shape (J,) as ROS counts, or whole turns away;
         None where it does not say.

@@ -178,13 +178,6 @@ class JointStates:
             if np.any(np.abs(table[0, indices] - self._rest[indices]) > _REST_RAD):
                 self._rest[indices], self._moved_s = table[0, indices], measured_s
 
-    def actual(self, feedback: Any) -> None:
-        """Feedback of a FollowJointTrajectory goal: its ``actual`` is a measurement, too."""
-        point = feedback.get("actual") if isinstance(feedback, dict) else None
-        if isinstance(point, dict):
-            named = {"name": feedback.get("joint_names"), "position": point.get("positions")}
-            self.take(named | {"velocity": point.get("velocities") or [], "effort": []})
-
     def read(self) -> tuple[Array, Array, Array]:
         """Angles, rates and torques in the robot's order, each shape (J,)."""
         with self._lock:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,10 +17,9 @@ from stancekit.planners.files.arrays import Array
 
 from ...safety.estop import StopLatch
 from ..settings import EstopCheck
-from .bridge import RosGraph, RosLink
+from .bridge import Message, RosGraph, RosLink
 from .controller import ControllerState
 from .estop import Estop
-from .goal import Goals, standstill, trajectory
 from .joint_states import JointStates, version_of
 from .setup import Mapping, RosSetup
 
@@ -169,7 +168,6 @@ class RosRobot:
         self.estop = None if setup.estop is None else Estop(self.link, setup.estop)
         self.manager = _ControllerManager(self.link, setup)
         self.stopped = False
-        self._goals: Goals | None = None
         self._joints = tuple(joints)
         self._sent_s, self._void_s = -np.inf, -np.inf
 
@@ -191,16 +189,6 @@ class RosRobot:
             self.estop.subscribe(self.kind("std_msgs", "Bool"))
         self.link.advertise(self._command, self.kind("trajectory_msgs", "JointTrajectory"))
         self.listen()
-
-    @property
-    def goals(self) -> Goals:
-        """Sender of whole trajectories.
-
-        Raises InvalidInput where nobody takes them.
-        """
-        if self._goals is None:
-            self._goals = Goals(self.link, self.setup.controller, self.setup.ros)
-        return self._goals
 
     def listen(self) -> None:
         """Wait until the robot has spoken of all joints, and see that its controller means the same
@@ -409,16 +397,13 @@ class RosRobot:
             time.sleep(POLL_S)
         self.link.advertise(self._command, self.kind("trajectory_msgs", "JointTrajectory"))
 
-    def halt(self, link: RosLink | None = None) -> None:
+    def halt(self) -> None:
         """Have a controller of ROS 1 hold where it is, in place of what it does and of what waits
         for it; one of ROS 2 knows no such command.
-
-        Arguments:
-            link: another connection.
         """
         if self.setup.ros == 1:
             kind = self.kind("trajectory_msgs", "JointTrajectory")
-            (link or self.link).publish(self._command, kind, standstill(self.mapping.names, 1))
+            self.link.publish(self._command, kind, standstill(self.mapping.names, 1))
 
     def settle(self, period_s: float, beat: Callable[[], None]) -> str:
         """Wait until nothing moves any more; what may still come, empty where nothing may.
@@ -535,6 +520,45 @@ class RosRobot:
         if known.runs:
             return f"{message}, although {manager} says that it is {known.state}: does it publish its state?"
         return f"{message}: {manager} says that it is {known.state}; start it, or name controller_manager in the setup"
+
+
+def trajectory(
+    names: tuple[str, ...],
+    times_s: Array,
+    positions: Array,
+    velocities: Array | None,
+    ros: Literal[1, 2],
+    stamp_s: float = 0.0,
+) -> Message:
+    """A JointTrajectory; shapes (T,), (T, J), (T, J).
+
+    Without velocities the controller goes in straight lines.
+
+    Arguments:
+        stamp_s: when it begins, by the robot's clock; one that has ended by then when it arrives is
+            dropped. A stamp of 0 is "from when it arrives". Where it is left out, a rosbridge
+            writes its own clock's time into it.
+    """
+    points = [
+        {"positions": positions[k].tolist(), "time_from_start": duration(float(time_s), ros)}
+        | ({} if velocities is None else {"velocities": velocities[k].tolist()})
+        for k, time_s in enumerate(times_s)
+    ]
+    header = {"stamp": duration(stamp_s, ros), "frame_id": ""}
+    return {"header": header, "joint_names": list(names), "points": points}
+
+
+def standstill(names: tuple[str, ...], ros: Literal[1, 2]) -> Message:
+    """A JointTrajectory without points, at which a controller of ROS 1 holds where it is, whatever
+    it was doing.
+    """
+    return trajectory(names, np.zeros(0), np.zeros((0, len(names))), None, ros)
+
+
+def duration(seconds: float, ros: Literal[1, 2]) -> Message:
+    """A duration as ROS 1 or ROS 2 writes it."""
+    whole, nanos = divmod(round(seconds * 1e9), 1_000_000_000)
+    return {"sec": whole, "nanosec": nanos} if ros == 2 else {"secs": whole, "nsecs": nanos}
 
 
 def listed(names: Sequence[str]) -> str:

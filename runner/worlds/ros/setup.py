@@ -37,7 +37,7 @@ class RosSetup(SetupFile):
 
     Arguments:
         host, port: of the rosbridge.
-        ros: 1 (actionlib topics) or 2 (actions of the rosbridge protocol).
+        ros: 1 or 2, which name and stamp messages otherwise.
         controller: a joint trajectory controller.
         joint_states: where angles are published.
         estop: topic of std_msgs/Bool, true for pressed; None for none.
@@ -45,12 +45,7 @@ class RosSetup(SetupFile):
         lead_s: a streamed target should be reached so long after it is sent; motion lags by it, and
             goes on no longer when the connection is lost.
         stale_s: oldest measurement that is good enough.
-        alone_s: longest trajectory that is handed over as a whole: when the connection is lost
-            nobody can stop it.
         timeout_s: for answers.
-        path_rad, goal_rad: how far a joint may be off on the way and at the end of a whole
-            trajectory.
-        goal_s: how long after its end it may still arrive.
     """
 
     format: Literal["stancekit/ros/1"] = FORMAT
@@ -63,11 +58,7 @@ class RosSetup(SetupFile):
     controller_manager: _Name | None = None
     lead_s: Annotated[float, Field(ge=0.01, le=0.5)] = 0.06
     stale_s: Annotated[float, Field(ge=0.01, le=1.0)] = 0.2
-    alone_s: Annotated[float, Field(gt=0.0, le=60.0)] = 5.0
     timeout_s: Annotated[float, Field(ge=0.1, le=30.0)] = 3.0
-    path_rad: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
-    goal_rad: Annotated[float, Field(gt=0.0, le=1.0)] = 0.05
-    goal_s: Annotated[float, Field(ge=0.0, le=10.0)] = 1.0
     joints: Annotated[dict[str, RosJoint], Field(min_length=1)]
 
     def __post_init__(self) -> None:

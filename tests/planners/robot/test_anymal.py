@@ -120,7 +120,7 @@ def test_a_walk_with_legs_is_the_same_walk_and_runs_in_mujoco(walker: Robot) -> 
     pytest.importorskip("mujoco")
     from stancekit.runner.acceptance import Accepted
     from stancekit.runner.run import Runner
-    from stancekit.runner.worlds import make_world
+    from stancekit.runner.worlds.world import make_world
 
     boxes, found = walked(anymal()).solution, walked(walker).solution
     assert boxes is not None

@@ -348,7 +348,7 @@ def test_a_sensor_whose_slight_inertia_no_body_has_is_no_doubt(times: float, dou
         return
     assert 'name="camera"' in simulated_body(model).urdf
     pytest.importorskip("mujoco")
-    from stancekit.runner.worlds import make_world
+    from stancekit.runner.worlds.world import make_world
 
     with make_world("mujoco", robot_of(model)):
         pass

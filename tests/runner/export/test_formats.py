@@ -356,3 +356,20 @@ def test_a_walk_is_followed_in_plain_mujoco(robot: str, tmp_path: Path) -> None:
     _, x, y, _ = data.qpos[3:7]
     assert 1.0 - 2.0 * (x * x + y * y) > np.cos(0.1)  # upright
     assert np.linalg.norm(data.qpos[:3] - ref["body_pos_w"][-1, 0]) < 0.05
+
+
+def test_numbers_for_crocoddyl_are_the_motion_s_and_a_script_that_is_there_is_left_alone(
+    moved: Moved, tmp_path: Path
+) -> None:
+    path = tmp_path / "walk.npz"
+    FORMATS["crocoddyl"].write(moved, path)
+    held, script = np.load(path), tmp_path / "walk.py"
+    np.testing.assert_array_equal(held["angles_rad"], moved.table.angles_rad)
+    np.testing.assert_array_equal(held["contact"], moved.table.contact)
+    pressed = np.einsum("tni,tni->tn", held["forces_n"], held["normals"])
+    assert (pressed[held["contact"]] >= 0.0).all()
+    assert held["friction"][held["contact"]].min() > 0.3
+    assert script.read_text().count("\n") <= 60
+    script.write_text("mine")
+    FORMATS["crocoddyl"].write(moved, path)
+    assert script.read_text() == "mine"
