@@ -173,7 +173,7 @@ def fit(
             terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by
             line), "gmm" (its boundary is fitted by P1's margins), "ga", "gradient", "modes" (for
-            mode switching); "chooser", "neural", "joint" (for P1 joined with the lift) and "rl"
+            mode switching); "neural", "joint" (for P1 joined with the lift) and "rl"
             need torch. Or one that a package registered under ``stancekit.methods``, or
             "FILE.py:NAME". "surrogate" learns feasibility itself, for ``screen``, of one data set
             or of several of one class; it needs torch. Of tries of leaps: "additive", a logistic

@@ -237,13 +237,19 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
         return self._observe(episode), reward, terminated, truncated, info | own
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the episode as it is now."""
+        """Draw the episode as it is now; for "human" on the screen, or, on a machine without one,
+        nowhere.
+        """
         from stancekit.views.sheet import to_rgb
 
         pixels = to_rgb(self._drawn(self._now("rendering")))
-        if self.render_mode == "human":
-            return _show(pixels)
-        return pixels
+        if self.render_mode != "human":
+            return pixels
+        import matplotlib.pyplot as plt
+
+        plt.figure(_WINDOW, clear=True).figimage(pixels, resize=True)
+        plt.pause(0.001)
+        return None
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -280,16 +286,6 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
     def _is_over(self, episode: Episode) -> bool:
         """Tell whether no action is taken any more."""
         return False
-
-
-def _show(pixels: NDArray[np.uint8]) -> None:
-    """Put a picture on the screen; on a machine without one matplotlib falls back to a backend that
-    shows nothing.
-    """
-    import matplotlib.pyplot as plt
-
-    plt.figure(_WINDOW, clear=True).figimage(pixels, resize=True)
-    plt.pause(0.001)
 
 
 def boxes(bounds: Mapping[str, tuple[float, float, int]]) -> spaces.Dict:

@@ -31,10 +31,10 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1400, 15929),
-    "cli": (3585, 40144),
+    "cli": (3585, 40143),
     "configs": (3, 30),
-    "envs": (3141, 42870),
-    "learners": (5510, 80030),
+    "envs": (3137, 42854),
+    "learners": (5378, 78414),
     "planners": (35532, 572583),
     "runner": (7257, 96668),
     "views": (4466, 69433),

@@ -411,25 +411,6 @@ class BoxNetwork(nn.Module):
         )
 
 
-class ChoiceNetwork(nn.Module):
-    """Scenes to the cost of each of K envelopes, whatever the order of the contacts: logits, shape
-    (B, K).
-    """
-
-    def __init__(self, architecture: Architecture, options: int) -> None:
-        super().__init__()
-        self.architecture = architecture
-        width = architecture.width
-        self.encoder = _Encoder(architecture)
-        self.head = nn.Sequential(
-            nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, options)
-        )
-
-    def forward(self, scenes: SceneTensors) -> Tensor:
-        """Logits."""
-        return torch.as_tensor(self.head(self.encoder(scenes).mean(dim=1)))
-
-
 class AttentionBlock(nn.Module):
     """One round of self-attention over the contacts and one of thought a contact, both residual."""
 
