@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .learners.data.labelling import RecheckReport as RecheckReport
     from .learners.evaluation.evaluate import Score as Score
     from .learners.selectors.selector import Learned as Learned
-    from .learners.surrogates.screened import Screened as Screened
+    from .learners.surrogates.calibration import Screened as Screened
     from .motions import run as run
     from .motions import simulate as simulate
     from .pictures import draw as draw
@@ -115,7 +115,7 @@ _HOMES = {
     "learners.data.labelling": ("RecheckReport",),
     "learners.evaluation.evaluate": ("Score",),
     "learners.selectors.selector": ("Learned",),
-    "learners.surrogates.screened": ("Screened",),
+    "learners.surrogates.calibration": ("Screened",),
     "motions": (
         "run",
         "simulate",

@@ -75,7 +75,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
         YAML); EnvelopeSet; Modes; the Plan, LeapPlan, Crossing or Trajectory of a motion
         (``stancekit/motion/1``); the Certificate of a proof, which knows its problem; Dataset;
         LeapTries; Robot that walks (YAML or URDF); what a safetensors file of a neural selector,
-        chooser or policy holds, as ``Learned``; LeapScorer; Surrogate. Nothing is unpickled.
+        or policy holds, as ``Learned``; LeapScorer; Surrogate. Nothing is unpickled.
 
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.

@@ -17,7 +17,7 @@ from stancekit.learners.evaluation.evaluate import Score, check_same_class, eval
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import Learned, load_selector
-from stancekit.learners.surrogates.screened import Screened
+from stancekit.learners.surrogates.calibration import Screened
 from stancekit.learners.training.fitting import SPREAD as SPREAD
 from stancekit.learners.training.fitting import FitSettings, learn, missing
 from stancekit.planners.arguments import checked
@@ -173,7 +173,7 @@ def fit(
             terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by
             line), "gmm" (its boundary is fitted by P1's margins), "ga", "gradient", "modes" (for
-            mode switching); "chooser", "neural", "joint" (for P1 joined with the lift) and "rl"
+            mode switching); "neural", "joint" (for P1 joined with the lift) and "rl"
             need torch. Or one that a package registered under ``stancekit.methods``, or
             "FILE.py:NAME". "surrogate" learns feasibility itself, for ``screen``, of one data set
             or of several of one class; it needs torch. Of tries of leaps: "additive", a logistic
@@ -187,7 +187,7 @@ def fit(
         settings: fields of ``learners.training.fit_settings.FitSettings``: share, clusters,
             threshold, boxes, steps, batch, seed, ... Those that the method does not use are
             refused. For tries of leaps, fields of ``learners.leaps.training.ScorerSettings``; for
-            "surrogate", of ``learners.surrogates.training.SurrogateSettings``.
+            "surrogate", of ``learners.surrogates.surrogate.SurrogateSettings``.
 
     Returns:
         A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``;
@@ -265,7 +265,7 @@ def _surrogate(
 ) -> Surrogate:
     """A surrogate of feasibility from labelled rows."""
     try:
-        from stancekit.learners.surrogates.training import SurrogateSettings, fit_surrogate
+        from stancekit.learners.surrogates.surrogate import SurrogateSettings, fit_surrogate
     except ImportError as error:
         raise missing(_SURROGATE, error) from None
     typed_settings = typed(SurrogateSettings, settings, "")

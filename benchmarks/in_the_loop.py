@@ -240,8 +240,8 @@ def loop(course: Problem, share: float, policy: SelectorPolicy | None) -> Ran:
 
 def frames_of(env: TraverseEnv) -> int:
     """Key frames of the course that is walked."""
-    assert env._course is not None
-    return env._course.frames
+    assert env._episode is not None
+    return env._episode.frames
 
 
 def shown(share: Share) -> str:

@@ -1,5 +1,4 @@
-"""Do learned boxes for each terrain beat one box for all? Neural selectors, sets of boxes, and a
-chooser among them.
+"""Do learned boxes for each terrain beat one box for all? Neural selectors, and sets of boxes.
 
 python benchmarks/neural.py --problems wall-3 --rows 10000 --json
 python benchmarks/neural.py --quick
@@ -7,9 +6,8 @@ python benchmarks/neural.py --quick
 Three data sets a class, from three seeds: one to train on, one to calibrate on, one to test on,
 which nothing has seen before. Every selector is rolled out by ``learners.evaluation.evaluate``;
 shares come with Wilson 95 % intervals. quantile, gradient-K: one or K boxes for all terrains, P1
-taking the best of K. gradient-K chooser: a network gives each terrain one of the K.
-neural-quantile: the network's own box for each terrain, after its first stage alone. neural: after
-both. With ``--quick`` everything is small, and so are the figures.
+taking the best of K. neural-quantile: the network's own box for each terrain, after its first stage
+alone. neural: after both. With ``--quick`` everything is small, and so are the figures.
 """
 
 from __future__ import annotations
@@ -29,7 +27,6 @@ from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.scenes import LabelledScene
 from stancekit.learners.data.labelling import label
 from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift
-from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.genetic import fit_gradient
 from stancekit.learners.selectors.neural import NeuralSettings, fit_neural
 from stancekit.learners.selectors.selector import Learned
@@ -60,7 +57,7 @@ class Arguments(Options):
     boxes: tuple[int, ...] = (1, 3)
     """Sizes of the sets of boxes; none leaves them out."""
     box_rows: int = 1000
-    """Training rows of each label that sets of boxes use; a chooser uses three times as many."""
+    """Training rows of each label that sets of boxes use."""
     steps: int = 80
     """Of the boxes' descent."""
     ablate: bool = True
@@ -109,10 +106,8 @@ def compare(problem: str, options: Arguments) -> Iterator[Score]:
     scenes = scenes_of(
         data(problem, "test", options.test, options.test, options.seed + 1001, options)
     )
-    few, more = (
-        train.select([*train.feasible[:rows], *train.infeasible[:rows]])
-        for rows in (options.box_rows, 3 * options.box_rows)
-    )
+    rows = options.box_rows
+    few = train.select([*train.feasible[:rows], *train.infeasible[:rows]])
 
     def scored(name: str, begin: float, selector: Predictor | EnvelopeSet) -> Score:
         seconds = time.perf_counter() - begin
@@ -127,12 +122,6 @@ def compare(problem: str, options: Arguments) -> Iterator[Score]:
                 few, boxes=count, steps=options.steps, seed=options.seed, progress=bar
             )
         yield scored(f"gradient-{count}", begin, found)
-        if count > 1:
-            begin = time.perf_counter()
-            with progress(f"{problem} chooser") as bar:
-                chooser = fit_chooser(more, found, progress=bar)
-            chooser.save(options.folder / f"{problem}-chooser-{count}.safetensors")
-            yield scored(f"gradient-{count} chooser", begin, chooser)
     ways: dict[str, tuple[int, str]] = {
         "neural-quantile": (0, "p1"),
         "neural": (options.margin_epochs, "p1"),

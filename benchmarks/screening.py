@@ -23,8 +23,7 @@ import tyro
 from _bench import Options, launch, upper_end
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.learners.surrogates.surrogate import Surrogate, surrogate_of
-from stancekit.learners.surrogates.training import LabelledBatch
+from stancekit.learners.surrogates.surrogate import LabelledBatch, Surrogate, surrogate_of
 
 OTHER = {"feasible": "infeasible", "infeasible": "feasible", "trivial": "feasible"}
 ERRORS = (0.005, 0.01, 0.02, 0.05)

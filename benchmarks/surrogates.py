@@ -25,8 +25,12 @@ from torch import __version__ as torch_version
 import stancekit
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import software
-from stancekit.learners.surrogates.surrogate import Surrogate
-from stancekit.learners.surrogates.training import LabelledBatch, SurrogateSettings, fit_surrogate
+from stancekit.learners.surrogates.surrogate import (
+    LabelledBatch,
+    Surrogate,
+    SurrogateSettings,
+    fit_surrogate,
+)
 from stancekit.learners.zoo import card_of, shipped
 from stancekit.planners.files.writing import write_bytes, write_text
 

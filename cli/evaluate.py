@@ -52,7 +52,7 @@ class Evaluate:
         tuple[str, ...],
         named("stancekit.learners.selectors.selector:SELECTORS", "FILE|NAME|FILE.py:NAME"),
     ] = ()
-    """Selectors to compare: files of envelopes, neural selectors, choosers, policies; names of
+    """Selectors to compare: files of envelopes, neural selectors, policies; names of
     those that ship, as neural-wall-3; or your own."""
     lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
     """Leave out the lift, which needs no envelope and is compared with the others unless told

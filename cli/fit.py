@@ -38,7 +38,6 @@ class Fit:
       gmm            Algorithm 2 with its boundary fitted by P1's own margins
       ga             Lin et al.'s genetic algorithm
       gradient       boxes that descend P1's margins together
-      chooser        those, and a network that picks one a terrain
       neural         a network from terrain to box
       joint          one to box and point, for P1 joined with the lift
       rl             a policy learned in the environment
@@ -68,7 +67,7 @@ class Fit:
     clusters: int = 1
     """Envelopes to learn (n of Algorithm 2)."""
     boxes: int = 1
-    """Envelopes of gradient and chooser."""
+    """Envelopes of gradient."""
     threshold: float = 0.05
     """Least membership probability of a kept solution (p_th of Algorithm 2)."""
     steps: int = 80
@@ -78,7 +77,7 @@ class Fit:
     seed: int = 0
     """Seed of mixture and descent."""
     config: OptionalPath = None
-    """YAML file with the settings of ga, neural, chooser and rl, each under its name (ga: genetic),
+    """YAML file with the settings of ga, neural and rl, each under its name (ga: genetic),
     or with those of surrogate, additive and set."""
     calibration: OptionalPath = None
     """Data set folder to calibrate a neural selector on; without it a part of the data set is kept

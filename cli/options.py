@@ -127,7 +127,6 @@ NAMES = {
             "ga",
             "gradient",
             "modes",
-            "chooser",
             "neural",
             "joint",
             "rl",

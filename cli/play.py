@@ -17,7 +17,6 @@ from .solve import Between
 
 if TYPE_CHECKING:
     from stancekit.views.playground.scenario import Scenario, WalkScenario
-    from stancekit.views.playground.serving import Page
 
 
 @dataclass
@@ -70,7 +69,7 @@ class Play:
 
     def run(self) -> int:
         """Serve until Ctrl-C."""
-        from stancekit.views.playground.serving import check_port, served, served_walk
+        from stancekit.views.playground.serving import check_port, served
 
         self._check()
         if self.between.map is not None:
@@ -78,23 +77,15 @@ class Play:
         check_port(self.host, self.port)
         robots = tuple(filter(None, (self.robot or "").split(",")))
         first = robots[0] if robots else None
-        if self.walk or self._is_walk():
-            walk = self._walk(first or "anymal")
-            with served_walk(
-                walk, robots=robots, folder=self.folder, host=self.host, port=self.port
-            ) as walks:
-                return self._show(walks)
-        scenario = self._scenario(first)
+        walks = self.walk or self._is_walk()
+        scenario = self._walk(first or "anymal") if walks else self._scenario(first)
         with served(
             scenario, robots=robots, folder=self.folder, host=self.host, port=self.port
         ) as page:
-            return self._show(page)
-
-    def _show(self, page: Page[Any]) -> int:
-        out.print(f"{page.address} shows {self.course}; Ctrl-C ends", highlight=False)
-        if self.browser:
-            page.open_browser()
-        page.wait()
+            out.print(f"{page.address} shows {self.course}; Ctrl-C ends", highlight=False)
+            if self.browser:
+                page.open_browser()
+            page.wait()
         return 0
 
     def _is_walk(self) -> bool:

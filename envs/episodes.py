@@ -1,11 +1,15 @@
-"""Checks that all environments make alike when they are made and reset, before any work is done."""
+"""What all environments do alike: how an episode is begun, gone on with and drawn, and what is
+refused before any work is done.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Generic, NamedTuple, TypeVar
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -13,6 +17,8 @@ from numpy.typing import NDArray
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import shown
+
+from .reward import Terms
 
 Observation = Mapping[str, NDArray[Any]]
 
@@ -169,3 +175,124 @@ def checked_mask(mask: Any, count: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
         wanted = f"an array of truth values, shape ({count},), one or more of them true"
         raise InvalidInput(f"options: reset_mask: expected {wanted}, got {shown(mask)}")
     return array
+
+
+_WINDOW = "stancekit"
+Episode = TypeVar("Episode")
+
+
+class Step(NamedTuple):
+    """Outcome of an action, before terms of one's own.
+
+    Arguments:
+        reward: of the environment's own terms.
+        question, answer: what terms of one's own see, beside the rest.
+    """
+
+    reward: float
+    terminated: bool
+    truncated: bool
+    info: dict[str, Any]
+    question: Any = None
+    answer: Any = None
+
+
+class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode]):
+    """An environment but for its task, which has the spaces, and says how an episode begins, what
+    an action does, what is seen then, and how it is drawn.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
+    observation_space: spaces.Space[Any]
+    action_space: spaces.Space[Any]
+    _terms = Terms(by_key={})
+
+    def __init__(self, render_mode: str | None) -> None:
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        self._episode: Episode | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+        """Draw the next episode."""
+        check_options(options)
+        super().reset(seed=checked_seed(seed))
+        self._episode, info = self._begin()
+        if self.render_mode == "human":
+            self.render()
+        return self._observe(self._episode), info | self._terms.nothing
+
+    def step(
+        self, action: Any
+    ) -> tuple[dict[str, NDArray[np.float32]], float, bool, bool, dict[str, Any]]:
+        """Do as the action says, and judge it."""
+        episode = self._now("the first step")
+        if self._is_over(episode):
+            raise gym.error.ResetNeeded("the episode is over: reset the environment")
+        reward, terminated, truncated, info, question, answer = self._act(episode, action)
+        own = self._terms.after(question, answer, action, info, terminated, truncated)
+        if self.render_mode == "human":
+            self.render()
+        reward = float(sum((reward, *own.values())))
+        return self._observe(episode), reward, terminated, truncated, info | own
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the episode as it is now; for "human" on the screen, or, on a machine without one,
+        nowhere.
+        """
+        from stancekit.views.sheet import to_rgb
+
+        pixels = to_rgb(self._drawn(self._now("rendering")))
+        if self.render_mode != "human":
+            return pixels
+        import matplotlib.pyplot as plt
+
+        plt.figure(_WINDOW, clear=True).figimage(pixels, resize=True)
+        plt.pause(0.001)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self.render_mode == "human":
+            import matplotlib.pyplot as plt
+
+            plt.close(_WINDOW)
+
+    def _now(self, before: str) -> Episode:
+        """The episode.
+
+        Raises ResetNeeded before the first one.
+        """
+        if self._episode is None:
+            raise gym.error.ResetNeeded(f"reset the environment before {before}")
+        return self._episode
+
+    @abstractmethod
+    def _begin(self) -> tuple[Episode, dict[str, Any]]:
+        """An episode drawn with the environment's generator, and its info."""
+
+    @abstractmethod
+    def _act(self, episode: Episode, action: Any) -> Step:
+        """What an action comes to."""
+
+    @abstractmethod
+    def _observe(self, episode: Episode) -> dict[str, NDArray[np.float32]]:
+        """What the agent sees."""
+
+    @abstractmethod
+    def _drawn(self, episode: Episode) -> Any:
+        """A figure of it."""
+
+    def _is_over(self, episode: Episode) -> bool:
+        """Tell whether no action is taken any more."""
+        return False
+
+
+def boxes(bounds: Mapping[str, tuple[float, float, int]]) -> spaces.Dict:
+    """The space of flat float32 boxes, each with its lowest and highest number and its size."""
+    return spaces.Dict(
+        {
+            name: spaces.Box(low, high, (size,), np.float32)
+            for name, (low, high, size) in bounds.items()
+        }
+    )

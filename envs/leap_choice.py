@@ -8,9 +8,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -33,8 +32,11 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
-from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .episodes import Step, TaskEnv, boxes, checked_action
 from .reward import USUAL_SEARCH, SearchWeights, weighted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _Observation = dict[str, NDArray[np.float32]]
 _ROOM = 10.0
@@ -94,158 +96,6 @@ class LeapChoiceSettings:
         if not leaps:
             raise InvalidInput(f"scenes: expected scenes in the part {part}, got none in {folder}")
         return leaps
-
-
-class LeapChoiceEnv(gym.Env[_Observation, NDArray[np.int64]]):
-    """Choose where the toes of a leap push off and land; a convex program and the verifier judge
-    the choice.
-
-    ## Description
-
-    One leap per episode: a body stands, flies and stands again, and each of its P toes has R
-    candidate patches at most. The agent picks one candidate per toe. A sequence of convex programs
-    tries the choice; it gives up after the first program if the violation that is left there is so
-    large that the others would hardly remove it. A choice that is solved goes to the verifier. If
-    the leap has several timings, each of them is tried in turn.
-
-    ## Observation Space
-
-    A ``Dict`` of flat float32 ``Box``es, in SI units, clipped to ± 10; P footholds, R candidates, M
-    intervals:
-
-    | name | shape | meaning |
-    |---|---|---|
-    | candidates | (22 * P * R,) | features of each candidate, ``planners.leap.features.OF_CANDIDATE``; 0 without one |
-    | mask | (P * R,) | 1 where there is a candidate |
-    | leap | (10,) | features of the leap and its timing, ``planners.leap.features.OF_LEAP`` |
-    | last | (P * R,) | 1 at the candidates of the last try |
-    | residual | (2 * M,) | per interval, errors x of momentum and rotation in the last try, as log10(1 + 1000 x) |
-    | left | (2,) | shares of the tries and of the solves that are left |
-
-    ## Action Space
-
-    ``MultiDiscrete`` with P numbers below R: a candidate per foothold. ``action_masks()`` says
-    which there are, shape (P * R,), as MaskablePPO asks for it.
-
-    ## Reward
-
-    −solves · (convex problems solved in the step) / ``solves``, and +success with a leap that the
-    verifier accepts, with the weights of ``SearchWeights``, which are 1. A choice that names a
-    missing candidate, or that was tried before, counts as a failed try of one convex problem.
-
-    ## Starting State
-
-    A scene of the class ``problem``, drawn with the environment's generator, or one of ``scenes``.
-    Some of the scenes have no leap; which ones is not known.
-
-    ## Episode End
-
-    Terminated when the verifier accepts a leap. Truncated when ``tries`` choices or ``solves``
-    convex problems are spent.
-
-    ## Info
-
-    After a reset and a step (numeric, fixed shapes): ``is_success``, ``tries`` and ``solves`` so
-    far, whether the last choice was ``masked`` (no such candidate), ``repeated``, or ``refuted``
-    (its hard constraints have no solution), and its ``cost`` (the remaining violation of its
-    constraints; −1 if the first convex program has no solution).
-
-    ## Arguments
-
-    | argument | default | meaning |
-    |---|---|---|
-    | problem | 'leap-hard' | a class of leaps, of ``configs/leaps.yaml`` |
-    | scenes | None | folder of labelled tries, whose part "train" is drawn from; or FOLDER:test, :calibration, :all |
-    | tries | 6 | choices per episode |
-    | solves | 12 | convex problems per episode |
-    | weights | SearchWeights() | weights of the reward; or a mapping with some of its keys, and terms of your own |
-    | render_mode | None | "rgb_array" |
-
-    ## Version History
-
-    - v0: the first version
-    """
-
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
-
-    def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
-        self.render_mode = checked_render_mode(render_mode, self.metadata)
-        self._settings = settings_from(LeapChoiceSettings, options, beside=("render_mode",))
-        self._class = leap_class(self._settings.problem)
-        self._scenes = self._settings.source()
-        self._programs = Programs()
-        self._episode: _Episode | None = None
-        self._weights, self._terms = weighted(self._settings.weights, SearchWeights)
-        leap = self._class.draw(np.random.default_rng(0))
-        like = self._begin(leap)
-        choice = np.zeros(like.shape[0], dtype=np.int64)
-        self._terms.after(leap, None, choice, INFO, False, False)
-        self.observation_space: spaces.Space[Any] = _space(like)
-        self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(
-            np.full(like.shape[0], like.shape[1])
-        )
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[_Observation, dict[str, Any]]:
-        """Draw a scene."""
-        check_options(options)
-        super().reset(seed=checked_seed(seed))
-        if self._scenes is None:
-            leap = self._class.draw(self.np_random)
-        else:
-            leap = self._scenes[int(self.np_random.integers(len(self._scenes)))]
-        self._episode = self._begin(leap)
-        return self._episode.observe(), self._episode.info() | self._terms.nothing
-
-    def step(
-        self, action: NDArray[np.int64]
-    ) -> tuple[_Observation, float, bool, bool, dict[str, Any]]:
-        """Try a candidate per foothold."""
-        episode = self._episode
-        if episode is None:
-            raise gym.error.ResetNeeded("reset the environment before the first step")
-        if episode.over:
-            raise gym.error.ResetNeeded("the episode is over: reset the environment")
-        before = episode.solves
-        episode.attempt(checked_action(action, self.action_space))
-        spent = max(episode.solves - before, 1)
-        cut_off, info = episode.over and not episode.solved, episode.info()
-        plan, question = episode.plan, episode.numbers.leap
-        own = self._terms.after(question, plan, action, info, episode.solved, cut_off)
-        reward = self._weights.of(episode.solved, spent / self._settings.solves)
-        reward += sum(own.values())
-        return episode.observe(), reward, episode.solved, cut_off, info | own
-
-    def _begin(self, leap: Leap) -> _Episode:
-        return _Episode(leap, self._settings, self._programs, self._class.candidates)
-
-    def action_masks(self) -> NDArray[np.bool_]:
-        """Mask of the candidates that exist, shape (P * R,), foothold by foothold."""
-        if self._episode is None:
-            raise gym.error.ResetNeeded("reset the environment before asking for its masks")
-        mask: NDArray[np.bool_] = self._episode.seen.mask.ravel() > 0.0
-        return mask
-
-    @property
-    def numbers(self) -> LeapNumbers:
-        """The leap with the timing of the next try, for policies that look at more than the
-        observation.
-        """
-        if self._episode is None:
-            raise gym.error.ResetNeeded("reset the environment before asking for its leap")
-        return self._episode.numbers
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """Draw the leap of the last try; on its toes the nominal motion where it has none, and
-        before there is one.
-        """
-        if self._episode is None:
-            raise gym.error.ResetNeeded("reset the environment before rendering")
-        from stancekit.views.leaps import draw_leap
-        from stancekit.views.sheet import SIZE_PX, to_rgb
-
-        return to_rgb(draw_leap(self._episode.drawn(), size_px=SIZE_PX))
 
 
 class _Episode:
@@ -384,12 +234,151 @@ class _Episode:
         return plan_from(numbers, choice, toes, forces, "choice")
 
 
+class LeapChoiceEnv(TaskEnv[_Episode]):
+    """Choose where the toes of a leap push off and land; a convex program and the verifier judge
+    the choice.
+
+    ## Description
+
+    One leap per episode: a body stands, flies and stands again, and each of its P toes has R
+    candidate patches at most. The agent picks one candidate per toe. A sequence of convex programs
+    tries the choice; it gives up after the first program if the violation that is left there is so
+    large that the others would hardly remove it. A choice that is solved goes to the verifier. If
+    the leap has several timings, each of them is tried in turn.
+
+    ## Observation Space
+
+    A ``Dict`` of flat float32 ``Box``es, in SI units, clipped to ± 10; P footholds, R candidates, M
+    intervals:
+
+    | name | shape | meaning |
+    |---|---|---|
+    | candidates | (22 * P * R,) | features of each candidate, ``planners.leap.features.OF_CANDIDATE``; 0 without one |
+    | mask | (P * R,) | 1 where there is a candidate |
+    | leap | (10,) | features of the leap and its timing, ``planners.leap.features.OF_LEAP`` |
+    | last | (P * R,) | 1 at the candidates of the last try |
+    | residual | (2 * M,) | per interval, errors x of momentum and rotation in the last try, as log10(1 + 1000 x) |
+    | left | (2,) | shares of the tries and of the solves that are left |
+
+    ## Action Space
+
+    ``MultiDiscrete`` with P numbers below R: a candidate per foothold. ``action_masks()`` says
+    which there are, shape (P * R,), as MaskablePPO asks for it.
+
+    ## Reward
+
+    −solves · (convex problems solved in the step) / ``solves``, and +success with a leap that the
+    verifier accepts, with the weights of ``SearchWeights``, which are 1. A choice that names a
+    missing candidate, or that was tried before, counts as a failed try of one convex problem.
+
+    ## Starting State
+
+    A scene of the class ``problem``, drawn with the environment's generator, or one of ``scenes``.
+    Some of the scenes have no leap; which ones is not known.
+
+    ## Episode End
+
+    Terminated when the verifier accepts a leap. Truncated when ``tries`` choices or ``solves``
+    convex problems are spent.
+
+    ## Info
+
+    After a reset and a step (numeric, fixed shapes): ``is_success``, ``tries`` and ``solves`` so
+    far, whether the last choice was ``masked`` (no such candidate), ``repeated``, or ``refuted``
+    (its hard constraints have no solution), and its ``cost`` (the remaining violation of its
+    constraints; −1 if the first convex program has no solution).
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | problem | 'leap-hard' | a class of leaps, of ``configs/leaps.yaml`` |
+    | scenes | None | folder of labelled tries, whose part "train" is drawn from; or FOLDER:test, :calibration, :all |
+    | tries | 6 | choices per episode |
+    | solves | 12 | convex problems per episode |
+    | weights | SearchWeights() | weights of the reward; or a mapping with some of its keys, and terms of your own |
+    | render_mode | None | "rgb_array" |
+
+    ## Version History
+
+    - v0: the first version
+    """
+
+    def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
+        super().__init__(render_mode)
+        self._settings = settings_from(LeapChoiceSettings, options, beside=("render_mode",))
+        self._class = leap_class(self._settings.problem)
+        self._scenes = self._settings.source()
+        self._programs = Programs()
+        self._weights, self._terms = weighted(self._settings.weights, SearchWeights)
+        leap = self._class.draw(np.random.default_rng(0))
+        like = self._begun(leap)
+        choice = np.zeros(like.shape[0], dtype=np.int64)
+        self._terms.after(leap, None, choice, INFO, False, False)
+        self.observation_space = _space(like)
+        self.action_space = spaces.MultiDiscrete(np.full(like.shape[0], like.shape[1]))
+
+    def _begin(self) -> tuple[_Episode, dict[str, Any]]:
+        if self._scenes is None:
+            leap = self._class.draw(self.np_random)
+        else:
+            leap = self._scenes[int(self.np_random.integers(len(self._scenes)))]
+        episode = self._begun(leap)
+        return episode, episode.info()
+
+    def _begun(self, leap: Leap) -> _Episode:
+        return _Episode(leap, self._settings, self._programs, self._class.candidates)
+
+    def _is_over(self, episode: _Episode) -> bool:
+        return episode.over
+
+    def _act(self, episode: _Episode, action: NDArray[np.int64]) -> Step:
+        """Try a candidate per foothold."""
+        before = episode.solves
+        episode.attempt(checked_action(action, self.action_space))
+        spent = max(episode.solves - before, 1)
+        return Step(
+            reward=self._weights.of(episode.solved, spent / self._settings.solves),
+            terminated=episode.solved,
+            truncated=episode.over and not episode.solved,
+            info=episode.info(),
+            question=episode.numbers.leap,
+            answer=episode.plan,
+        )
+
+    def _observe(self, episode: _Episode) -> _Observation:
+        return episode.observe()
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Mask of the candidates that exist, shape (P * R,), foothold by foothold."""
+        return np.asarray(self._now("asking for its masks").seen.mask.ravel() > 0.0)
+
+    @property
+    def numbers(self) -> LeapNumbers:
+        """The leap with the timing of the next try, for policies that look at more than the
+        observation.
+        """
+        return self._now("asking for its leap").numbers
+
+    def _drawn(self, episode: _Episode) -> Figure:
+        """The leap of the last try; on its toes the nominal motion where it has none, and before
+        there is one.
+        """
+        from stancekit.views.leaps import draw_leap
+        from stancekit.views.sheet import SIZE_PX
+
+        return draw_leap(episode.drawn(), size_px=SIZE_PX)
+
+
 def _space(like: _Episode) -> spaces.Dict:
     feet, options = like.shape
-    sizes = {"candidates": len(OF_CANDIDATE) * feet * options, "leap": len(OF_LEAP)}
-    boxes = {name: spaces.Box(-_ROOM, _ROOM, (size,), np.float32) for name, size in sizes.items()}
-    ones = {"mask": feet * options, "last": feet * options, "left": 2}
-    boxes |= {name: spaces.Box(0.0, 1.0, (size,), np.float32) for name, size in ones.items()}
-    boxes["residual"] = spaces.Box(0.0, _ROOM, (2 * like.numbers.intervals,), np.float32)
-    order = ("candidates", "mask", "leap", "last", "residual", "left")
-    return spaces.Dict({name: boxes[name] for name in order})
+    return boxes(
+        {
+            "candidates": (-_ROOM, _ROOM, len(OF_CANDIDATE) * feet * options),
+            "mask": (0.0, 1.0, feet * options),
+            "leap": (-_ROOM, _ROOM, len(OF_LEAP)),
+            "last": (0.0, 1.0, feet * options),
+            "residual": (0.0, _ROOM, 2 * like.numbers.intervals),
+            "left": (0.0, 1.0, 2),
+        }
+    )

@@ -7,9 +7,8 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -17,17 +16,20 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import Scaled, observe
+from stancekit.planners.equilibrium.scaled import observe
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.exact import BoxSearch
 
-from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .episodes import Step, TaskEnv, boxes, checked_action
 from .reward import USUAL_SEARCH, SearchWeights, weighted
 from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info
 from .selection import VERTICES, scene_space
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _Observation = dict[str, NDArray[np.float32]]
 _ROOM = 4.0  # bound on non-dimensional coordinates in an observation
@@ -53,7 +55,14 @@ class RefinementSettings(SceneSettings):
         checked_int(self.budget, "budget", least=1)
 
 
-class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
+class _Refined(NamedTuple):
+    """A scene and the search of it."""
+
+    scene: LabelledScene
+    search: BoxSearch
+
+
+class EnvelopeRefinementEnv(TaskEnv[_Refined]):
     """Split the boxes of P1 until a posture is found, or until it is proved that none exists.
 
     ## Description
@@ -132,8 +141,6 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
     - v0: the first version
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
-
     def __init__(
         self,
         problem: ProblemSource = "wall-3",
@@ -141,7 +148,7 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        super().__init__(render_mode)
         settings = settings_from(RefinementSettings, options, beside=("problem", "render_mode"))
         chosen = settings.kind(problem)
         self._count = len(chosen.legs)
@@ -150,84 +157,71 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
         self._programs = settings.programs or Programs()
         self._acceptance = Acceptance()
         self._scenes = settings.source(chosen, self._programs)
-        self._scene: LabelledScene | None = None
-        self._scaled: Scaled | None = None
-        self._search: BoxSearch | None = None
-        self.observation_space: spaces.Space[Any] = refinement_space(self._count)
-        self.action_space: spaces.Space[Any] = spaces.Discrete(6 * self._count)
+        self.observation_space = refinement_space(self._count)
+        self.action_space = spaces.Discrete(6 * self._count)
         self._weights, self._terms = weighted(settings.weights, SearchWeights)
         if self._terms.by_key:
             scene = copy.copy(self._scenes).draw(np.random.default_rng(0))
-            info = self._info(self._begun(scene), scene)
+            info = self._info(self._begun(scene))
             self._terms.after(scene.problem, None, np.int64(0), info, False, False)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[_Observation, dict[str, Any]]:
+    def _begin(self) -> tuple[_Refined, dict[str, Any]]:
         """Draw scenes until one is not settled by its first box.
 
         Raises PlanningFailed after MAX_DRAWS.
         """
-        check_options(options)
-        super().reset(seed=checked_seed(seed))
         for _ in range(MAX_DRAWS):
             scene = self._scenes.draw(self.np_random)
-            scaled = scene.scaled
-            if scaled.size != (self._count, VERTICES):
+            if scene.scaled.size != (self._count, VERTICES):
                 raise InvalidInput(
                     f"scene: expected {self._count} contacts on triangles, got the size "
-                    f"{scaled.size}"
+                    f"{scene.scaled.size}"
                 )
-            search = self._begun(scene)
-            if search.verdict is Status.UNDECIDED and search.solves < self._budget:
-                self._scene, self._scaled, self._search = scene, scaled, search
-                info = self._info(search, scene) | self._terms.nothing
-                return self._observe(search, scaled), info
+            begun = self._begun(scene)
+            if not self._is_over(begun):
+                return begun, self._info(begun)
         raise PlanningFailed(f"no scene in {MAX_DRAWS} draws that its first box leaves open")
 
-    def _begun(self, scene: LabelledScene) -> BoxSearch:
+    def _begun(self, scene: LabelledScene) -> _Refined:
         """The search of a scene, its first box visited."""
-        return BoxSearch(
+        search = BoxSearch(
             scene.problem,
             scene.scaled,
             self._programs,
             projection=self._projection,
             acceptance=self._acceptance,
         )
+        return _Refined(scene, search)
 
-    def step(self, action: np.int64) -> tuple[_Observation, float, bool, bool, dict[str, Any]]:
+    def _is_over(self, episode: _Refined) -> bool:
+        search = episode.search
+        return search.verdict is not Status.UNDECIDED or search.solves >= self._budget
+
+    def _act(self, episode: _Refined, action: np.int64) -> Step:
         """Halve the current box in this dimension."""
-        if self._search is None or self._scene is None or self._scaled is None:
-            raise gym.error.ResetNeeded("reset the environment before the first step")
-        search = self._search
-        if search.verdict is not Status.UNDECIDED or search.solves >= self._budget:
-            raise gym.error.ResetNeeded("the episode is over: reset the environment")
+        scene, search = episode
         before = search.solves
         search.cut(int(checked_action(action, self.action_space)))
         ended = search.verdict is not Status.UNDECIDED
-        cut_off = not ended and search.solves >= self._budget
-        info = self._info(search, self._scene)
-        posture = search.posture if ended else None
-        own = self._terms.after(self._scene.problem, posture, action, info, ended, cut_off)
-        reward = self._weights.of(ended, (search.solves - before) / self._budget)
-        reward += sum(own.values())
-        return self._observe(search, self._scaled), reward, ended, cut_off, info | own
+        return Step(
+            reward=self._weights.of(ended, (search.solves - before) / self._budget),
+            terminated=ended,
+            truncated=not ended and search.solves >= self._budget,
+            info=self._info(episode),
+            question=scene.problem,
+            answer=search.posture if ended else None,
+        )
 
     @property
     def scene(self) -> LabelledScene:
         """The scene of this episode, for policies that look at more than the observation."""
-        if self._scene is None:
-            raise gym.error.ResetNeeded("reset the environment before asking for its scene")
-        return self._scene
+        return self._now("asking for its scene").scene
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Draw the scene with the current box, or with the posture where one was found."""
-        if self._search is None or self._scene is None:
-            raise gym.error.ResetNeeded("reset the environment before rendering")
+    def _drawn(self, episode: _Refined) -> Figure:
+        """The scene with the current box, or with the posture where one was found."""
         from stancekit.views.postures import draw_posture
-        from stancekit.views.sheet import to_rgb
 
-        search = self._search
+        scene, search = episode
         words = {
             Status.FEASIBLE: "a posture was found",
             Status.INFEASIBLE: "there is proved to be none",
@@ -235,16 +229,14 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
         state = words.get(search.verdict, f"{search.open} boxes are open")
         box = search.current.box if search.verdict is Status.UNDECIDED else None
         caption = f"{search.solves} of {self._budget} convex problems: {state}"
-        figure = draw_posture(
-            self._scene.problem, search.posture, envelope=box, caption=caption, why=state
-        )
-        return to_rgb(figure)
+        return draw_posture(scene.problem, search.posture, envelope=box, caption=caption, why=state)
 
-    def _observe(self, search: BoxSearch, scaled: Scaled) -> _Observation:
+    def _observe(self, episode: _Refined) -> _Observation:
+        scene, search = episode
         node = search.current if search.open else None
         zeros = np.zeros(6 * self._count)
         left = max(0.0, 1.0 - search.solves / self._budget)
-        return observe(scaled) | {
+        return observe(scene.scaled) | {
             "low": _seen(zeros if node is None else node.box.low),
             "high": _seen(zeros if node is None else node.box.high),
             "point": _seen(zeros if node is None else node.point),
@@ -255,7 +247,8 @@ class EnvelopeRefinementEnv(gym.Env[_Observation, np.int64]):
             "left": _seen(np.array([left])),
         }
 
-    def _info(self, search: BoxSearch, scene: LabelledScene) -> dict[str, Any]:
+    def _info(self, episode: _Refined) -> dict[str, Any]:
+        scene, search = episode
         posture = search.posture if self._margins else None
         verdicts = {Status.FEASIBLE: 1, Status.INFEASIBLE: 0, Status.UNDECIDED: -1}
         return {
@@ -286,12 +279,7 @@ def _seen(values: Array) -> NDArray[np.float32]:
 
 def refinement_space(count: int) -> spaces.Dict:
     """The observation space of ``EnvelopeRefinementEnv`` for this many contacts."""
-
-    def box(low: float, high: float, size: int) -> spaces.Box:
-        return spaces.Box(low, high, (size,), np.float32)
-
-    dimensions = {name: box(-_ROOM, _ROOM, 6 * count) for name in ("low", "high", "point")}
-    dimensions["gap"] = box(0.0, _ROOM, 6 * count)
-    numbers = {"margin": box(-_ROOM, _ROOM, 1), "left": box(0.0, 1.0, 1)}
-    numbers |= {name: box(0.0, _ROOM, 1) for name in ("depth", "open")}
-    return spaces.Dict({**scene_space(count).spaces, **dimensions, **numbers})
+    dimensions = dict.fromkeys(("low", "high", "point"), (-_ROOM, _ROOM, 6 * count))
+    numbers = {"gap": (0.0, _ROOM, 6 * count), "margin": (-_ROOM, _ROOM, 1), "left": (0.0, 1.0, 1)}
+    numbers |= dict.fromkeys(("depth", "open"), (0.0, _ROOM, 1))
+    return spaces.Dict({**scene_space(count).spaces, **boxes(dimensions | numbers).spaces})

@@ -129,7 +129,6 @@ class _SceneSource(Protocol):
 
     def draw(self, rng: np.random.Generator) -> LabelledScene:
         """Return the next scene."""
-        ...
 
 
 @runtime_checkable
@@ -138,11 +137,9 @@ class _Rows(Protocol):
 
     def rows(self) -> Iterator[Any]:
         """Its rows."""
-        ...
 
     def only(self, part: Any) -> Any:
         """Those of a part."""
-        ...
 
 
 class ListedScenes:

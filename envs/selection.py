@@ -10,9 +10,8 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -32,9 +31,12 @@ from stancekit.planners.verify import check_postures
 from stancekit.runner.control.envelope_choice import Predictor
 
 from .distributions.postures import PostureDistribution, distribution
-from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .episodes import Step, TaskEnv, boxes, checked_action
 from .reward import USUAL, Judged, RewardWeights, Terms, weighted
 from .scenes import LabelledScene, ProblemSource, SceneSettings, margin_info, seen
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
@@ -333,17 +335,13 @@ class SelectionTask:
 
 def scene_space(count: int) -> spaces.Dict:
     """The space of ``observe`` for this many contacts."""
-
-    def box(low: float, high: float, size: int) -> spaces.Box:
-        return spaces.Box(low, high, (size,), np.float32)
-
-    return spaces.Dict(
+    return boxes(
         {
-            "vertices": box(-ROOM, ROOM, count * VERTICES * 3),
-            "frames": box(-1.0, 1.0, count * 9),
-            "friction": box(0.0, ROOM, count),
-            "shoulders": box(-ROOM, ROOM, count * 3),
-            "reach": box(0.0, ROOM, count),
+            "vertices": (-ROOM, ROOM, count * VERTICES * 3),
+            "frames": (-1.0, 1.0, count * 9),
+            "friction": (0.0, ROOM, count),
+            "shoulders": (-ROOM, ROOM, count * 3),
+            "reach": (0.0, ROOM, count),
         }
     )
 
@@ -384,10 +382,7 @@ def class_envelopes(learned: LearnedSelector) -> EnvelopeSet:
     return expert_envelopes(kind.terrain, legs=kind.legs)
 
 
-_WINDOW = "stancekit"
-
-
-class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.float32] | np.int64]):
+class EnvelopeSelectionEnv(TaskEnv[LabelledScene]):
     """Choose boxes for P1 in one scene; the reward compares P1 and P2 over them with the exact
     answer.
 
@@ -481,89 +476,45 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        super().__init__(render_mode)
         settings = settings_from(SelectionSettings, options, beside=("problem", "render_mode"))
         self._task = SelectionTask(problem, settings)
-        self._scene: LabelledScene | None = None
         self._shown: tuple[Plan | None, Envelope | None] = (None, None)
-        self.observation_space: spaces.Space[Any] = self._task.observation_space
+        self.observation_space = self._task.observation_space
         self.action_space = self._task.action_space
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
-        """Draw the next scene."""
-        check_options(options)
-        super().reset(seed=checked_seed(seed))
-        self._scene = self._task.scenes.draw(self.np_random)
-        self._task.check(self._scene)
-        self._shown = (None, None)
-        if self.render_mode == "human":
-            self.render()
-        return seen(self._scene), self._task.before(self._scene)
+    def _begin(self) -> tuple[LabelledScene, dict[str, Any]]:
+        scene = self._task.scenes.draw(self.np_random)
+        self._task.check(scene)
+        self._shown = None, None
+        return scene, self._task.before(scene)
 
-    def step(
-        self, action: NDArray[np.float32] | np.int64
-    ) -> tuple[dict[str, NDArray[np.float32]], float, bool, bool, dict[str, Any]]:
+    def _act(self, episode: LabelledScene, action: NDArray[np.float32] | np.int64) -> Step:
         """Relax over the chosen boxes, project, compare with the expert; the episode ends."""
-        if self._scene is None:
-            raise gym.error.ResetNeeded("reset the environment before the first step")
-        verdict = self._task.judge(self._scene, action)
-        self._shown = (verdict.posture, verdict.envelope)
-        if self.render_mode == "human":
-            self.render()
-        return seen(self._scene), verdict.reward, True, False, verdict.info
+        verdict = self._task.judge(episode, action)
+        self._shown = verdict.posture, verdict.envelope
+        return Step(verdict.reward, True, False, verdict.info)
+
+    def _observe(self, episode: LabelledScene) -> dict[str, NDArray[np.float32]]:
+        return seen(episode)
+
+    def _drawn(self, episode: LabelledScene) -> Figure:
+        return picture(episode, *self._shown)
 
     @property
     def scene(self) -> LabelledScene:
         """The scene of this episode, for policies that look at more than the observation."""
-        if self._scene is None:
-            raise gym.error.ResetNeeded("reset the environment before asking for its scene")
-        return self._scene
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """Draw the scene, and after a step the envelope and the posture that P2 found in it."""
-        if self._scene is None:
-            raise gym.error.ResetNeeded("reset the environment before rendering")
-        pixels = picture(self._scene, *self._shown)
-        if self.render_mode == "human":
-            _show(pixels)
-            return None
-        return pixels
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self.render_mode == "human":
-            _hide()
+        return self._now("asking for its scene")
 
 
 def picture(
     scene: LabelledScene, posture: Plan | None = None, envelope: Envelope | None = None
-) -> NDArray[np.uint8]:
-    """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in
-    that.
-    """
+) -> Figure:
+    """A scene, with the envelope chosen for it and the posture that P2 found in that."""
     from stancekit.views.postures import draw_posture
-    from stancekit.views.sheet import to_rgb
 
     label = "feasible" if scene.feasible else "infeasible"
     why = "no posture chosen yet" if envelope is None else "P2 found no posture from this envelope"
-    return to_rgb(
-        draw_posture(scene.problem, posture, envelope=envelope, caption=f"expert: {label}", why=why)
+    return draw_posture(
+        scene.problem, posture, envelope=envelope, caption=f"expert: {label}", why=why
     )
-
-
-def _show(pixels: NDArray[np.uint8]) -> None:
-    """Put a picture on the screen; on a machine without one matplotlib falls back to a backend that
-    shows nothing.
-    """
-    import matplotlib.pyplot as plt
-
-    plt.figure(_WINDOW, clear=True).figimage(pixels, resize=True)
-    plt.pause(0.001)
-
-
-def _hide() -> None:
-    import matplotlib.pyplot as plt
-
-    plt.close(_WINDOW)

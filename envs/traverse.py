@@ -11,12 +11,10 @@ from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
@@ -42,10 +40,13 @@ from stancekit.planners.verify import check_plan
 from stancekit.runner.control.envelope_choice import SelectorPlanner
 
 from .distributions.courses import perturbed
-from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .episodes import Step, TaskEnv, boxes, checked_action
 from .reward import Terms, weighted
 from .scenes import margin_info
 from .selection import LearnedSelector, class_envelopes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _DRAWS = 50
 """Number of draws of a source that has nothing for some toe, before it is given up."""
@@ -347,7 +348,7 @@ NO_MODE = -1
 """In ``info``: a frame beyond the course's end, or a course that does not say its modes."""
 
 
-class TraverseEnv(gym.Env[Features, np.int64]):
+class TraverseEnv(TaskEnv[Problem]):
     """Choose who plans the next key frames of a climb, and be moved there.
 
     ## Description
@@ -448,8 +449,6 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     - v0: the first version
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
-
     def __init__(
         self,
         courses: Courses = ("stairs", "walls", "ground-to-wall"),
@@ -457,7 +456,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        super().__init__(render_mode)
         check_argument("courses", courses, Courses)
         settings = settings_from(TraverseSettings, options, beside=("courses", "render_mode"))
         self._draw, self._features = _course_source(courses, settings)
@@ -473,12 +472,11 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self._horizon, (self._weights, self._terms) = settings.horizon, settings.rewards
         self._patience, self._timing = settings.patience, bool(settings.timing)
         self._margins = bool(settings.margins)
-        self._course: Problem | None = None
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
         self._over = True
-        self.observation_space: spaces.Space[Any] = _space(self._features)
-        self.action_space: spaces.Space[Any] = spaces.Discrete(len(self._planners))
+        self.observation_space = boxes(self._features.bounds())
+        self.action_space = spaces.Discrete(len(self._planners))
         if self._terms.by_key:
             course = self._draw(np.random.default_rng(0))
             plan = replan(None, course, horizon=0, planner=self._start).solution
@@ -488,15 +486,11 @@ class TraverseEnv(gym.Env[Features, np.int64]):
                 self._terms.after(course, None, np.int64(0), info, False, False)
                 self._walked = []
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Features, dict[str, Any]]:
+    def _begin(self) -> tuple[Problem, dict[str, Any]]:
         """Draw courses until one has a first key frame that holds.
 
         Raises PlanningFailed after MAX_DRAWS.
         """
-        check_options(options)
-        super().reset(seed=checked_seed(seed))
         for _ in range(MAX_DRAWS):
             course = self._draw(self.np_random)
             if course.frames < 2:
@@ -505,20 +499,17 @@ class TraverseEnv(gym.Env[Features, np.int64]):
                 )
             plan = replan(None, course, horizon=0, planner=self._start).solution
             if plan is not None:
-                self._course, self._walked = course, [plan]
-                self._frame, self._vain, self._over = 0, 0, False
-                info = self._info(course, _Try()) | self._terms.nothing
-                return self._observe(course), info
+                self._walked, self._frame, self._vain, self._over = [plan], 0, 0, False
+                return course, self._info(course, _Try())
         raise PlanningFailed(f"no course in {MAX_DRAWS} draws whose first key frame holds")
 
-    def step(self, action: np.int64) -> tuple[Features, float, bool, bool, dict[str, Any]]:
+    def _is_over(self, episode: Problem) -> bool:
+        return self._over
+
+    def _act(self, episode: Problem, action: np.int64) -> Step:
         """Let the chosen planner plan the next window; go there if it can."""
-        if self._course is None or self._over:
-            raise gym.error.ResetNeeded(
-                "reset the environment before the first step and after the last"
-            )
         chosen = int(checked_action(action, self.action_space))
-        course, begin = self._course, self._frame
+        course, begin = episode, self._frame
         tried = self._try(course, chosen)
         if tried.plan is not None:
             self._walked = [
@@ -531,25 +522,19 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         truncated = not terminated and self._vain >= self._patience
         self._over = terminated or truncated
         info = self._info(course, tried, begin)
-        info |= self._terms.after(course, tried.plan, action, info, terminated, truncated)
         reward = sum(value for name, value in info.items() if name.startswith("reward_"))
-        return self._observe(course), float(reward), terminated, truncated, info
+        return Step(reward, terminated, truncated, info, course, tried.plan)
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Draw the path so far over the course."""
-        if self._course is None:
-            raise gym.error.ResetNeeded("reset the environment before rendering")
+    def _drawn(self, episode: Problem) -> Figure:
+        """The path so far over the course."""
         from stancekit.views.plans import draw_plan
-        from stancekit.views.sheet import to_rgb
 
-        caption = f"{self._course.name}: key frame {self._frame} of {self._course.frames - 1}"
-        return to_rgb(draw_plan(self.walk(), caption=caption, size_px=(960, 720)))
+        caption = f"{episode.name}: key frame {self._frame} of {episode.frames - 1}"
+        return draw_plan(self.walk(), caption=caption, size_px=(960, 720))
 
     def walk(self) -> Plan:
         """The plan of everything that was walked in this episode, from the first key frame on."""
-        if self._course is None:
-            raise gym.error.ResetNeeded("reset the environment before asking for the walk")
-        return joined(self._course, self._walked)
+        return joined(self._now("asking for the walk"), self._walked)
 
     def _try(self, course: Problem, chosen: int) -> _Try:
         """Plan the next window, have the walk with it verified, execute it."""
@@ -571,8 +556,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             outcome=outcome, plan=plan, executed=executed, planner=-1 if plan is None else chosen
         )
 
-    def _observe(self, course: Problem) -> Features:
-        return self._features.observe(course, self._frame, Standing.at_end(self._walked[-1]))
+    def _observe(self, episode: Problem) -> Features:
+        return self._features.observe(episode, self._frame, Standing.at_end(self._walked[-1]))
 
     def _info(self, course: Problem, tried: _Try, begin: int = 0) -> dict[str, Any]:
         weights, standing = self._weights, Standing.at_end(self._walked[-1])
@@ -634,10 +619,3 @@ class _Try:
             return 0.0
         course, steps = self.plan.problem, np.diff(self.plan.com_m, axis=0)
         return float(sum(step @ course.direction(k) for k, step in enumerate(steps, 1)))
-
-
-def _space(features: CourseFeatures) -> spaces.Dict:
-    bounds = features.bounds()
-    return spaces.Dict(
-        {name: spaces.Box(low, high, (n,), np.float32) for name, (low, high, n) in bounds.items()}
-    )

@@ -273,7 +273,9 @@ class _Batch:
 
     def render(self, _: None) -> list[NDArray[np.uint8]]:
         """Draw every scene that there is."""
-        return [picture(scene) for scene in self._at]
+        from stancekit.views.sheet import to_rgb
+
+        return [to_rgb(picture(scene)) for scene in self._at]
 
     def state(self, _: None) -> bytes:
         """Everything that a copy of this goes on from."""

@@ -12,9 +12,8 @@ from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -33,8 +32,11 @@ from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.robot.walker import walker_from
 
 from .distributions.courses import SampledTasks, Tasks
-from .episodes import check_options, checked_action, checked_render_mode, checked_seed
+from .episodes import Step, TaskEnv, boxes, checked_action
 from .reward import Terms, weighted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
 """Homotopies to choose from: factors on the terrain's heights."""
@@ -355,7 +357,7 @@ _NOTHING: Mapping[str, int | float] = MappingProxyType(
 """``info`` before anything was tried."""
 
 
-class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
+class WarpedGaitEnv(TaskEnv[Walk]):
     """Choose how to optimise a walk over a height field; the verifier judges the result.
 
     ## Description
@@ -429,8 +431,6 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     - v0: the first version
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
-
     def __init__(
         self,
         terrain: str = "mixed",
@@ -438,7 +438,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        super().__init__(render_mode)
         check_argument("terrain", terrain, str)
         settings = settings_from(GaitEnvSettings, options, beside=("terrain", "render_mode"))
         charts = CHARTS.names() if settings.charts is None else tuple(settings.charts)
@@ -452,11 +452,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
             if isinstance(self._tasks, SampledTasks)
             else self._feet_of()
         )
-        self.observation_space: spaces.Space[Any] = _task_space(feet)
-        self.action_space: spaces.Space[Any] = spaces.MultiDiscrete(
-            [len(charts), len(HEIGHTS), len(NOISES)]
-        )
-        self._task: Walk | None = None
+        self.observation_space = _task_space(feet)
+        self.action_space = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
         self._bench: Workbench | None = None
         self._found: Attempted | None = None
         self.pool = _pool_of(settings.pool, self._tasks, charts, self._settings)
@@ -470,58 +467,44 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         """Feet of the walks that a given source draws."""
         return len(self._tasks(np.random.default_rng(0)).robot.feet)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
-        """Draw the next walk."""
-        check_options(options)
-        super().reset(seed=checked_seed(seed))
+    def _begin(self) -> tuple[Walk, dict[str, Any]]:
         self._found = None
         if self.pool is None:
-            self._task = self._tasks(self.np_random)
-            self._workbench(self._task)
+            walk = self._tasks(self.np_random)
+            self._workbench(walk)
         else:
             self._walk = int(self.np_random.integers(len(self.pool)))
-            self._task = self.pool.walk(self._walk)
-        return self._observed(self._task), {**_NOTHING, **self._terms.nothing}
+            walk = self.pool.walk(self._walk)
+        return walk, dict(_NOTHING)
 
-    def step(
-        self, action: NDArray[np.int64]
-    ) -> tuple[dict[str, NDArray[np.float32]], float, bool, bool, dict[str, Any]]:
+    def _act(self, episode: Walk, action: NDArray[np.int64]) -> Step:
         """Solve as chosen and verify; the episode ends."""
-        if self._task is None:
-            raise gym.error.ResetNeeded("reset the environment before the first step")
         chart, heights, noise = checked_action(action, self.action_space).tolist()
         if self.pool is None:
             seed = int(self.np_random.integers(2**31))
             attempt = Attempt(
                 chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed
             )
-            self._found = _attempted(self._workbench(self._task), attempt)
+            self._found = _attempted(self._workbench(episode), attempt)
             came_to = _Outcome.of(self._found, self._settings.max_iterations * len(attempt.heights))
         else:
             came_to = self.pool.outcome(self._walk, (chart, heights, noise))
         info = self._info(came_to)
         motion = None if self._found is None else self._found.trajectory
-        info |= self._terms.after(self._task, motion, action, info, True, False)
-        reward = float(sum(value for name, value in info.items() if name.startswith("reward_")))
-        return self._observed(self._task), reward, True, False, info
+        reward = sum(value for name, value in info.items() if name.startswith("reward_"))
+        return Step(reward, True, False, info, episode, motion)
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Draw the terrain with the terrain-following guess, and after a step the motion that was
+    def _drawn(self, episode: Walk) -> Figure:
+        """The terrain with the terrain-following guess, and after a step the motion that was
         found.
         """
         from stancekit.views.gaits import draw_motion
-        from stancekit.views.sheet import to_rgb
 
-        if self._task is None:
-            raise gym.error.ResetNeeded("reset the environment before rendering")
         if self._found is not None:
-            return np.array(to_rgb(draw_motion(self._found.trajectory, self._found.report)))
-        guess = (
-            self._workbench(self._task).program("decoupled").solve(max_iterations=0).trajectory()
-        )
-        return np.array(to_rgb(draw_motion(guess, caption="before the step: the guess")))
+            return draw_motion(self._found.trajectory, self._found.report)
+        program = self._workbench(episode).program("decoupled")
+        guess = program.solve(max_iterations=0).trajectory()
+        return draw_motion(guess, caption="before the step: the guess")
 
     def _workbench(self, task: Walk) -> Workbench:
         """Workbench of a walk: what is written down for one serves it again."""
@@ -529,12 +512,12 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
             self._bench = Workbench(task, self._settings)
         return self._bench
 
-    def _observed(self, task: Walk) -> dict[str, NDArray[np.float32]]:
+    def _observe(self, episode: Walk) -> dict[str, NDArray[np.float32]]:
         """The observation of a walk; of one of a pool it is worked out once."""
         if self.pool is None:
-            return observe(task)
+            return observe(episode)
         if self._walk not in self._seen:
-            self._seen[self._walk] = observe(task)
+            self._seen[self._walk] = observe(episode)
         return {name: values.copy() for name, values in self._seen[self._walk].items()}
 
     def _info(self, found: _Outcome) -> dict[str, Any]:
@@ -605,17 +588,13 @@ def observe(task: Walk) -> dict[str, NDArray[np.float32]]:
 
 def _task_space(feet: int) -> spaces.Dict:
     """The space of ``observe`` for a robot of this many feet."""
-
-    def box_of(low: float, high: float, size: int) -> spaces.Box:
-        return spaces.Box(low, high, (size,), np.float32)
-
-    return spaces.Dict(
+    return boxes(
         {
-            "heights": box_of(-_ROOM, _ROOM, PATCH * PATCH),
-            "start": box_of(-_ROOM, _ROOM, 2),
-            "goal": box_of(-_ROOM, _ROOM, 2),
-            "facing": box_of(-1.0, 1.0, 2),
-            "friction": box_of(0.0, _ROOM, 1),
-            "adhesive": box_of(0.0, 1.0, feet),
+            "heights": (-_ROOM, _ROOM, PATCH * PATCH),
+            "start": (-_ROOM, _ROOM, 2),
+            "goal": (-_ROOM, _ROOM, 2),
+            "facing": (-1.0, 1.0, 2),
+            "friction": (0.0, _ROOM, 1),
+            "adhesive": (0.0, 1.0, feet),
         }
     )

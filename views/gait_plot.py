@@ -1,5 +1,5 @@
-"""Plots of gait solves: violation per iteration, and violation and time by walking direction (Pan
-et al. Figs. 8, 9).
+"""Plots of gaits: a run's tracking, and violation and time of solves by walking direction (Pan et
+al. Figs. 8, 9).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
+from matplotlib.ticker import NullFormatter
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
@@ -248,12 +248,8 @@ _COMPASS = "0° = +y, clockwise"
 """Count of walking directions."""
 _COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
 """Colours of methods in their order; they repeat after the sixth."""
-_MANY = 8
-"""More runs of a method than this are drawn thin, with their median."""
 _ROOM = 38
 """Letters that fit over a panel at full size."""
-LONG = 60
-"""Iterations beyond which the axis is logarithmic."""
 _TALL_PX = (1200, 980)
 """Size of a plot with two rows of panels."""
 
@@ -293,120 +289,6 @@ class GaitRun:
     def success(self) -> bool:
         """Tell whether the violation fell below the tolerance."""
         return bool(np.any(self.violations < _TOLERANCE))
-
-
-@DEFAULT_STYLE
-def draw_convergence(
-    runs: Sequence[GaitRun],
-    *,
-    caption: str = "",
-    methods: Sequence[str] = (),
-    size_px: Size = PLOT_PX,
-) -> Figure:
-    """Violation at every iteration, a line a solve, a colour a method; a dot where it succeeds, a
-    cross where it ends.
-
-    Many solves of a method are thin lines with their median, which ends where half of them have.
-
-    Arguments:
-        methods: in the order of their colours, the order of the runs where there are none.
-
-    Raises:
-        InvalidInput: without runs.
-    """
-    colours = _colours(runs, methods)
-    figure = sheet(size_px, PLOT_PX)
-    headline(
-        figure,
-        caption or "Convergence",
-        f"largest constraint violation; success is below {_TOLERANCE:g}",
-    )
-    labels = [_label(name, [run for run in runs if run.method == name]) for name in colours]
-    high = figure.get_figheight()
-    columns = min(
-        len(colours),
-        max(1, int(95.0 * figure.get_figwidth() / 12.0 / (7 + max(map(len, labels)) * 0.74))),
-    )
-    top = 0.92 + 0.26 * -(-len(colours) // columns)
-    axes = figure.add_axes((0.075, 0.72 / high, 0.9, 1.0 - (0.72 + top) / high))
-    most = max(run.iterations for run in runs)
-    axes.set(
-        yscale="log",
-        ylim=(0.1 * _TOLERANCE, max(3.0 * max(float(run.violations.max()) for run in runs), 1.0)),
-    )
-    axes.set_xlabel("iteration", size=11.5, color=INK)
-    _iterations(axes, most)
-    axes.axhspan(0.1 * _TOLERANCE, _TOLERANCE, color="#e6f0ec", lw=0, zorder=0)
-    axes.axhline(_TOLERANCE, color="#58a695", lw=1.2, zorder=1)
-    quiet_axes(axes)
-    axes.tick_params(which="both", labelsize=11)
-    for (method, colour), label in zip(colours.items(), labels, strict=True):
-        _draw_lines(axes, [run for run in runs if run.method == method], colour)
-        axes.plot([], [], color=colour, lw=2.5, label=label)
-    axes.legend(
-        ncols=columns,
-        loc="lower left",
-        bbox_to_anchor=(-0.005, 1.01),
-        frameon=False,
-        fontsize=11,
-        labelcolor=INK,
-        handlelength=1.4,
-        columnspacing=1.6,
-        borderpad=0.0,
-    )
-    return figure
-
-
-def _draw_lines(axes: Axes, runs: Sequence[GaitRun], colour: str) -> None:
-    """The solves of one method."""
-    few = len(runs) <= _MANY
-    for run in runs:
-        shown = np.maximum(run.violations[: run.iterations + 1], 0.15 * _TOLERANCE)
-        width, alpha = (2.0, 1.0) if len(runs) < 4 else (1.1, 0.55) if few else (0.6, 0.18)
-        axes.plot(shown, color=colour, lw=width, alpha=alpha)
-        if few or not run.success:
-            _draw_end(
-                axes, len(shown) - 1, float(shown[-1]), colour, run.success, 8.0 if few else 5.0
-            )
-    if not few:
-        ends = np.array([run.iterations for run in runs])
-        last = int(np.median(ends))
-        held = np.array(
-            [run.violations[np.minimum(np.arange(last + 1), run.iterations)] for run in runs]
-        )
-        middle = np.maximum(np.median(held, axis=0), 0.15 * _TOLERANCE)
-        axes.plot(
-            middle,
-            color=colour,
-            lw=2.8,
-            zorder=3,
-            path_effects=[withStroke(linewidth=4.6, foreground="white")],
-        )
-        _draw_end(axes, last, float(middle[-1]), colour, bool(middle[-1] < _TOLERANCE), 10.0)
-
-
-def _draw_end(
-    axes: Axes, iteration: int, violation: float, colour: str, success: bool, size: float
-) -> None:
-    end = (
-        {"marker": "o", "mec": "white", "mfc": colour}
-        if success
-        else {"marker": "X", "mec": ACCENT, "mfc": ACCENT}
-    )
-    axes.plot([iteration], [violation], ms=size, zorder=4, **end)  # type: ignore[arg-type]
-
-
-def _iterations(axes: Axes, most: int) -> None:
-    """The axis of iterations, by eye logarithmic where there are many."""
-    if most <= LONG:
-        axes.set_xlim(-0.01 * most, max(1.02 * most, 1.0))
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        return
-    axes.set_xscale("function", functions=(_radius, lambda radius: 2.0 * np.expm1(radius)))
-    axes.set_xlim(0.0, 1.05 * most)
-    axes.xaxis.set_major_locator(FixedLocator([0, *(tick for tick in _TICKS if tick <= most)]))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 @DEFAULT_STYLE

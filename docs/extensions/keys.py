@@ -84,7 +84,6 @@ SECTIONS = (
             "learners.evaluation.bench:Experiment",
             "learners.selectors.genetic:GeneticSettings",
             "learners.selectors.neural:NeuralSettings",
-            "learners.selectors.chooser:ChooserSettings",
         ),
     ),
     Section(
@@ -146,7 +145,6 @@ INTERNAL = {
     "learners.surrogates.surrogate:_Header": "metadata of weights",
     "learners.selectors.neural:_Calibration": "metadata of weights",
     "learners.selectors.neural:_Header": "metadata of weights",
-    "learners.selectors.chooser:_Header": "metadata of weights",
     "learners.selectors.policy:PolicyShape": "metadata of weights",
     "learners.selectors.selector:Card": "cards of selectors that ship, which a benchmark writes",
     "learners.selectors.selector:Figure": "cards of selectors that ship, which a benchmark writes",

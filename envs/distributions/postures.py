@@ -51,25 +51,20 @@ class Distribution(Protocol):
     @property
     def name(self) -> str:
         """Name by which it is requested."""
-        ...
 
     @property
     def terrain(self) -> str:
         """Name that the mode of a course has over such terrain."""
-        ...
 
     @property
     def legs(self) -> tuple[str, ...]:
         """The limbs of every problem."""
-        ...
 
     def sample(self, rng: np.random.Generator) -> Problem:
         """Draw one posture problem."""
-        ...
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
         """Draw this many: those that as many calls of ``sample`` draw."""
-        ...
 
 
 @runtime_checkable
@@ -83,7 +78,6 @@ class Repeatable(Distribution, Protocol):
 
     def skip(self, rng: np.random.Generator, count: int) -> None:
         """Leave the generator as ``batch`` of so many leaves it."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

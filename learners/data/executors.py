@@ -63,11 +63,9 @@ class Executor(Protocol):
     @property
     def workers(self) -> int:
         """Tasks that run at a time, as far as is known now."""
-        ...
 
     def __call__(self, tasks: Iterable[Task[Answer] | None]) -> Iterator[Answer]:
         """Run them; the first exception of a task is raised again here."""
-        ...
 
 
 def gather(

@@ -72,11 +72,9 @@ class Drafts(Protocol[Made]):
 
     def tasks(self) -> Iterable[Task[Made] | None]:
         """Tasks for an executor."""
-        ...
 
     def take(self, answer: Made) -> Shard | None:
         """Keep an answer; the shard that it completes."""
-        ...
 
 
 def fill(

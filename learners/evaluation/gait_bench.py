@@ -39,7 +39,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
-from stancekit.views.gait_plot import GaitRun, draw_convergence, draw_directions, draw_times
+from stancekit.views.gait_plot import GaitRun, draw_directions, draw_times
 
 from ..data.executors import processes
 from .evaluate import Share
@@ -681,8 +681,8 @@ _AROUND = ("ripple", "cone", "pit", "pit-84", "pit-87")
 
 
 def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
-    """Write convergence-TERRAIN.png, and directions- and times-TERRAIN.png where tasks go all
-    around; what was written.
+    """Write directions-TERRAIN.png and times-TERRAIN.png where tasks go all around; what was
+    written.
 
     Cells without a single iterate, e.g. for want of a map, are left out.
     """
@@ -692,7 +692,7 @@ def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
         [row for row in rows if row["method"] in _DRAWN and row.get("violations")],
         list[Path](),
     )
-    for terrain in dict.fromkeys(row["terrain"] for row in every):
+    for terrain in dict.fromkeys(row["terrain"] for row in every if row["terrain"] in _AROUND):
         rows_of_method = [
             row
             for method in _DRAWN
@@ -707,27 +707,19 @@ def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
 
 def _figures(terrain: str, rows: Sequence[Row]) -> Iterator[tuple[str, Any]]:
     seeds = sorted({row["seed"] for row in rows})
-    runs = [_run(row) for row in rows]
-    yield (
-        "convergence",
-        draw_convergence(runs, caption=f"Convergence on {terrain}", methods=_COLOURED),
+    wedge = 2.0 * math.pi / len(reference_tasks(terrain)) / len(seeds)
+    beside = [
+        _run(row, wedge * (seeds.index(row["seed"]) - 0.5 * (len(seeds) - 1))) for row in rows
+    ]
+    guesses = (
+        f"up to {len(seeds)} guesses a direction" if len(seeds) > 1 else "one guess a direction"
     )
-    if terrain in _AROUND:
-        wedge = 2.0 * math.pi / len(reference_tasks(terrain)) / len(seeds)
-        beside = [
-            _run(row, wedge * (seeds.index(row["seed"]) - 0.5 * (len(seeds) - 1))) for row in rows
-        ]
-        guesses = (
-            f"up to {len(seeds)} guesses a direction" if len(seeds) > 1 else "one guess a direction"
-        )
-        yield (
-            "directions",
-            draw_directions(
-                beside, caption=f"Violation by walking direction on {terrain}, {guesses}"
-            ),
-        )
-        caption = f"CPU time by walking direction on {terrain}, {guesses}"
-        yield "times", draw_times(runs, caption=caption, methods=_COLOURED)
+    yield (
+        "directions",
+        draw_directions(beside, caption=f"Violation by walking direction on {terrain}, {guesses}"),
+    )
+    caption = f"CPU time by walking direction on {terrain}, {guesses}"
+    yield "times", draw_times([_run(row) for row in rows], caption=caption, methods=_COLOURED)
 
 
 def _run(row: Row, beside_rad: float = 0.0) -> GaitRun:

@@ -20,11 +20,9 @@ class Scores(Protocol):
 
     def scores(self, numbers: LeapNumbers) -> Array:
         """The score of every candidate, shape (P, options)."""
-        ...
 
     def write(self, path: str | Path) -> None:
         """Write the file."""
-        ...
 
 
 SCORER = ".safetensors"

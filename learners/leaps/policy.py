@@ -28,6 +28,7 @@ from stancekit.planners.leap.scp import OF_CANDIDATE, OF_LEAP, LeapFeatures
 
 from ..selectors.network import (
     AttentionBlock,
+    fit_epochs,
     load_weights,
     read_tensors,
     undisturbed,
@@ -246,6 +247,8 @@ class LeapScorer:
         return cls(network=network.eval(), origin=dict(header.get("origin") or {}))
 
 
+_WARM = 0.3
+"""Share of the steps in which the rate rises."""
 _MIRRORED = 0.5
 """Share of the batches that are mirrored left to right, which is a symmetry of the physics."""
 _FLIPPED = ("_y", "_y_m", "_y_m_s")
@@ -353,30 +356,21 @@ def fit_scorer(
     with undisturbed(settings.seed):
         network = ScoreNetwork(kind, settings.width, settings.layers)
     _fit_scales(network, train)
-    optimiser = torch.optim.AdamW(
-        network.parameters(), lr=settings.rate, weight_decay=settings.decay
-    )
-    steps = settings.epochs * -(-len(train) // settings.batch)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, total_steps=steps + 1)
+
+    def loss_of(part: Tensor) -> Tensor:
+        mirrored = bool(torch.rand((), generator=generator) < _MIRRORED)
+        batch = _mirrored(train[part]) if mirrored else train[part]
+        return _loss(network, batch, settings.ranking)
+
     best: tuple[float, dict[str, Tensor]] = (np.inf, {})
-    for epoch in range(settings.epochs):
-        network.train()
-        for part in torch.split(torch.randperm(len(train), generator=generator), settings.batch):
-            batch = train[part]
-            if torch.rand((), generator=generator) < _MIRRORED:
-                batch = _mirrored(batch)
-            optimiser.zero_grad()
-            _loss(network, batch, settings.ranking).backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-            optimiser.step()
-            schedule.step()
-        network.eval()
+    knobs = {name: getattr(settings, name) for name in ("epochs", "batch", "rate", "decay")}
+    for epoch in fit_epochs(network, loss_of, len(train), generator, warm=_WARM, **knobs):
         with torch.no_grad():
             loss = float(_loss(network, test, settings.ranking))
         if loss < best[0]:
             best = (loss, {name: value.clone() for name, value in network.state_dict().items()})
         if progress is not None:
-            progress(epoch + 1, settings.epochs)
+            progress(epoch, settings.epochs)
     network.load_state_dict(best[1])
     origin = {
         "method": kind,

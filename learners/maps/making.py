@@ -53,6 +53,8 @@ from stancekit.planners.search.exact import Exact
 from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.verify.explain import hindrances
 
+from ..surrogates.features import half_spaces
+
 if TYPE_CHECKING:
     from ..surrogates.surrogate import Surrogate
 
@@ -269,16 +271,7 @@ class Maker:
         self.margin = np.full(len(poses), np.nan, dtype=np.float32)
         self._tried = np.zeros(len(poses), dtype=bool)
         self._exact = Exact(max_nodes=NODES, time_limit_s=math.inf)
-        none = np.zeros((0, 3)), np.zeros(0)
-        self._half_spaces = [
-            none
-            if contact.reach_rows is None
-            else (
-                contact.reach_rows.normals,
-                contact.reach_rows.bounds_m / poses.like.length_scale_m,
-            )
-            for contact in poses.like.contacts
-        ]
+        self._half_spaces = half_spaces(poses.like)
         off = poses.off
         self._set(np.flatnonzero(off), INFEASIBLE, "foothold", -1.0)
 
@@ -447,7 +440,7 @@ def make_map(
 
 def _learned(maker: Maker, settings: MapSettings, rng: np.random.Generator) -> Surrogate | None:
     """Surrogate learned from proved poses; None where all of them have one answer."""
-    from ..surrogates.training import FARTHEST, LabelledBatch, SurrogateSettings, fit_rows
+    from ..surrogates.surrogate import FARTHEST, LabelledBatch, SurrogateSettings, fit_rows
 
     proved = np.flatnonzero(
         (maker.verdict == FEASIBLE)

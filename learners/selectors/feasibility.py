@@ -75,7 +75,6 @@ class FeasibilityOracle(Protocol):
     @property
     def counts(self) -> VerdictCounts:
         """Counts of the ways in which all verdicts so far came about."""
-        ...
 
     def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Decide for every box whether P1 over it is feasible for each of the problems with the
@@ -83,7 +82,6 @@ class FeasibilityOracle(Protocol):
 
         Returns truth values, shape (len(boxes), len(which)).
         """
-        ...
 
 
 class SolvingOracle:

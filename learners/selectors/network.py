@@ -149,15 +149,88 @@ def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: str | 
     allocated then before the shapes are those of the file's tensors.
     """
     wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
-    shapes = {name: tuple(value.shape) for name, value in tensors.items()}
-    if wanted != shapes:
-        odd = sorted(name for name in wanted | shapes if wanted.get(name) != shapes.get(name))[0]
-        raise InvalidInput(
-            f"{path}: tensor {odd}: expected shape {wanted.get(odd)}, got {shapes.get(odd)}"
-        )
+    check_shapes(path, wanted, tensors)
     if any(value.is_meta for value in network.state_dict().values()):
         network.to_empty(device="cpu")
     network.load_state_dict(tensors)
+
+
+def check_shapes(
+    path: str | Path, wanted: Mapping[str, tuple[int, ...]], tensors: Mapping[str, Tensor]
+) -> None:
+    """Raise InvalidInput that names the first tensor that is missing, unknown or of another
+    shape.
+    """
+    shapes = {name: tuple(value.shape) for name, value in tensors.items()}
+    odd = sorted(name for name in {**wanted, **shapes} if wanted.get(name) != shapes.get(name))
+    if odd:
+        raise InvalidInput(
+            f"{path}: tensor {odd[0]}: expected shape {wanted.get(odd[0])}, got "
+            f"{shapes.get(odd[0])}"
+        )
+
+
+_ADAM = "adam."
+
+
+def of_optimiser(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """What an optimiser has seen, as tensors of a checkpoint."""
+    return {
+        f"{_ADAM}{index}.{name}": torch.as_tensor(value)
+        for index, slot in optimiser.state_dict()["state"].items()
+        for name, value in slot.items()
+    }
+
+
+def load_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
+    """Put an optimiser back, by the tensors of a checkpoint."""
+    state: dict[int, dict[str, Tensor]] = {}
+    for name in filter(lambda name: name.startswith(_ADAM), tensors):
+        _, index, slot = name.split(".")
+        state.setdefault(int(index), {})[slot] = tensors[name]
+    optimiser.load_state_dict({**optimiser.state_dict(), "state": state})
+
+
+def fit_epochs(
+    network: nn.Module,
+    loss: Callable[[Tensor], Tensor],
+    rows: int,
+    chance: torch.Generator,
+    *,
+    epochs: int,
+    batch: int,
+    rate: float,
+    decay: float,
+    warm: float,
+) -> Iterator[int]:
+    """Fit a network to its rows in shuffled batches, at a rate that rises and falls once; after
+    every epoch its number, from 1, with the network as it is to be used.
+
+    Arguments:
+        loss: of the rows with these numbers.
+        rate, decay: AdamW's largest, and that of its weights.
+        warm: share of the steps in which the rate rises.
+    """
+    optimiser = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=decay)
+    steps = epochs * -(-rows // batch)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, rate, total_steps=steps + 1, pct_start=warm
+    )
+    for epoch in range(epochs):
+        network.train()
+        for part in torch.split(torch.randperm(rows, generator=chance), batch):
+            descend(network, optimiser, loss(part))
+            schedule.step()
+        network.eval()
+        yield epoch + 1
+
+
+def descend(network: nn.Module, optimiser: torch.optim.Optimizer, loss: Tensor) -> None:
+    """One step down a loss, its gradient clipped to 1."""
+    optimiser.zero_grad()
+    torch.autograd.backward(loss)
+    nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+    optimiser.step()
 
 
 _CORNERS = 3
@@ -409,25 +482,6 @@ class BoxNetwork(nn.Module):
             (point + above).clamp(-1.0, 1.0),
             point.clamp(-1.0, 1.0),
         )
-
-
-class ChoiceNetwork(nn.Module):
-    """Scenes to the cost of each of K envelopes, whatever the order of the contacts: logits, shape
-    (B, K).
-    """
-
-    def __init__(self, architecture: Architecture, options: int) -> None:
-        super().__init__()
-        self.architecture = architecture
-        width = architecture.width
-        self.encoder = _Encoder(architecture)
-        self.head = nn.Sequential(
-            nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, options)
-        )
-
-    def forward(self, scenes: SceneTensors) -> Tensor:
-        """Logits."""
-        return torch.as_tensor(self.head(self.encoder(scenes).mean(dim=1)))
 
 
 class AttentionBlock(nn.Module):

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt
-from torch import Tensor, nn
+from torch import Tensor
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.episodes import MemorylessPolicy, Observation
@@ -34,7 +34,10 @@ from .network import (
     Mirror,
     SceneTensors,
     as_arrays,
+    descend,
+    load_optimiser,
     load_weights,
+    of_optimiser,
     pinball,
     read_tensors,
     undisturbed,
@@ -316,10 +319,7 @@ class _Trainer:
         return boxes, margins(low, high, problems, self._programs, self._settings.relaxation)
 
     def _step(self, loss: Tensor) -> float:
-        self._optimizer.zero_grad()
-        torch.autograd.backward(loss)
-        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
-        self._optimizer.step()
+        descend(self.network, self._optimizer, loss)
         return float(loss.detach())
 
     def _set_rate(self, rate: float, done: float) -> None:
@@ -346,12 +346,11 @@ class _Trainer:
         if self._checkpoint is None:
             return
         tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
-        for index, state in self._optimizer.state_dict()["state"].items():
-            tensors |= {
-                f"adam.{index}.{name}": torch.as_tensor(value) for name, value in state.items()
-            }
         write_tensors(
-            self._checkpoint, _CHECKPOINT, {"run": self._run, "history": self.history}, tensors
+            self._checkpoint,
+            _CHECKPOINT,
+            {"run": self._run, "history": self.history},
+            tensors | of_optimiser(self._optimizer),
         )
 
     def _resume(self) -> None:
@@ -375,13 +374,8 @@ class _Trainer:
             if "network." in name
         }
         load_weights(self.network, weights, self._checkpoint)
-        state: dict[int, dict[str, Tensor]] = {}
-        for name, value in tensors.items():
-            if name.startswith("adam."):
-                _, index, key = name.split(".")
-                state.setdefault(int(index), {})[key] = value
         self._optimizer = self._fresh(self._settings.rate)
-        self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": state})
+        load_optimiser(self._optimizer, tensors)
 
 
 FORMAT = "stancekit/neural/1"

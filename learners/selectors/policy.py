@@ -27,7 +27,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import shown, validated
 from stancekit.planners.relaxation.envelope import Envelope
 
-from .network import read_tensors, undisturbed, write_tensors
+from .network import check_shapes, read_tensors, undisturbed, write_tensors
 
 FORMAT = "stancekit/policy/1"
 EnvironmentName = Literal["stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"]
@@ -318,18 +318,3 @@ def moved(base: Array, offset: float, action: NDArray[np.float32]) -> NDArray[np
 def bounds_of(envelope: Envelope) -> Array:
     """The base bounds of an envelope, kept within the actions' domain."""
     return np.clip(envelope.to_vector(), -1.0, 1.0)
-
-
-def check_shapes(
-    path: str | Path, wanted: Mapping[str, tuple[int, ...]], tensors: Mapping[str, Tensor]
-) -> None:
-    """Raise InvalidInput that names the first tensor that is missing, unknown or of another
-    shape.
-    """
-    shapes = {name: tuple(value.shape) for name, value in tensors.items()}
-    odd = sorted(name for name in {**wanted, **shapes} if wanted.get(name) != shapes.get(name))
-    if odd:
-        raise InvalidInput(
-            f"{path}: tensor {odd[0]}: expected shape {wanted.get(odd[0])}, got "
-            f"{shapes.get(odd[0])}"
-        )

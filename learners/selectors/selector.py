@@ -319,11 +319,6 @@ def _network(kind: str, path: Path) -> Learned:
 
         neural = NeuralSelector.load(path)
         return Learned.of(neural, kind, neural.problem_class)
-    if kind == "stancekit/chooser/1":
-        from .chooser import Chooser
-
-        chooser = Chooser.load(path)
-        return Learned(selector=chooser, problem_class=chooser.envelopes.problem_class)
     if kind == "stancekit/policy/1":
         from .policy import TrainedPolicy
 
@@ -334,7 +329,7 @@ def _network(kind: str, path: Path) -> Learned:
                 f"{path}: expected a policy that chooses envelopes, got one for {got}"
             )
         return Learned(selector=policy, problem_class=policy.shape.problem)
-    known = "stancekit/envelope/1, stancekit/neural/1, stancekit/chooser/1 or stancekit/policy/1"
+    known = "stancekit/envelope/1, stancekit/neural/1 or stancekit/policy/1"
     raise InvalidInput(f"{path}: expected format {known}, got {kind:.60}")
 
 

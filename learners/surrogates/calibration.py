@@ -13,8 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
-from scipy.special import bdtr, gammaincc
+from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -41,6 +40,8 @@ def allowed(count: int, error: float, doubt: float) -> int:
     """
     if count < 1 or (1.0 - error) ** count > doubt:
         return -1
+    from scipy.special import bdtr  # slow to import, and not asked for where answers are read
+
     low, high = 0, count
     while high - low > 1:  # P(Bin ≤ low) ≤ doubt < P(Bin ≤ high)
         middle = (low + high) // 2
@@ -128,6 +129,9 @@ class Likeness:
         seen = _counted(values, self.edges)
         size = counted[there][..., None]
         shares = (self.counts[there] + 0.5 / BINS) / (size + 0.5)
+        from scipy.optimize import nnls
+        from scipy.special import gammaincc
+
         weights, expected = np.ones(len(shares)), seen
         for _ in range(_ROUNDS):
             scale = 1.0 / np.sqrt(np.maximum(expected, LEAST))
@@ -150,3 +154,48 @@ def _counted(values: Array, edges: Array) -> Array:
         for row, column in zip(edges, np.reshape(values, (-1, len(edges))).T, strict=True)
     ]
     return np.array(bins, dtype=np.float64)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Screened:
+    """Answers of a surrogate.
+
+    Arguments:
+        answers: "feasible", "infeasible" or "ask" per problem, shape (B,).
+        margins: the surrogate's own estimate of how far each problem is from the border, above 0
+            feasible, within ±0.1, non-dimensional: no bound holds it; shape (B,).
+        scores: by which it answers, the larger, the more feasible, shape (B,).
+        error: of truly feasible problems of the class at most this share is called infeasible, and
+            of truly infeasible ones at most this share feasible; of trivially infeasible ones only
+            where the rows of the calibration had any.
+        confidence: with which that holds, by the rows that it was calibrated on.
+        shifted: why everything is asked, where a batch of 64 problems or more is not drawn as the
+            class is, so that nothing is promised of it; empty otherwise.
+
+    Raises:
+        Nothing.
+    Source:
+        Wilks (1941), one-sided tolerance intervals.
+
+    Example:
+        >>> import numpy as np
+        >>> from stancekit import Screened
+        >>> Screened(answers=np.array(["feasible", "ask"]), margins=np.zeros(2),
+        ...          scores=np.zeros(2), error=0.005, confidence=0.95).decided
+        0.5
+    """
+
+    answers: NDArray[np.str_]
+    margins: Array
+    scores: Array
+    error: float
+    confidence: float
+    shifted: str = ""
+
+    def __len__(self) -> int:
+        return len(self.answers)
+
+    @property
+    def decided(self) -> float:
+        """Share of the problems that are not asked of an exact planner; NaN for no problems."""
+        return float(np.mean(self.answers != "ask")) if len(self.answers) else math.nan

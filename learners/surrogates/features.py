@@ -57,14 +57,7 @@ class Seer:
     @classmethod
     def of(cls, problem: Problem) -> Seer:
         """The features of problems that differ from this one in their patches alone."""
-        scaled = Scaled.of(problem)
-        none = np.zeros((0, 3)), np.zeros(0)
-        rows = tuple(
-            none
-            if contact.reach_rows is None
-            else (contact.reach_rows.normals, contact.reach_rows.bounds_m / scaled.length_m)
-            for contact in problem.contacts
-        )
+        scaled, rows = Scaled.of(problem), tuple(half_spaces(problem))
         return cls(scaled=scaled, half_spaces=rows, turns=symmetries(scaled, rows))
 
     def features(self, batch: PostureBatch) -> Features:
@@ -110,6 +103,16 @@ class Seer:
                 inside = bounds - vertices[:, limb] @ normals.T
                 room[:, limb] = np.minimum(room[:, limb], inside.min(axis=-1))
         return np.asarray(room)
+
+
+def half_spaces(problem: Problem) -> list[tuple[Array, Array]]:
+    """Normals, shape (R, 3), and bounds, non-dimensional, of where each toe may be; of none where
+    its reach is a ball alone.
+    """
+    none = np.zeros((0, 3)), np.zeros(0)
+    rows = [contact.reach_rows for contact in problem.contacts]
+    length_m = problem.length_scale_m
+    return [none if each is None else (each.normals, each.bounds_m / length_m) for each in rows]
 
 
 def symmetries(scaled: Scaled, half_spaces: Sequence[tuple[Array, Array]]) -> Array:

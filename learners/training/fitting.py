@@ -42,7 +42,6 @@ KNOBS: Mapping[str, tuple[str, ...]] = {
     "gradient": ("share", "boxes", "steps", "batch", "seed"),
     "ga": ("genetic",),
     "modes": ("share",),
-    "chooser": ("share", "boxes", "steps", "batch", "seed", "chooser"),
     "neural": ("neural",),
     "joint": ("neural",),
     "rl": ("rl",),
@@ -60,10 +59,9 @@ class FitSettings:
         clusters: n of Algorithm E2.
         threshold: p_th of its line 6.
         time_limit_s: of the printed Boundary_fit, per cluster.
-        boxes: of gradient and chooser.
+        boxes: of gradient.
         steps, batch: of the margin descent.
-        genetic, neural, chooser: keys of ``GeneticSettings``, ``NeuralSettings``,
-            ``ChooserSettings``.
+        genetic, neural: keys of ``GeneticSettings``, ``NeuralSettings``.
         rl: of ``TrainConfig``, but for environment, problem and scenes.
     """
 
@@ -79,7 +77,6 @@ class FitSettings:
     seed: NonNegativeInt = 0
     genetic: Mapping[str, Any] = field(default_factory=dict)
     neural: Mapping[str, Any] = field(default_factory=dict)
-    chooser: Mapping[str, Any] = field(default_factory=dict)
     rl: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -126,10 +123,6 @@ class FitSettings:
             from ..selectors.neural import NeuralSettings
 
             typed(NeuralSettings, self.neural, "neural")
-        elif method == "chooser":
-            from ..selectors.chooser import ChooserSettings
-
-            typed(ChooserSettings, self.chooser, "chooser")
         elif method == "rl":
             self.training("wall-3", None, {"feasible": 1, "infeasible": 1, "seed": 0})
 
@@ -326,7 +319,6 @@ METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
     {
         **{name: f"{_BOXES}:{name.replace('-', '_')}" for name in ENVELOPES},
         "modes": f"{_BOXES}:modes",
-        "chooser": f"{_NETWORKS}:chooser",
         "neural": f"{_NETWORKS}:neural",
         "joint": f"{_NETWORKS}:joint",
         "rl": f"{_NETWORKS}:reinforcement",

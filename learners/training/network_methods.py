@@ -9,7 +9,6 @@ from pathlib import Path
 from stancekit.envs.data.dataset import scenes_of
 from stancekit.planners.files.documents import typed
 
-from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
 from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural, kept_apart
 from ..selectors.policy import TrainedPolicy, bounds_of
 from .fitting import FitRequest, fit
@@ -40,15 +39,6 @@ def joint(request: FitRequest) -> NeuralSelector:
         settings, neural={"target": _JOINT_TARGET, **settings.neural, "relaxation": "joint"}
     )
     return neural(replace(request, settings=joint_settings))
-
-
-def chooser(request: FitRequest) -> Chooser:
-    """Boxes that descend P1's margins, and a network that picks one a terrain."""
-    dataset, settings, progress = request.dataset, request.settings, request.progress
-    envelopes = fit("gradient", dataset, settings, progress)
-    return fit_chooser(
-        dataset, envelopes, typed(ChooserSettings, settings.chooser, "chooser"), progress
-    )
 
 
 def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:

@@ -29,13 +29,20 @@ from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_text
 
-from ..selectors.network import read_tensors, undisturbed, write_tensors
-from ..selectors.policy import TrainedPolicy, check_shapes
+from ..selectors.network import (
+    check_shapes,
+    load_optimiser,
+    of_optimiser,
+    read_tensors,
+    undisturbed,
+    write_tensors,
+)
+from ..selectors.policy import TrainedPolicy
 from .baselines import SelectionVecEnv, refinement_vec_env
 from .held_out import CurvePoint, Trained, TrainingScenes, evaluator
 from .train_config import TrainConfig
 
-_CHECKPOINT_FORMAT = "stancekit/training/1"
+_CHECKPOINT_FORMAT = "stancekit/training/2"
 NAME = "checkpoint.safetensors"
 
 
@@ -53,10 +60,7 @@ def _write_checkpoint(
         more: JSON-ready, into the header.
     """
     tensors = {f"policy.{name}": value for name, value in weights.items()}
-    for index, slot in optimizer.state_dict()["state"].items():
-        tensors |= {
-            f"optimizer.{index}.{name}": torch.as_tensor(value) for name, value in slot.items()
-        }
+    tensors |= of_optimiser(optimizer)
     header = {"config": asdict(config), "curve": [asdict(point) for point in curve], **more}
     write_tensors(folder / NAME, _CHECKPOINT_FORMAT, header, tensors)
     write_text(folder / "curve.jsonl", "".join(json.dumps(asdict(point)) + "\n" for point in curve))
@@ -84,14 +88,7 @@ def _read_checkpoint(
         path, wanted, {name: value for name, value in tensors.items() if name.startswith("policy.")}
     )
     module.load_state_dict({name.removeprefix("policy."): tensors[name] for name in wanted})
-    state: dict[int, dict[str, Any]] = {}
-    for name, value in tensors.items():
-        if name.startswith("optimizer."):
-            _, index, slot = name.split(".")
-            state.setdefault(int(index), {})[slot] = value
-    optimizer.load_state_dict(
-        {"state": state, "param_groups": optimizer.state_dict()["param_groups"]}
-    )
+    load_optimiser(optimizer, tensors)
     return header, [CurvePoint(**point) for point in header["curve"]]
 
 

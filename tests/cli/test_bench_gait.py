@@ -51,9 +51,8 @@ def test_the_tables_say_success_iterations_and_ratios(tmp_path, capsys):
         in shown
     )
     assert "baseline: ambient, PCDM, verified below success: ripple 100 points" in shown
-    assert f"{tmp_path}: cells, table.json, pictures (convergence, directions, times)" in shown
+    assert f"{tmp_path}: cells, table.json, pictures (directions, times)" in shown
     assert {path.stem for path in tmp_path.glob("*.png")} == {
-        "convergence-ripple",
         "directions-ripple",
         "times-ripple",
     }

@@ -13,8 +13,7 @@ from stancekit.cli.console import out
 from stancekit.cli.evaluate import score_table
 from stancekit.cli.run import loop_table, unused
 from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share
-from stancekit.learners.selectors.chooser import Chooser
-from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
+from stancekit.learners.selectors.network import Architecture, BoxNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.motions import policy_of
@@ -215,8 +214,6 @@ def write_selector(kind: str, path: Path, problem: str = "wall-3") -> None:
     small = Architecture(width=8, layers=1)
     if kind == "envelope":
         write_boxes(path, EXPERT)
-    elif kind == "chooser":
-        Chooser(ChoiceNetwork(small, 1), EXPERT).save(path)
     elif kind == "neural":
         NeuralSelector(
             BoxNetwork(small),
@@ -234,7 +231,7 @@ def write_selector(kind: str, path: Path, problem: str = "wall-3") -> None:
         ).save(path)
 
 
-@pytest.mark.parametrize("kind", ["envelope", "chooser", "neural", "reinforced"])
+@pytest.mark.parametrize("kind", ["envelope", "neural", "reinforced"])
 def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(
     kind: str, tmp_path: Path
 ) -> None:
@@ -246,7 +243,7 @@ def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(
     outcome = policy(seen).solve(COURSE)
     assert outcome.solution is not None
     assert sum(policy.answers) == 1
-    if kind in ("envelope", "chooser"):
+    if kind == "envelope":
         assert policy.answers == (1, 0)
 
 

@@ -304,7 +304,7 @@ _ALONE = (
 def cases() -> list[Case]:
     """All readers."""
     found = list(_ALONE)
-    for kind in ("policy", "neural", "chooser"):
+    for kind in ("policy", "neural"):
         file = f"{kind}.safetensors"
         found.append(
             Case(

@@ -16,8 +16,7 @@ from stancekit.configs import config_path
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.labelling import label
-from stancekit.learners.selectors.chooser import Chooser
-from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
+from stancekit.learners.selectors.network import Architecture, BoxNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.planners.answer.trajectory import Trajectory
@@ -185,9 +184,6 @@ def _selectors(folder: Path) -> None:
         force_scale_n=envelopes.force_scale_n,
         length_scale_m=envelopes.length_scale_m,
     ).save(folder / "neural.safetensors")
-    Chooser(ChoiceNetwork(SMALL, len(envelopes.envelopes)), envelopes).save(
-        folder / "chooser.safetensors"
-    )
 
 
 def _with_foot(urdf: str, mesh: str) -> str:

@@ -104,7 +104,7 @@ def test_verdicts_are_those_of_the_exact_planner(rule, scenes):
 
 def test_the_halves_cover_the_box(env):
     env.reset(seed=1)
-    search = env._search
+    search = env._episode.search
     box = search.current.box
     seen = []
     search._visit = lambda half, *, depth: seen.append(half)

@@ -257,7 +257,7 @@ def test_an_executor_plays_every_plan_and_ends_the_episode_where_it_fails(succee
 def test_a_view_shows_the_coming_candidates_from_the_com():
     env = made("icy-walls", frames=4)
     observation, info = env.reset(seed=0)
-    course, scale = env._course, 0.6
+    course, scale = env._episode, 0.6
     corners = observation["corners"].reshape(2, 6, 4, 4, 3) * scale + info["com_m"]
     offered, friction = (
         observation["offered"].reshape(2, 6, 4),

@@ -80,7 +80,6 @@ def uses(labelled: Callable[..., Dataset]) -> dict[str, Callable[[], Any]]:
     return {
         "surrogate": lambda: stancekit.fit(rows, "surrogate", epochs=1).digest,
         "neural": lambda: learned("neural", neural=epochs),
-        "chooser": lambda: learned("chooser", steps=2, chooser={"epochs": 1}),
         "screen": lambda: stancekit.screen(problems, error=0.005).scores.tolist(),
         "predict": lambda: NeuralSelector.load(neural).predict(scene)[0].tolist(),
         "scores": lambda: LeapScorer.read("set-leap-hard").predict(leap)[0].tolist(),

@@ -22,7 +22,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.conformal import fit_map
 from stancekit.runner.motion.time_parametrization import joint_motion
-from stancekit.views.gait_plot import GaitRun, draw_convergence, draw_directions, draw_times
+from stancekit.views.gait_plot import GaitRun, draw_directions, draw_times
 from stancekit.views.gaits import GRID_M, GaitView, draw_motion
 from stancekit.views.leaps import UNJUDGED, LeapView, draw_leap
 from stancekit.views.maps import draw_map
@@ -278,7 +278,7 @@ def test_violations_that_are_none_are_refused(values):
         GaitRun(method="m", violations=values)
 
 
-@pytest.mark.parametrize("draw", [draw_convergence, draw_directions, draw_times])
+@pytest.mark.parametrize("draw", [draw_directions, draw_times])
 def test_plots_count_what_succeeds_by_method(draw):
     said = texts(draw(runs(), size_px=SMALL, caption="a caption"))
     assert "ours: 8/8, 14 iterations" in said
@@ -288,19 +288,11 @@ def test_plots_count_what_succeeds_by_method(draw):
         draw([])
 
 
-def test_the_line_of_a_solve_ends_where_it_succeeds():
-    axes = draw_convergence(runs(1)[:1]).axes[0]
-    lines = [line for line in axes.lines if len(line.get_xdata()) > 2]
-    assert len(lines) == 1
-    assert lines[0].get_xdata()[-1] == 14
-    assert np.allclose(lines[0].get_ydata()[:-1], 0.5 ** np.arange(14))
-
-
 def test_failures_stand_out_in_every_plot():
     only = [run for run in runs() if run.method == "other"]
     good = [run for run in only if run.success]
-    for draw in (draw_convergence, draw_directions):
-        assert pixels_of(to_rgb(draw(only)), ACCENT) > pixels_of(to_rgb(draw(good)), ACCENT) + 20
+    marks = [pixels_of(to_rgb(draw_directions(each)), ACCENT) for each in (only, good)]
+    assert marks[0] > marks[1] + 20
     crosses = [line for line in draw_times(only).axes[0].lines if line.get_marker() == "x"]
     assert len(crosses[0].get_xdata()) == 2
 
@@ -314,16 +306,13 @@ def test_wedges_point_in_the_walking_direction_and_reach_as_far_as_iterations_go
 
 
 def test_a_colour_is_a_methods_own_whichever_others_are_there():
-    def colours(shown, draw):
-        lines = draw(shown, methods=("third", "other", "ours")).axes[0].lines
+    def colours(shown):
+        lines = draw_times(shown, methods=("third", "other", "ours")).axes[0].lines
         return {str(line.get_label()).partition(":")[0]: line.get_color() for line in lines}
 
-    for draw in (draw_convergence, draw_times):
-        both = colours(runs(), draw)
-        assert both["ours"] != both["other"]
-        assert (
-            colours([run for run in runs() if run.method == "ours"], draw)["ours"] == both["ours"]
-        )
+    both = colours(runs())
+    assert both["ours"] != both["other"]
+    assert colours([run for run in runs() if run.method == "ours"])["ours"] == both["ours"]
 
 
 def test_times_reach_as_far_as_what_is_drawn():
@@ -350,33 +339,12 @@ def test_panels_have_titles_of_one_size():
     assert len(sizes) == 1
 
 
-def test_many_solves_are_thin_lines_with_their_median():
-    many = [GaitRun(method="m", violations=[1.0, *[0.1] * k, 1e-5]) for k in range(9)]
-    axes = draw_convergence(many).axes[0]
-    bold = max(axes.lines, key=lambda line: line.get_linewidth() * (len(line.get_xdata()) > 2))
-    assert len([line for line in axes.lines if line.get_linewidth() < 1.0]) == 9
-    assert list(bold.get_xdata()) == [0, 1, 2, 3, 4, 5]
-    assert bold.get_ydata()[[0, 1, 4]].tolist() == [1.0, 0.1, 0.1]
-
-
-def test_long_solves_get_an_axis_on_which_the_first_iterations_are_seen():
-    def share(iterations):
-        axes = draw_convergence([GaitRun(method="m", violations=[1.0] * iterations + [1e-5])]).axes[
-            0
-        ]
-        (left, _), (right, _) = axes.transData.transform([(0.0, 1.0), (10.0, 1.0)])
-        return (right - left) / axes.bbox.width
-
-    assert share(200) > 0.3
-    assert share(50) == pytest.approx(10 / 51.5, abs=0.01)
-
-
 def test_no_label_leaves_the_sheet():
     long = [
         GaitRun(method=f"warped, as published, L-BFGS {k}", violations=[1.0, 1e-5], seconds=3.0)
         for k in range(6)
     ]
-    for draw in (draw_convergence, draw_directions, draw_times):
+    for draw in (draw_directions, draw_times):
         figure = draw(long)
         figure.canvas.draw()
         (left, below), (right, above) = figure.bbox.get_points()

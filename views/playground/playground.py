@@ -7,8 +7,10 @@ from __future__ import annotations
 import html
 import threading
 import time
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -126,122 +128,197 @@ class Files:
     """Names, buttons, and a line that says what was written.
 
     Arguments:
-        now: the newest scene and the answer that is shown.
+        saves: by what a button saves, a function of the name that writes it and gives its path, and
+            the command that reads it.
+        show: called with a tab and the name, shows the course's file there.
     """
 
     def __init__(
-        self, server: Any, folder: Path, now: Callable[[], tuple[Scenario, SceneAnswer]]
+        self,
+        gui: Any,
+        folder: Path,
+        saves: Mapping[str, tuple[Callable[[str], Path], str]],
+        show: Callable[[Any, str], None] | None = None,
     ) -> None:
-        self._server, self._folder, self._now = server, folder, now
-        gui = server.gui
         with gui.add_folder("Files"):
             self._name = gui.add_text(
                 "name", "played", hint="Of the files, without a folder or an ending."
             )
-            gui.add_button("save plan", hint=f"Into {folder.resolve()}.").on_click(self._save_plan)
-            gui.add_button("save course", hint=f"Into {folder.resolve()}.").on_click(
-                self._save_course
-            )
-            gui.add_button("show course", hint="The course's file, to copy.").on_click(
-                self._show_course
-            )
+            for what, (save, command) in saves.items():
+                button = gui.add_button(f"save {what}", hint=f"Into {folder.resolve()}.")
+                button.on_click(partial(self._save, save, command))
+            if show is not None:
+                show_button = gui.add_button("show course", hint="The course's file, to copy.")
+                show_button.on_click(lambda event: show(event.client, str(self._name.value)))
             self._said = gui.add_html("")
 
-    def save_plan(self) -> Path:
-        """Write the plan that is shown; where it is.
-
-        Raises InvalidInput where there is none that was accepted.
-        """
-        _, answer = self._now()
-        if answer.plan is None:
-            raise InvalidInput("plan: expected one, got none to save")
-        if answer.report is None:
-            raise InvalidInput(
-                "plan: expected one that was judged, got one whose joints and bodies are not yet"
-            )
-        if not answer.accepted:
-            raise InvalidInput(f"plan: expected one that is accepted, got {answer.message}")
-        path = named_in(self._folder, str(self._name.value), "-plan.json")
-        write_motion(path, answer.plan, answer.report)
-        return path
-
-    def save_course(self) -> Path:
-        """Write the course that is asked for; where it is.
-
-        Raises InvalidInput.
-        """
-        scenario, _ = self._now()
-        suffix, text = scenario.text()
-        path = named_in(self._folder, str(self._name.value), f"-course{suffix}")
-        write_text(path, text)
-        return path
-
-    def _save_plan(self, _event: Any) -> None:
-        self._tell(self.save_plan, "stancekit verify")
-
-    def _save_course(self, _event: Any) -> None:
-        self._tell(self.save_course, "stancekit plan")
-
-    def _tell(self, save: Callable[[], Path], command: str) -> None:
+    def _save(self, save: Callable[[str], Path], command: str, _event: Any) -> None:
         try:
-            path = save()
+            path = save(str(self._name.value))
             colour, words = GOOD, f"wrote {path}; {command} {path} reads it"
         except StancekitError as error:
             colour, words = BAD, str(error)
         self._said.content = told(colour, words)
 
-    def _show_course(self, event: Any) -> None:
-        scenario, _ = self._now()
-        try:
-            suffix, text = scenario.text()
-        except StancekitError as error:
-            suffix, text = "", str(error)
-        modal = event.client.gui.add_modal(f"{self._name.value}-course{suffix}")
-        with modal:
-            event.client.gui.add_html(
-                f'<pre id="course" style="font:12px/1.45 ui-monospace,monospace;white-space:pre-wrap;'
-                f'max-height:60vh;overflow:auto;user-select:text">{html.escape(text)}</pre>'
-            )
-            event.client.gui.add_button("close").on_click(lambda _: modal.close())
-        event.client.send_file_download(
-            f"{self._name.value}-course{suffix or '.txt'}", text.encode()
+
+def save_plan(answer: SceneAnswer, folder: Path, name: str) -> Path:
+    """Write the plan of an answer; where it is.
+
+    Raises InvalidInput where there is none that was accepted.
+    """
+    if answer.plan is None:
+        raise InvalidInput("plan: expected one, got none to save")
+    if answer.report is None:
+        raise InvalidInput(
+            "plan: expected one that was judged, got one whose joints and bodies are not yet"
         )
+    if not answer.accepted:
+        raise InvalidInput(f"plan: expected one that is accepted, got {answer.message}")
+    path = named_in(folder, name, "-plan.json")
+    write_motion(path, answer.plan, answer.report)
+    return path
 
 
-_TITLE, _PICK = "Stancekit playground", "pick a surface"
+def save_course(scenario: Scenario, folder: Path, name: str) -> Path:
+    """Write the course that is asked for; where it is.
+
+    Raises InvalidInput.
+    """
+    suffix, text = scenario.text()
+    path = named_in(folder, name, f"-course{suffix}")
+    write_text(path, text)
+    return path
 
 
-class Playground:
-    """A page on a viser server.
+def _show_course(scenario: Scenario, client: Any, name: str) -> None:
+    """Show the course's text in a tab, and offer it as a download."""
+    try:
+        suffix, text = scenario.text()
+    except StancekitError as error:
+        suffix, text = "", str(error)
+    modal = client.gui.add_modal(f"{name}-course{suffix}")
+    with modal:
+        client.gui.add_html(
+            f'<pre id="course" style="font:12px/1.45 ui-monospace,monospace;white-space:pre-wrap;'
+            f'max-height:60vh;overflow:auto;user-select:text">{html.escape(text)}</pre>'
+        )
+        client.gui.add_button("close").on_click(lambda _: modal.close())
+    client.send_file_download(f"{name}-course{suffix or '.txt'}", text.encode())
 
-    Raises StancekitError where the scene is no course to begin with.
+
+class ScenePage(ABC):
+    """A page on a viser server: what may be changed on the left, what comes of it on the right.
 
     Arguments:
+        scenario: what it shows at first.
         robots: names and files in its menu.
         folder: where it saves.
+        tab, unit: titles of what comes of it, and of the time that is played.
+    """
+
+    def __init__(
+        self,
+        server: Any,
+        scenario: Any,
+        *,
+        robots: Sequence[str],
+        folder: Path,
+        tab: str,
+        unit: str,
+    ) -> None:
+        self._server, self._folder, self._lock = server, folder, threading.RLock()
+        gui = server.gui
+        gui.set_panel_label(f"Stancekit playground: {scenario.name}")
+        gui.main_panel.dock_left()
+        self._robots = called(list(dict.fromkeys(filter(None, (scenario.robot, *robots)))))
+        self._controls = Controls(
+            server,
+            lambda key, value: self._change(lambda scenario: scenario.slid(key, value)),
+            lambda key, place: self._change(lambda scenario: scenario.dragged(key, place)),
+        )
+        if scenario.robot:
+            names = tuple(self._robots)
+            self._robot = names[0]
+            self._menu = gui.add_dropdown("robot", names, initial_value=self._robot)
+            self._menu.on_update(self._robot_chosen)
+        self._lay_out(gui)
+        panel = gui.add_panel()
+        with panel.add_tab(tab):
+            self._verdict, self._summary = gui.add_html(""), gui.add_html("")
+            self._player = Player(gui, unit, self._move, self._lock)
+            self._limbs = gui.add_html("")
+        panel.dock_right()
+        panel.set_width(380)
+        server.on_client_disconnect(lambda _: self._controls.let_go())
+
+    def clients(self) -> list[Any]:
+        """Tabs that show the page, as viser knows them."""
+        return list(self._server.get_clients().values())
+
+    @abstractmethod
+    def close(self) -> None:
+        """End what works behind the page."""
+
+    @abstractmethod
+    def _lay_out(self, gui: Any) -> None:
+        """Add buttons of its own, and files."""
+
+    @abstractmethod
+    def _edit(self, edit: Callable[[Any], Any]) -> None:
+        """Ask another question, made of the newest."""
+
+    @abstractmethod
+    def _move(self) -> bool:
+        """To the time that the player shows; whether there is anything to show."""
+
+    def _change(self, edit: Callable[[Any], Any]) -> bool:
+        """Ask another question; whether that was possible."""
+        try:
+            self._edit(edit)
+        except StancekitError as error:
+            self._notify(str(error))
+            return False
+        return True
+
+    def _robot_chosen(self, event: Any) -> None:
+        if event.client is not None:
+            name = event.target.value
+            if self._change(lambda scenario: scenario.with_robot(self._robots[name])):
+                self._robot = name
+            else:
+                self._menu.value = self._robot
+
+    def _notify(self, text: str) -> None:
+        for client in self.clients():
+            client.add_notification("Not possible", text, auto_close_seconds=8.0)
+
+
+_PICK = "pick a surface"
+
+
+class Playground(ScenePage):
+    """The page of a course.
+
+    Raises StancekitError where the scene is no course to begin with.
     """
 
     def __init__(
         self, server: Any, scenario: Scenario, *, robots: Sequence[str], folder: Path
     ) -> None:
         course = scenario.course()
-        first = quick_answer(scenario)
-        self._server, self._drawing = server, threading.RLock()
+        self._answer = quick_answer(scenario)
         self._pictures = Pictures()
-        self._answer: SceneAnswer = first
         self._view: PlanView | None = None
         self._solver: tuple[Any, Kinematics | None] | None = None
-        self._set_up(course)
-        self._stage = Stage(server.scene, self._distance_m)
-        self._lay_out(scenario, robots, folder)
+        distance_m = self._look(server, course)
+        self._stage = Stage(server.scene, distance_m)
+        super().__init__(
+            server, scenario, robots=robots, folder=folder, tab="Plan", unit="key frame"
+        )
         self._player.show(float(course.frames - 1), float(course.frames - 1))
         self.session = Session(scenario, self._draw)
         self._controls.update(scenario.sliders(), scenario.grips(course))
         self.session.start()
-
-    def clients(self) -> list[Any]:
-        """Tabs that show the page, as viser knows them."""
-        return list(self._server.get_clients().values())
 
     def close(self) -> None:
         """End what works behind the page."""
@@ -251,9 +328,9 @@ class Playground:
     # -------------------------------------------------------------------------------------------------
     # the page
 
-    def _set_up(self, course: Problem) -> None:
-        """Set the lights and the first view of the scene."""
-        set_up(self._server)
+    def _look(self, server: Any, course: Problem) -> float:
+        """Set the lights and the first view of the scene; how far away it is seen from [m]."""
+        set_up(server)
         path, answer = course.com_nominal_m, self._answer
         reach = max(limb.reach_m for limb in course.robot.limbs)
         middle, size = path.mean(axis=0), float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach
@@ -261,58 +338,32 @@ class Playground:
         if answer.plan is not None:
             self._view = self._pictures.view(answer.plan)
             towards = from_behind(self._view.camera.axes[2], path[0], course.goal_m)
-        self._distance_m = 2.0 * size
-        let_camera(self._server, middle, self._distance_m, towards)
+        let_camera(server, middle, 2.0 * size, towards)
+        return 2.0 * size
 
-    def _lay_out(self, scenario: Scenario, robots: Sequence[str], folder: Path) -> None:
-        """Panels: what may be changed on the left, what comes of it on the right."""
-        gui = self._server.gui
-        gui.set_panel_label(f"{_TITLE}: {scenario.name}")
-        gui.main_panel.dock_left()
-        self._robots = called(list(dict.fromkeys(filter(None, (scenario.robot, *robots)))))
-        self._menu: Any = None
-        self._controls = Controls(self._server, self._slid, self._dragged)
-        if scenario.robot:
-            names = tuple(self._robots)
-            self._menu = gui.add_dropdown("robot", names, initial_value=names[0])
-            self._menu.on_update(self._robot_chosen)
+    def _lay_out(self, gui: Any) -> None:
         self._picker = gui.add_button(
             _PICK, hint="The next click on a surface gives it a grip and a friction."
         )
         self._picker.on_click(self._pick)
-        self._files = Files(self._server, folder, lambda: (self.session.scenario, self._answer))
-        panel = gui.add_panel()
-        with panel.add_tab("Plan"):
-            self._verdict = gui.add_html("")
-            self._summary = gui.add_html("")
-            self._player = Player(gui, "key frame", self._move, self._drawing)
-            self._limbs = gui.add_html("")
-        panel.dock_right()
-        panel.set_width(380)
-        self._server.on_client_disconnect(lambda _: self._controls.let_go())
+        self._files = Files(
+            gui,
+            self._folder,
+            {
+                "plan": (
+                    lambda name: save_plan(self._answer, self._folder, name),
+                    "stancekit verify",
+                ),
+                "course": (
+                    lambda name: save_course(self.session.scenario, self._folder, name),
+                    "stancekit plan",
+                ),
+            },
+            show=lambda client, name: _show_course(self.session.scenario, client, name),
+        )
 
     # -----------------------------------------------------------------------------------------------
     # what changes
-
-    def _slid(self, key: str, value: float) -> None:
-        self._change(lambda scenario: scenario.slid(key, value))
-
-    def _dragged(self, key: str, position_m: Array) -> None:
-        self._change(lambda scenario: scenario.dragged(key, position_m))
-
-    def _robot_chosen(self, event: Any) -> None:
-        if event.client is not None:
-            chosen = self._robots[event.target.value]
-            self._change(lambda scenario: scenario.with_robot(chosen))
-            self._show_robot(self.session.scenario)
-
-    def _show_robot(self, scenario: Scenario) -> None:
-        """Have the menu name the robot that there is."""
-        name = next(
-            (name for name, robot in self._robots.items() if _same(robot, scenario.robot)), None
-        )
-        if self._menu is not None and name is not None and self._menu.value != name:
-            self._menu.value = name
 
     def _pick(self, _event: Any) -> None:
         """The next click picks a surface."""
@@ -330,22 +381,15 @@ class Playground:
         else:
             self._change(lambda scenario: scenario.picked(course, hit))
 
-    def _change(self, edit: Callable[[Scenario], Scenario]) -> None:
-        try:
-            self.session.change(edit)
-        except StancekitError as error:
-            self._notify(str(error))
-
-    def _notify(self, text: str) -> None:
-        for client in self.clients():
-            client.add_notification("Not possible", text, auto_close_seconds=8.0)
+    def _edit(self, edit: Callable[[Scenario], Scenario]) -> None:
+        self.session.change(edit)
 
     # ------------------------------------------------------------------------------------------------
     # what is seen
 
     def _draw(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
         """Show an answer, all of it at once."""
-        with self._drawing:
+        with self._lock:
             followed = (
                 self._answer.course is None or self._player.at >= self._answer.course.frames - 1.001
             )
@@ -431,10 +475,3 @@ def _inside(corners: Array, normal: Array, point: Array) -> bool:
     edges = np.roll(corners, -1, axis=0) - corners
     sides = np.cross(edges, point - corners) @ normal
     return bool(np.all(sides >= -1e-9) or np.all(sides <= 1e-9))
-
-
-def _same(robot: str, other: str) -> bool:
-    """Tell whether two names or paths are those of one robot."""
-    return robot == other or bool(
-        Path(robot).suffix and Path(robot).resolve() == Path(other).resolve()
-    )

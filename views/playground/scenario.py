@@ -79,16 +79,13 @@ class Scenario(Protocol):
     @property
     def name(self) -> str:
         """Name of the course."""
-        ...
 
     @property
     def robot(self) -> str:
         """The name or file of the robot; empty where it cannot be another one."""
-        ...
 
     def sliders(self) -> tuple[Slider, ...]:
         """Sliders of the scene."""
-        ...
 
     def grips(self, course: Problem) -> tuple[Grip, ...]:
         """Grips of the scene, which may be dragged.
@@ -96,42 +93,34 @@ class Scenario(Protocol):
         Arguments:
             course: what ``course`` gave.
         """
-        ...
 
     def slid(self, key: str, value: float) -> Scenario:
         """Another value of a slider."""
-        ...
 
     def dragged(self, key: str, position_m: Array) -> Scenario:
         """Another place of a grip, shape (3,) [m]."""
-        ...
 
     def picked(self, course: Problem, patch: int) -> Scenario:
         """Scenario with a grip at this patch of the course's terrain."""
-        ...
 
     def with_robot(self, robot: str) -> Scenario:
         """Scenario for another robot, a built-in name or a file."""
-        ...
 
     @property
     def layouts(self) -> tuple[Alternative, ...]:
         """The ways in which it can be laid out, the first of which is the one that is asked for."""
-        ...
 
     def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
         """The course that is asked for, or one that is laid out in another way.
 
         Raises InvalidInput or PlanningFailed in one line.
         """
-        ...
 
     def text(self) -> tuple[str, str]:
         """The course's file: how its name ends, and its text.
 
         Raises InvalidInput for a scene that is no course.
         """
-        ...
 
 
 _MOST_FRAMES = 60

@@ -19,16 +19,14 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from stancekit.planners.errors import InvalidInput
 
 from ..page import viser_module, viser_server
 
 if TYPE_CHECKING:
-    from .playground import Playground
     from .scenario import Scenario, WalkScenario
-    from .walk_page import WalkPage
 
 
 _ADDED = """
@@ -364,15 +362,12 @@ def _short(text: str) -> str:
     return line if len(line) <= 80 else f"{line[:80]}…"
 
 
-Shown = TypeVar("Shown", "Playground", "WalkPage")
-
-
 @dataclass(frozen=True)
-class Page(Generic[Shown]):
+class Page:
     """A page that is served."""
 
     address: str
-    playground: Shown
+    playground: Any
 
     def wait(self) -> None:
         """Until Ctrl-C, which raises KeyboardInterrupt here."""
@@ -405,53 +400,30 @@ def check_port(host: str, port: int) -> None:
 
 @contextmanager
 def served(
-    scenario: Scenario,
+    scenario: Scenario | WalkScenario,
     *,
     robots: Sequence[str] = (),
     folder: Path = Path(),
     host: str = "127.0.0.1",
     port: int = 0,
-) -> Iterator[Page[Playground]]:
-    """A playground that is served while the block runs.
+) -> Iterator[Page]:
+    """A page that is served while the block runs.
 
-    Raises StancekitError for a scene that is no course.
+    Raises StancekitError for a scene that is no course, and what is no walk.
     """
     from .playground import Playground
-
-    scenario.course()
-    with _served(
-        lambda server: Playground(server, scenario, robots=robots, folder=folder), host, port
-    ) as page:
-        yield page
-
-
-@contextmanager
-def served_walk(
-    scenario: WalkScenario,
-    *,
-    robots: Sequence[str] = (),
-    folder: Path = Path(),
-    host: str = "127.0.0.1",
-    port: int = 0,
-) -> Iterator[Page[WalkPage]]:
-    """A playground of walks that is served while the block runs.
-
-    Raises InvalidInput for what is no walk.
-    """
+    from .scenario import WalkScenario
     from .walk_page import WalkPage
 
-    scenario.task()
-    with _served(
-        lambda server: WalkPage(server, scenario, robots=robots, folder=folder), host, port
-    ) as page:
-        yield page
-
-
-@contextmanager
-def _served(make: Callable[[Any], Shown], host: str, port: int) -> Iterator[Page[Shown]]:
+    make: Any = WalkPage
+    if isinstance(scenario, WalkScenario):
+        scenario.task()
+    else:
+        scenario.course()
+        make = Playground
     with quiet(), viser_server(host, port, _guarded_server(host)) as server:
         _guard_messages(server)
-        shown = make(server)
+        shown = make(server, scenario, robots=robots, folder=folder)
         try:
             yield Page(f"http://{host}:{server.get_port()}", shown)
         finally:

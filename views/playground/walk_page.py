@@ -39,9 +39,7 @@ from .page_parts import (
     BAD,
     GOOD,
     UNSURE,
-    Controls,
     LimbLoad,
-    called,
     cone_share,
     from_behind,
     key_values,
@@ -50,9 +48,8 @@ from .page_parts import (
     named_in,
     said,
     set_up,
-    told,
 )
-from .playground import Player
+from .playground import Files, ScenePage
 from .scenario import WalkScenario
 
 _ITERATIONS, _TOTAL_S = 80, 120.0
@@ -173,19 +170,25 @@ _REST_S = 0.6
 """A walk that nobody changed for so long is planned."""
 
 
-class WalkPage:
-    """A page on a viser server.
+def save_walk(answer: _WalkAnswer | None, folder: Path, name: str) -> Path:
+    """Write the walk of an answer; where it is.
 
-    Arguments:
-        robots: names and files in its menu.
-        folder: where it saves.
+    Raises InvalidInput where none was accepted.
     """
+    if answer is None or answer.trajectory is None or answer.report is None or not answer.accepted:
+        raise InvalidInput("walk: expected one that is accepted, got none to save")
+    path = named_in(folder, name, "-walk.json")
+    write_motion(path, answer.trajectory, answer.report)
+    return path
+
+
+class WalkPage(ScenePage):
+    """The page of walks."""
 
     def __init__(
         self, server: Any, scenario: WalkScenario, *, robots: Sequence[str], folder: Path
     ) -> None:
         scenario.task()  # says what is wrong with it
-        self._server, self._folder, self._lock = server, folder, threading.RLock()
         self.scenario, self.number = scenario, 0
         self.answer: _WalkAnswer | None = None
         self._view: GaitView | None = None
@@ -205,7 +208,9 @@ class WalkPage:
             from_behind(towards, *map(np.array, (scenario.start_m, scenario.goal_m))),
         )
         self._stage = Stage(server.scene, far_m)
-        self._lay_out(robots)
+        super().__init__(
+            server, scenario, robots=robots, folder=folder, tab="Walk", unit="time [s]"
+        )
         self._planning = WalkPlanning(self._told)
         self._stage.show(self._ground, "/ground")
         self._ask()
@@ -216,58 +221,21 @@ class WalkPage:
         self._player.stop()
         self._planning.end()
 
-    def clients(self) -> list[Any]:
-        """Tabs that show the page, as viser knows them."""
-        return list(self._server.get_clients().values())
-
-    def _lay_out(self, robots: Sequence[str]) -> None:
-        gui = self._server.gui
-        gui.set_panel_label(f"Stancekit playground: {self.scenario.name}")
-        gui.main_panel.dock_left()
-        self._controls = Controls(
-            self._server,
-            lambda key, value: self._change(lambda it: it.slid(key, value)),
-            lambda key, place: self._change(lambda it: it.dragged(key, place)),
-        )
-        self._robots = called(list(dict.fromkeys((self.scenario.robot, *robots))))
-        menu = gui.add_dropdown(
-            "robot", tuple(self._robots), initial_value=next(iter(self._robots))
-        )
-        menu.on_update(self._robot_chosen)
-        with gui.add_folder("Files"):
-            self._name = gui.add_text(
-                "name", "played", hint="Of the file, without a folder or an ending."
-            )
-            gui.add_button("save walk", hint=f"Into {self._folder.resolve()}.").on_click(self._save)
-            self._saved = gui.add_html("")
-        panel = gui.add_panel()
-        with panel.add_tab("Walk"):
-            self._verdict, self._summary = gui.add_html(""), gui.add_html("")
-            self._player = Player(gui, "time [s]", self._move, self._lock)
-            self._limbs = gui.add_html("")
-        panel.dock_right()
-        panel.set_width(380)
-        self._server.on_client_disconnect(lambda _: self._controls.let_go())
+    def _lay_out(self, gui: Any) -> None:
+        saves = {
+            "walk": (lambda name: save_walk(self.answer, self._folder, name), "stancekit verify")
+        }
+        Files(gui, self._folder, saves)
 
     # -----------------------------------------------------------------------------------------------
     # what changes
 
-    def _robot_chosen(self, event: Any) -> None:
-        if event.client is not None:
-            robot = self._robots[event.target.value]
-            self._change(lambda scenario: scenario.with_robot(robot))
-
-    def _change(self, edit: Callable[[WalkScenario], WalkScenario]) -> None:
+    def _edit(self, edit: Callable[[WalkScenario], WalkScenario]) -> None:
         """Another walk: the planning of the one before ends, and this one's begins once nothing is
         changed.
         """
         with self._lock:
-            try:
-                self.scenario = edit(self.scenario)
-            except StancekitError as error:
-                for client in self.clients():
-                    client.add_notification("Not possible", str(error), auto_close_seconds=8.0)
-                return
+            self.scenario = edit(self.scenario)
             self.number += 1
             self._planning.end()
             self._ask()
@@ -401,31 +369,6 @@ class WalkPage:
             with self._server.atomic():
                 self._pose()
         return self._view is not None
-
-    def save(self) -> Path:
-        """Write the walk that is shown; where it is.
-
-        Raises InvalidInput where none was accepted.
-        """
-        answer = self.answer
-        if (
-            answer is None
-            or answer.trajectory is None
-            or answer.report is None
-            or not answer.accepted
-        ):
-            raise InvalidInput("walk: expected one that is accepted, got none to save")
-        path = named_in(self._folder, str(self._name.value), "-walk.json")
-        write_motion(path, answer.trajectory, answer.report)
-        return path
-
-    def _save(self, _event: Any) -> None:
-        try:
-            path = self.save()
-            colour, words = GOOD, f"wrote {path}; stancekit verify {path} reads it"
-        except StancekitError as error:
-            colour, words = BAD, str(error)
-        self._saved.content = told(colour, words)
 
 
 def _ground(scenario: WalkScenario, size_m: float) -> Scene:

@@ -133,7 +133,6 @@ SHORT = {
     "gmm-printed": {"time_limit_s": 5.0},
     "ga": {"genetic": {"population": 4, "generations": 1, "terrains": 4}},
     "gradient": {"steps": 2},
-    "chooser": {"boxes": 2, "steps": 2, "chooser": {"epochs": 1}},
     "neural": {"neural": {"epochs": 1, "margin_epochs": 1}},
     "joint": {"neural": {"epochs": 1, "margin_epochs": 1}},
 }
@@ -206,7 +205,7 @@ def test_another_process_reads_the_pickles(rows, board, tmp_path):
     assert done.stdout.splitlines() == predicted
 
 
-@pytest.mark.parametrize("name", ["own", "quantile", "chooser", "neural"])
+@pytest.mark.parametrize("name", ["own", "quantile", "neural"])
 def test_a_selector_is_judged_in_workers_as_here(name, rows, board):
     one = learned(name, rows, board)
     scenes = scenes_of(rows) * 20  # more than one chunk

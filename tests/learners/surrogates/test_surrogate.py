@@ -30,8 +30,13 @@ from stancekit.learners.surrogates.calibration import (
     thresholds,
 )
 from stancekit.learners.surrogates.features import Seer
-from stancekit.learners.surrogates.surrogate import Surrogate, surrogate_of
-from stancekit.learners.surrogates.training import LabelledBatch, SurrogateSettings, fit_surrogate
+from stancekit.learners.surrogates.surrogate import (
+    LabelledBatch,
+    Surrogate,
+    SurrogateSettings,
+    fit_surrogate,
+    surrogate_of,
+)
 from stancekit.learners.zoo import card_of, shipped
 from stancekit.planners.problem import PostureBatch
 from tests.refusals import refuses

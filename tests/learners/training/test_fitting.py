@@ -31,7 +31,6 @@ SETTINGS = FitSettings(
     time_limit_s=1.0,
     genetic={"population": 4, "generations": 2, "terrains": 4},
     neural={"epochs": 1, "margin_epochs": 1},
-    chooser={"epochs": 1},
     rl={
         "steps": 16,
         "envs": 2,
@@ -102,7 +101,6 @@ def test_a_fixed_selector_keeps_its_envelopes(dataset: Dataset) -> None:
             {"neural": {"epoch": 3}},
             "neural.epoch: expected one of architecture, share, epochs, ",
         ),
-        ("chooser", {"chooser": {"epochs": 0}}, "chooser.epochs: expected greater than 0, got 0"),
         ("rl", {"rl": {}}, "rl.steps: "),
         (
             "rl",

@@ -34,7 +34,7 @@ from stancekit.views.playground.page_parts import (
     verdict,
 )
 from stancekit.views.playground.pictures import Pictures, Session
-from stancekit.views.playground.playground import Files, struck
+from stancekit.views.playground.playground import save_course, save_plan, struck
 from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 from stancekit.views.scene import UP
 from tests.emulators.chromium import CHROMIUM, opened
@@ -564,18 +564,11 @@ def test_a_ray_meets_the_nearest_patch():
     assert struck(course, [0.0, 0.0, 0.3], [1.0, 0.0, 0.0]) is None
 
 
-class _Named:
-    value = "played"
-
-
 @pytest.mark.parametrize("name", ["", "..", "a/b", "/etc/x", ".hidden", "../x"])
 def test_files_are_written_in_the_folder_and_nowhere_else(name, tmp_path):
-    files = Files.__new__(Files)
-    files._folder, files._name = tmp_path, _Named()
-    files._now = lambda: (KeysScenario.of("walls"), SceneAnswer())
-    assert files.save_course() == tmp_path / "played-course.yaml"
-    files._name.value = name
+    scenario = KeysScenario.of("walls")
+    assert save_course(scenario, tmp_path, "played") == tmp_path / "played-course.yaml"
     with refuses("name"):
-        files.save_course()
+        save_course(scenario, tmp_path, name)
     with refuses("plan"):
-        files.save_plan()
+        save_plan(SceneAnswer(), tmp_path, "played")

@@ -21,7 +21,7 @@ from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.page_parts import explained, from_behind, quick_answer
 from stancekit.views.playground.playground import Player
 from stancekit.views.playground.scenario import FixedScenario, WalkScenario
-from stancekit.views.playground.serving import served_walk
+from stancekit.views.playground.serving import served
 from stancekit.views.playground.walk_page import WalkPlanning
 from tests.emulators.chromium import CHROMIUM, opened
 from tests.emulators.playground import middle_of, pixel_of
@@ -162,7 +162,7 @@ def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario
 )
 def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
     with (
-        served_walk(scenario, folder=tmp_path) as page,
+        served(scenario, folder=tmp_path) as page,
         opened(page.address, tmp_path / "profile", (1000, 640), draws=False) as tab,
     ):
         tab.wait_for(f"{VERDICT}?.dataset.patient === '1'")
