@@ -87,7 +87,7 @@ def in_process(case: Case, count: int, seed: int, out: Path) -> None:
     command(case.arguments)
     verb = parse(list(case.arguments))
     options = {
-        name: re.findall(r"^│ (--[a-z][a-z-]*)", command((name, "--help"))[1], re.MULTILINE)
+        name: re.findall(r"^\W*(--[a-z][a-z-]*)", command((name, "--help"))[1], re.MULTILINE)
         for name in (ASKED if case is VALUES else ())
     }
     signal.signal(signal.SIGPROF, overdue)

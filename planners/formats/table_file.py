@@ -249,6 +249,9 @@ def _from_npz(path: Path) -> MotionTable:
         for name in ("joints", "limbs")
     )
     arrays: dict[str, Any] = {name: archive[name] for name in shapes(0, 0, 0) if name in archive}
+    for name, array in arrays.items():
+        if array.dtype.kind not in ("biuf" if name == "contact" else "iuf"):
+            raise InvalidInput(f"{name}: expected numbers, got {shown(array.tolist())}")
     if "time_s" not in arrays or arrays["time_s"].ndim != 1:
         raise InvalidInput(f"{path}: expected time_s of shape (T,), got none")
     if "contact" in arrays:
