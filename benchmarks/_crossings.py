@@ -1,5 +1,7 @@
 """Robots by their names, and files that are none, over four grounds: ``benchmarks/robots.py
---crossings FOLDER``; or over grounds that are drawn, each of a family, a level and a seed.
+--crossings FOLDER``; or over grounds that are drawn, each of a family, a level and a seed; or, in
+place of robots with a name, quadrupeds that are drawn: their legs have 20 to 85 % of the mass, and
+their trunk's own is ahead of its middle, behind it, below or above.
 
 Each is asked for a plan over 1 m of flat ground, a step of 10 cm, a slope of 12° and a gap of 12
 cm, and what is planned is executed in MuJoCo. Rows are kept in the folder, one a line, and an
@@ -36,6 +38,8 @@ PROFILES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
 LEVELS = 0.05, 0.3
 """Of drawn grounds, of 1: what robots of half a metre can cross."""
 START, GOAL = (0.0, 0.0), (1.0, 0.0)
+NEAR = (0.2, 0.0)
+"""Goal of quadrupeds that are drawn [m]."""
 NEGATIVES = {
     "example-robot-data": (
         "panda_description/urdf/panda.urdf",
@@ -65,8 +69,72 @@ NEGATIVES = {
 """Files by package that are no robots with legs to walk on."""
 
 
-def robots() -> Iterator[tuple[str, str, bool]]:
-    """What is asked for, its name, and whether it is a negative, of packages that are installed."""
+def heavy(seed: int) -> str:
+    """A quadruped as a URDF: 6 to 20 kg, thigh and shank of 18 to 26 cm."""
+    rng = np.random.default_rng(seed)
+    share, mass, long, ahead, up = rng.uniform(
+        [0.2, 6.0, 0.18, -0.1, -0.03], [0.85, 20.0, 0.26, 0.1, 0.15]
+    )
+    whole = 0.25 * share * mass
+    turns = f'velocity="14" effort="{22.0 * mass * long:.4g}"/></joint>'
+    text = _link("trunk", (1.0 - share) * mass, (ahead, 0.0, up), (0.54, 0.2, 0.1))
+    for leg, x, side in (("fl", 0.22, 1), ("fr", 0.22, -1), ("hl", -0.22, 1), ("hr", -0.22, -1)):
+        parent = "trunk"
+        for part, place, axis, limits, weighs in (
+            ("hip", (x, 0.1 * side, 0.0), "1 0 0", (-0.8, 0.8), 0.15),
+            ("thigh", (0.0, 0.06 * side, 0.0), "0 1 0", (-1.2, 2.4), 0.25),
+            ("shank", (0.0, 0.0, -long), "0 1 0", (-2.6, -0.3), 0.45),
+            ("foot", (0.0, 0.0, -long), "", (), 0.15),
+        ):
+            name, bone = f"{leg}_{part}", part in ("thigh", "shank")
+            size = (0.03, 0.03, 0.7 * long) if bone else (0.04, 0.04, 0.04)
+            text += _link(
+                name, weighs * whole, (0.0, 0.0, -0.5 * long * bone), size, ball=part == "foot"
+            )
+            text += (
+                f'<joint name="{name}_joint" type="{"revolute" if axis else "fixed"}">'
+                f'<parent link="{parent}"/><child link="{name}"/>'
+                f'<origin xyz="{" ".join(map(str, place))}"/>'
+            )
+            text += (
+                f'<axis xyz="{axis}"/><limit lower="{limits[0]}" upper="{limits[1]}" {turns}'
+                if axis
+                else "</joint>"
+            )
+            parent = name
+    return f'<?xml version="1.0"?><robot name="heavy{seed}">{text}</robot>'
+
+
+def _link(
+    name: str,
+    mass: float,
+    at: tuple[float, ...],
+    size: tuple[float, ...],
+    *,
+    ball: bool = False,
+) -> str:
+    """A box, of even density about its own centre, wherever that is; or a ball of 2 cm."""
+    ixx, iyy, izz = (mass / 12.0 * (np.dot(size, size) - side**2) for side in size)
+    shape = '<sphere radius="0.02"/>' if ball else f'<box size="{" ".join(map(str, size))}"/>'
+    middle = at if name != "trunk" else (0.0, 0.0, 0.0)
+    origin = '<origin xyz="{:.5g} {:.5g} {:.5g}"/>'
+    return (
+        f'<link name="{name}"><inertial>{origin.format(*at)}<mass value="{mass:.5g}"/><inertia '
+        f'ixx="{ixx:.5g}" ixy="0" ixz="0" iyy="{iyy:.5g}" iyz="0" izz="{izz:.5g}"/></inertial>'
+        f"<collision>{origin.format(*middle)}<geometry>{shape}</geometry></collision></link>"
+    )
+
+
+def robots(folder: Path, quadrupeds: int) -> Iterator[tuple[str, str, bool]]:
+    """What is asked for, its name, and whether it is a negative: so many that are drawn, or those
+    of packages that are installed.
+    """
+    for seed in range(quadrupeds):
+        path = folder / f"heavy{seed}.urdf"
+        path.write_text(heavy(seed), encoding="utf-8")
+        yield str(path), path.stem, False
+    if quadrupeds:
+        return
     for name in (*BUILT_IN, *catalogue()):
         yield name, name, False
     for name, provider, _ in as_they_come():
@@ -102,7 +170,7 @@ def grounds(folder: Path, drawn: int) -> dict[str, str | Path]:
     return {name: name for name in names}
 
 
-def crossed(robot: str, terrain: str | Path, limit_s: float) -> Row:
+def crossed(robot: str, terrain: str | Path, limit_s: float, goal: tuple[float, float]) -> Row:
     """What is answered, and what comes of it in MuJoCo."""
     begun, row = time.process_time(), {"status": "refused", "run": ""}
     try:
@@ -110,7 +178,7 @@ def crossed(robot: str, terrain: str | Path, limit_s: float) -> Row:
             terrain,
             robot=robot,
             start=START,
-            goal=GOAL,
+            goal=goal,
             time_limit_s=limit_s,
         )
         row |= {"status": answer.status.value, "says": answer.message}
@@ -126,19 +194,22 @@ def crossed(robot: str, terrain: str | Path, limit_s: float) -> Row:
     return row | {"cpu_s": time.process_time() - begun}
 
 
-def rows(folder: Path, wanted: list[str], limit_s: float, drawn: int) -> Iterator[Row]:
+def rows(
+    folder: Path, wanted: list[str], limit_s: float, drawn: int, quadrupeds: int
+) -> Iterator[Row]:
     """A row a robot and ground, asked or kept; over grounds that are drawn robots alone."""
     folder.mkdir(parents=True, exist_ok=True)
     kept = Lines(folder / "crossings.jsonl")
     for name, terrain in grounds(folder, drawn).items():
-        for robot, called, negative in robots():
+        for robot, called, negative in robots(folder, quadrupeds):
             left_out = wanted and not any(part in called for part in wanted)
             if left_out or (negative and drawn):
                 continue
             if (key := f"{called} {name}") not in kept.rows:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
-                    kept.add(key, {"negative": negative, **crossed(robot, terrain, limit_s)})
+                    row = crossed(robot, terrain, limit_s, NEAR if quadrupeds else GOAL)
+                    kept.add(key, {"negative": negative, **row})
             yield kept.rows[key]
 
 

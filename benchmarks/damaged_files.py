@@ -1,5 +1,5 @@
 """Damaged files: every reader of the command under thousands of mutated files, in process and as
-processes.
+processes; and every option under values that are none.
 
 ``python benchmarks/damaged_files.py --in-process 1500 --meshes 250 --others 12000 --out
 out/damage``. A file is right to be taken as ``tests/damage/cases.py`` says: 0 where it still means
@@ -14,13 +14,16 @@ from __future__ import annotations
 import gc
 import json
 import os
+import re
 import resource
 import signal
 import sys
 import time
 import zlib
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +31,40 @@ import numpy as np
 from _bench import Options, launch
 
 from stancekit.cli.main import main, parse, run
-from tests.damage.cases import Case, cases, command, fault, said
+from tests.damage.cases import ALL, OUTSIDE, PLAN, Case, cases, command, fault, said
 from tests.damage.files import make_files
 
 LONGEST_S, MOST_BYTES = 10, 1_000_000_000
+VALUES = Case(name="values", arguments=("solve", "one.json"), file="one.json", kind="value")
+ASKED = {
+    "solve": ("one.json",),
+    "plan": ("course.json",),
+    "gait": ("ripple", *OUTSIDE),
+    "verify": ("plan.json",),
+    "simulate": ("plan.json", "--pace", "4"),
+    "export": ("plan.json", "--out", "written.csv"),
+    "robot": ("dog.urdf",),
+    "terrain": ("terrain.csv",),
+    "sample": ("wall-3",),
+    "label": ("wall-3", "data", *PLAN),
+}
+"""Commands, each with what it needs, to which an option with an odd value is added."""
+ODD = (
+    *("", " ", "nan", "-inf", "1e308", "-1", "0", "1e-400", "true", "٣", "1_0", "0x1", "9" * 400),
+    *(
+        "1,2,nan",
+        ",",
+        "{}",
+        "[",
+        "none",
+        "\0",
+        "\ud800",
+        "a:b:c",
+        "stairs:nan:1",
+        "../..",
+        "\x1b[2J",
+    ),
+)
 
 
 class Overdue(BaseException):
@@ -53,16 +86,27 @@ def in_process(case: Case, count: int, seed: int, out: Path) -> None:
     )
     command(case.arguments)
     verb = parse(list(case.arguments))
+    options = {
+        name: re.findall(r"^\W*(--[a-z][a-z-]*)", command((name, "--help"))[1], re.MULTILINE)
+        for name in (ASKED if case is VALUES else ())
+    }
     signal.signal(signal.SIGPROF, overdue)
     codes, wrong, slowest = Counter[int](), list[str](), 0.0
     began_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for index in range(count):
-        content, right = case.damaged(whole, rng)
-        Path(case.file).write_bytes(content)
+        if case is VALUES:
+            name = str(rng.choice([*ASKED]))
+            added = (str(rng.choice(options[name])), ODD[rng.integers(len(ODD))])
+            content, right = repr((name, *added)).encode(), ALL
+            call: Callable[[], Any] = partial(main, [name, *ASKED[name], *added])
+        else:
+            content, right = case.damaged(whole, rng)
+            Path(case.file).write_bytes(content)
+            call = partial(run, verb)
         began = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
         try:
-            code, _, err = said(lambda: run(verb))
+            code, _, err = said(call)
             message = fault(case, code, err, right)
         except Overdue:
             code, message = -1, f"more than {LONGEST_S} s"
@@ -201,7 +245,7 @@ def table(given: Arguments) -> None:
     if not (folder / "foot-dae.urdf").exists():
         make_files(folder)
     every = [case for case in cases() if not given.only or case.name in given.only]
-    for case in every if given.in_process else ():
+    for case in [*every, VALUES] if given.in_process else ():
         whole = Path(case.file).read_bytes()
         row = out / f"{case.name.replace(' ', '-')}.json"
         if not row.exists():

@@ -6,7 +6,7 @@ inverse kinematics.
     # quadrupeds over a step, and what their postures are decided by
     python benchmarks/robots.py --step
     # all of them, and what is no robot with legs, over four grounds
-    python benchmarks/robots.py --crossings FOLDER [--limit 40] [--drawn 60]
+    python benchmarks/robots.py --crossings FOLDER [--limit 40] [--drawn 60] [--quadrupeds 22]
 
 The robots that have a name and whose package is installed, and other files of these packages;
 --robots: those of a folder. --correct: robots as YAML files correct them, in addition.
@@ -16,7 +16,7 @@ reaches usefully below its hip, the share in the inner polytope; unr.: share of 
 reach; outer: of 100,000 random postures, feet outside the outer set. IK: feet drawn from the inner
 polytopes of all measured legs, the share that joint angles are found for, and the time of a stance
 of all legs in a batch of 1000. Times are of this process's CPU. --step, --natural: see
-_robot_step.py; --crossings, --limit, --drawn: see _crossings.py.
+_robot_step.py; --crossings, --limit, --drawn, --quadrupeds: see _crossings.py.
 """
 
 from __future__ import annotations
@@ -83,6 +83,7 @@ class Asked(Options):
         crossings: folder of rows, of plans over four grounds.
         limit: of each of these plans [s].
         drawn: so many drawn grounds in place of the four.
+        quadrupeds: so many drawn ones, with heavy legs among them, in place of the named robots.
     """
 
     robots: Path | None = None
@@ -94,6 +95,7 @@ class Asked(Options):
     crossings: Path | None = None
     limit: float = 40.0
     drawn: int = 0
+    quadrupeds: int = 0
 
 
 def main(arguments: Asked) -> None:
@@ -101,7 +103,13 @@ def main(arguments: Asked) -> None:
     wanted = [part for part in arguments.only.split(",") if part]
     if arguments.crossings is not None:
         answers = []
-        for each in crossings(arguments.crossings, wanted, arguments.limit, arguments.drawn):
+        for each in crossings(
+            arguments.crossings,
+            wanted,
+            arguments.limit,
+            arguments.drawn,
+            arguments.quadrupeds,
+        ):
             arguments.say(each, crossing_line)
             answers.append(each)
         arguments.say(counts(answers))
@@ -136,7 +144,7 @@ def robots(folder: Path | None) -> Iterator[tuple[str, str]]:
     if folder is not None:
         yield from ((path.stem, str(path)) for path in sorted(folder.rglob("*.urdf")))
         return
-    for file, name, negative in named():
+    for file, name, negative in named(Path(), 0):
         if not negative:
             yield name, file
     for package, paths in OTHERS.items():

@@ -431,7 +431,7 @@ def in_options() -> Iterator[None]:
                 "noise_m",
             )
         )
-        text = re.sub(rf"(?<![-\w])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
+        text = re.sub(rf"(?<![-\w.])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
         raise type(error)(text) from None
 
 

@@ -196,15 +196,25 @@ def plain_numbers(value: ArrayLike) -> Array:
     """A float copy of numbers.
 
     Raises TypeError, ValueError or OverflowError for anything else: texts, which NumPy reads as
-    numbers in any script, truth values, nulls, complex numbers, rows of different lengths.
+    numbers in any script, truth values, also among numbers, nulls, complex numbers, rows of
+    different lengths.
     """
     raw = np.asarray(value)
+    if raw is not value and raw.ndim and _has_truths(value):
+        raise TypeError
     large = raw.dtype.kind == "O" and all(
         type(each) in (int, float) for each in raw.flat
     )  # integers beyond 64 bits
     if raw.dtype.kind not in "fiu" and not large:
         raise TypeError
     return np.array(raw, dtype=np.float64)
+
+
+def _has_truths(value: Any) -> bool:
+    """Tell whether there is a truth value among numbers, which NumPy takes for 1 or 0."""
+    if isinstance(value, list | tuple):
+        return any(map(_has_truths, value))
+    return isinstance(value, bool | np.bool_)
 
 
 def checked(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 from ..errors import InvalidInput
-from ..files.arrays import Array, read_archive, read_only
+from ..files.arrays import Array, checked_int, read_archive, read_only
 from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown, yaml_of
 
 _AXES = "xyz"
@@ -109,8 +109,8 @@ def is_table(path: str | Path, data: object) -> bool:
         with suppress(InvalidInput):
             return _is_joint_trajectory(read_yaml(path))
     if suffix == ".npz":
-        with suppress(OSError, ValueError, KeyError), np.load(path, allow_pickle=False) as archive:
-            return "format" in archive.files and str(archive["format"]) == FORMAT
+        with suppress(InvalidInput):
+            return str(read_archive(path).get("format")) == FORMAT
     return suffix in (".csv", ".xml") or (suffix == ".json" and _is_joint_trajectory(data))
 
 
@@ -249,6 +249,9 @@ def _from_npz(path: Path) -> MotionTable:
         for name in ("joints", "limbs")
     )
     arrays: dict[str, Any] = {name: archive[name] for name in shapes(0, 0, 0) if name in archive}
+    for name, array in arrays.items():
+        if array.dtype.kind not in ("biuf" if name == "contact" else "iuf"):
+            raise InvalidInput(f"{name}: expected numbers, got {shown(array.tolist())}")
     if "time_s" not in arrays or arrays["time_s"].ndim != 1:
         raise InvalidInput(f"{path}: expected time_s of shape (T,), got none")
     if "contact" in arrays:
@@ -297,8 +300,10 @@ def _seconds(point: Mapping[str, Any], k: int, where: str) -> float:
     time = point.get("time_from_start")
     if isinstance(time, Mapping):
         for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
-            if isinstance(time.get(whole), int) and isinstance(time.get(part, 0), int):
-                return float(time[whole]) + float(time.get(part, 0)) / _NANO
+            if whole in time:
+                place = f"{where}: points[{k}].time_from_start"
+                seconds = checked_int(time[whole], f"{place}.{whole}")
+                return seconds + checked_int(time.get(part, 0), f"{place}.{part}") / _NANO
     raise InvalidInput(
         f"{where}: points[{k}].time_from_start: expected sec and nanosec, got {shown(time)}"
     )

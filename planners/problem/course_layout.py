@@ -300,6 +300,8 @@ def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
         spec.steps.com_m * (spec.frames - 1) + radius[0] + (radius[-1] if spec.frames > 1 else 0.0)
     )
     if far > most + 1e-9:
+        if spec.frames == 1:
+            raise InvalidInput(f"frames: expected 2 or more for a goal {far:.3g} m away, got 1")
         raise InvalidInput(
             f"goal_m: expected a goal within {most:.3g} m ({spec.frames - 1} steps of up to "
             f"{spec.steps.com_m:g} m "

@@ -41,6 +41,9 @@ _CORNER_ROUNDS = 8
 WEIGHTS = read_only(np.repeat([1.0, _TURNING], 3), (6,), "weights")
 _PLANNED = 0.95
 """Share of μ that forces may use where the plan uses as much."""
+_LIGHT = 0.25
+"""Share of what the plan has a foot press with that it may be relieved to: one that is to press with
+little is what the robot turns about, and more than that turns it over."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +53,8 @@ class BodyFeedback:
     Arguments:
         position_s2, velocity_s, rotation_s2, turn_s: k_p, k_v, k_R, k_ω; all 0 for no feedback.
         cone_share: of μ that forces may use, more where the plan does.
-        least_share: of the weight that a foot which stands presses with, at least.
+        least_share: of the weight that a foot which stands presses with, at least; less where the
+            plan has it press with little.
         step_s: feet in the air step aside by what the body's velocity error makes in this time; for
             walks it is set by how high the robot stands.
     """
@@ -95,7 +99,7 @@ class BodyController:
         )
         self._rows: dict[int, Rows[_Asked]] = {}
         self._log = pinocchio().log3
-        self._shares: tuple[Samples | None, Array] = None, np.zeros(0)
+        self._shares: tuple[Samples | None, Array, Array] = None, np.zeros(0), np.zeros(0)
         self._asked: tuple[tuple[bytes, ...], Array] = (), np.zeros((0, 3))
 
     def wrench(self, wanted: BodyPose, found: BodyPose) -> Array:
@@ -151,13 +155,12 @@ class BodyController:
         planned = np.einsum("nik,ni->nk", frames, planned_n[rows])
         arms, planned = maps.transpose(1, 0, 2).reshape(6, -1), planned / self._weight
         wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
-        friction = self._friction(sample)[rows]
-        force = self._of_no_cone(arms, wanted, planned, friction)
+        friction, least = (shares[rows] for shares in self._limits(sample))
+        asked = _Asked(arms=arms, wanted=wanted, planned=planned, friction=friction, least=least)
+        force = self._of_no_cone(asked)
         if force is None:
-            question = _Asked(arms=arms, wanted=wanted, planned=planned, friction=friction)
-            solution = self._program(len(frames)).solve(question)
-            force = solution.value("forces") if solution.solved else planned
-            force = self._inside(force, friction)
+            solution = self._program(len(frames)).solve(asked)
+            force = _inside(solution.value("forces") if solution.solved else planned, asked)
         force_n = np.einsum("nik,nk->ni", frames, self._weight * force)
         if whole:
             return np.asarray(force_n)
@@ -185,7 +188,7 @@ class BodyController:
             planned_n: shape (K, 3).
             stands: which corners touch, shape (K,).
         """
-        frames, friction = sample.frames[owner], self._friction(sample)[owner]
+        frames, friction = sample.frames[owner], self._limits(sample)[0][owner]
         maps = np.concatenate([frames, _TURNING * skew(arms_m) @ frames], axis=1)
         planned = np.einsum("nik,ni->nk", frames, planned_n) / self._weight
         wanted, force, held = WEIGHTS * wrench / self._weight, planned, ~stands
@@ -203,42 +206,39 @@ class BodyController:
         force[:, 1:] *= np.minimum(1.0, friction * force[:, 0] / across)[:, None]
         return np.asarray(np.einsum("nik,nk->ni", frames, self._weight * force))
 
-    def _of_no_cone(
-        self, arms: Array, wanted: Array, planned: Array, friction: Array
-    ) -> Array | None:
+    def _of_no_cone(self, asked: _Asked) -> Array | None:
         """The program's forces where no cone holds them, p + Aᵀ y, and where they would be less, the
         least ones; in the feet's frames and units of the weight, shape (n, 3). None where a cone
         does.
 
         y solves (B Bᵀ + ε) y = w − A p, with B = A but zero, and p the least force, in the columns
-        that are held there. Those are found anew until they stay. Arguments as of ``_Asked``.
+        that are held there. Those are found anew until they stay.
         """
-        least = self._feedback.least_share
+        arms, wanted, planned, least = asked.arms, asked.wanted, asked.planned, asked.least
         free, start, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
         for _ in range(_ROUNDS):
             lacks = np.linalg.solve(free @ free.T + _EVEN, wanted - arms @ start.ravel())
             force = planned + (lacks @ arms).reshape(planned.shape)
             light = force[:, 0] < least
             if (light == held).all():
-                force[held, 0] = least
-                inside = lengths(force[:, 1:]) <= friction * force[:, 0]
+                force[held, 0] = least[held]
+                inside = lengths(force[:, 1:]) <= asked.friction * force[:, 0]
                 return force if inside.all() else None  # nor where one is not finite
             free, start, held = arms.copy(), planned.copy(), light
-            free[:, ::3][:, held], start[held, 0] = 0.0, least
+            free[:, ::3][:, held], start[held, 0] = 0.0, least[held]
         return None
 
-    def _friction(self, sample: Samples) -> Array:
-        """The part of μ that the forces of every foot may use, shape (N,)."""
+    def _limits(self, sample: Samples) -> tuple[Array, Array]:
+        """The part of μ that the forces of every foot may use, and the least of the weight that it
+        presses with, shape (N,) each.
+        """
         if self._shares[0] is not sample:
-            self._shares = sample, self._found_friction(sample)
-        return self._shares[1]
-
-    def _found_friction(self, sample: Samples) -> Array:
-        used = sample.across_n / np.maximum(
-            sample.along_n, self._feedback.least_share * self._weight
-        )
-        share, most = self._feedback.cone_share * sample.friction, _PLANNED * sample.friction
-        return np.asarray(np.maximum(share, np.minimum(used, most)))
+            few = self._feedback.least_share
+            used = sample.across_n / np.maximum(sample.along_n, max(few * self._weight, 1e-9))
+            share, most = self._feedback.cone_share * sample.friction, _PLANNED * sample.friction
+            least = np.clip(_LIGHT * sample.along_n / self._weight, 0.0, few)
+            self._shares = sample, np.maximum(share, np.minimum(used, most)), least
+        return self._shares[1:]
 
     def _program(self, count: int) -> Rows[_Asked]:
         """The program for so many feet, in their own frames and units of the weight."""
@@ -251,23 +251,13 @@ class BodyController:
             rows.put(balance, lacks, 1.0)
             rows.right(balance, Of("wanted"))
             rows.put(least, forces[:, 0], -1.0)
-            rows.right(least, -self._feedback.least_share)
+            rows.right(least, -Of("least"))
             rows.put(cone[:, 0], forces[:, 0], -Of("friction"))
             rows.put(cone[:, 1:], forces[:, 1:], -1.0)
             rows.square(lacks, None, 1.0)
             rows.square(forces, None, EVEN)
             rows.linear(forces, -2.0 * EVEN * Of("planned"))
         return self._rows[count]
-
-    def _inside(self, force: Array, friction: Array) -> Array:
-        """Project forces into the cones, and onto the least force, which a solver leaves by its
-        tolerance; forces: in their frames, and units of the weight.
-        """
-        along = np.maximum(force[:, 0], self._feedback.least_share)
-        share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
-        forces_inside = np.empty_like(force)
-        forces_inside[:, 0], forces_inside[:, 1:] = along, share[:, None] * force[:, 1:]
-        return forces_inside
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -278,13 +268,23 @@ class _Asked:
         arms: maps forces to their sum and moment, (6, 3n).
         wanted: of these, (6,).
         planned: (n, 3).
-        friction: (n,).
+        friction, least: (n,) each.
     """
 
     arms: Array
     wanted: Array
     planned: Array
     friction: Array
+    least: Array
+
+
+def _inside(force: Array, asked: _Asked) -> Array:
+    """Project forces into the cones, and onto the least force, which a solver leaves by its
+    tolerance; forces: in their frames, and units of the weight.
+    """
+    along = np.maximum(force[:, 0], asked.least)
+    share = np.minimum(1.0, asked.friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
+    return np.column_stack([along, share[:, None] * force[:, 1:]])
 
 
 def skew(v: Array) -> Array:

@@ -1,12 +1,14 @@
 """Places where feet are put down: what is added to their planned places, because of what they feel
 and where the body is.
 
-Feet that should touch and do not are lowered. Where the body is measured, feet that have landed,
-early or late, stay where they are, and not where they should have landed, until the path on which
-they are lifted is above them: one that begins below them would press them into the ground; those in the air go to
-their places in the world, or step to where the body falls. Until a foot bears it goes with the body
-as it is, not as it should be: joints that pull a body to its place with a foot that has no friction
-for it only make that foot slide.
+Feet that should touch and do not are lowered. A foot that stands and should press with little is
+not: it lost its load since the robot tips away from it, and what it is lowered by tips it further.
+Where the body is measured, feet that have landed, early or late, stay where they are, and not where
+they should have landed, until the path on which they are lifted is above them: one that begins
+below them would press them into the ground; those in the air go to their places in the world, or
+step to where the body falls. Until a foot bears it goes with the body as it is, not as it should
+be: joints that pull a body to its place with a foot that has no friction for it only make that foot
+slide.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ _QUIET, _LISTEN_S = 4.0, 0.5
 about for this time [s]. A surface does not pull: what they feel below zero is noise, and half of
 it."""
 _BORNE, _BORNE_S = 0.1, 0.1
-"""A foot holds its place in the world, not under the body, until it has felt this share of the
+"""A foot that is to press with less than this share of the weight is not lowered once it stands. And
+one holds its place in the world, not under the body, until it has felt this share of the
 weight, about for this time [s]: what bears nothing pulls no body to its place, it only slides."""
 LEVEL = 0.5
 """Feet that step aside come down between the heights that they should have under the body and in
@@ -151,7 +154,8 @@ class FootPlacement:
         touches = self._touches(felt_n)
         self._met = stands & (touches | (self._met & ~lands))
         unmet = stands & ~self._met & self._on(self._uncertain, then)
-        missing = stands & ~late & (lands | unmet | (wanted > 4.0 * self._touch_n))
+        loaded = wanted > max(4.0 * self._touch_n, _BORNE * self._weight)
+        missing = stands & ~late & (lands | unmet | loaded)
         missing &= ~touches & (self._depth < self._on(self._deepest, then))
         self.seeks = missing & unmet
         deeper = self._depth + self._feedback.seek_m_s * self._period_s

@@ -171,12 +171,6 @@ def test_a_run_prints_its_curve_and_goes_on(write, stancekit):
     assert stancekit(*train, "--json", "--resume", "--steps", "32").out == again.out
 
 
-def test_a_run_says_what_it_is_at(write, stancekit):
-    said = stancekit("train", write("train.yaml", SMALL), "--out", "run").err
-    rows = ["label train: 6 rows", "label held-out: 4 rows", "learn: 16 steps"]
-    assert said.splitlines() == rows
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

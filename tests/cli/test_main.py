@@ -19,7 +19,7 @@ import pytest
 
 from stancekit.cli import console, sample
 from stancekit.cli.about import DOCUMENTED_S, About
-from stancekit.cli.main import brief, commands, run
+from stancekit.cli.main import commands, run
 from stancekit.cli.options import NAMES
 from stancekit.planners.equilibrium import yardstick
 from stancekit.planners.errors import PlanningFailed, install_command
@@ -108,18 +108,6 @@ def test_every_command_explains_itself(command, stancekit, tmp_path):
     for option in options:
         assert re.search(f"--(no-)?{option.replace('_', '-')}[ \n]", ran.out), option
     assert os.listdir(tmp_path) == []
-
-
-def test_the_overview_says_whole_sentences():
-    assert all(brief(name).endswith((".", "?")) for name in commands())
-
-
-def test_lines_ahead_of_the_tables_are_broken_between_words(stancekit):
-    for command in commands():
-        text = stancekit(command, "--help").out.partition("\n options")[0]
-        prose = [line for line in text.splitlines() if line and not line.startswith(" ")]
-        assert all(len(line) <= 80 or " " not in line for line in prose), command
-        assert "\n\n\n" not in text, command
 
 
 def test_no_line_of_an_options_text_ends_before_it_has_to(stancekit):

@@ -187,9 +187,11 @@ def test_a_proof_is_not_written_where_a_picture_or_a_page_goes(refusal):
         assert said == f"{option}: expected another file than --proof, got {name} for both"
 
 
-def test_a_course_that_there_is_not_names_those_that_there_are(refusal):
+def test_a_course_or_ground_that_there_is_not_names_those_that_there_are(refusal, tmp_path):
     said = refusal("plan", "nowhere")
     assert all(name in said for name in builtin_courses())
+    (tmp_path / "course.yaml").write_text("terrain: {kind: stair}")
+    assert "; terrain.kind: expected one of 'polygons'" in refusal("plan", "course.yaml")
 
 
 def test_a_file_of_modes_that_is_none_is_told(refusal, tmp_path):

@@ -10,7 +10,6 @@ from dataclasses import asdict, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ import yaml
 from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
 from stancekit.cli.run import RunMotion
-from stancekit.cli.simulate import _message
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.formats.question_file import write_boxes
@@ -30,7 +28,6 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
-from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.log import read_log
 from stancekit.runner.worlds.dynamixel.control_table import nominal
 from stancekit.runner.worlds.ros.setup import same_names
@@ -216,16 +213,6 @@ def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refu
         given: dict[str, Any] = {"plan": plan} | options
         assert ended(RunMotion(**given), capsys) == (2, "", f"stancekit: error: {said}\n")
     assert (plan.read_bytes(), log.read_bytes()) == (before, b"an earlier log")
-
-
-def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main_code("run", "--help") == 0
-    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    usual = LoopSettings()
-    assert re.search(rf"--horizon INT [^(]*\(default: {usual.horizon}\)", said)
-    assert re.search(rf"--replan-m M [^(]*\(default: {usual.replan_m} m\)", said)
 
 
 @pytest.mark.parametrize(
@@ -503,16 +490,6 @@ def test_a_plan_file_that_was_edited_is_refused(file, refusal, tmp_path):
 )
 def test_bad_options_are_refused_before_anything_moves(options, said, file, refusal):
     assert refusal("simulate", file, *options).startswith(said)
-
-
-def test_a_run_that_was_stopped_says_so_before_how_far_it_was_from_its_end():
-    off = SimpleNamespace(message="the centre of mass ended 529 mm from the plan's")
-    report = SimpleNamespace(
-        stopped_s=None, frames_done=2.0, frames=12.0, counted="key frames", message="off"
-    )
-    assert _message(report, off) == off.message
-    report.stopped_s, report.message = 17.0, "signal SIGTERM"
-    assert _message(report, off) == "stopped after 2 of 12 key frames: signal SIGTERM"
 
 
 SERVOS = '''

@@ -129,6 +129,14 @@ JSON, YAML, NPZ = (
     (m.yaml_tree, m.renumbered),
     (m.other_arrays, m.other_header, m.other_directory),
 )
+MOTIONS: dict[str, tuple[m.Bytes, ...]] = {
+    "csv": TEXT,
+    "npz": NPZ,
+    "json": JSON,
+    "yaml": YAML,
+    "xml": TEXT,
+}
+"""Kinds of files of motions from elsewhere, JSON and YAML of JointTrajectories."""
 OUTSIDE = ("--start", "0,0", "--goal", "90000,0")
 """A walk that no terrain holds: read, and then refused."""
 ONLY = frozenset({2})
@@ -390,6 +398,25 @@ def cases() -> list[Case]:
             made=TEXT,
         )
     )
+    found.append(
+        Case(
+            name="mjcf",
+            arguments=("robot", "motion.xml", "--json"),
+            file="motion.xml",
+            kind="xml",
+            made=TEXT,
+        )
+    )
+    for suffix, ways in MOTIONS.items():
+        found.append(
+            Case(
+                name=f"motion {suffix}",
+                arguments=("verify", f"motion.{suffix}", "--course", "course.json"),
+                file=f"motion.{suffix}",
+                kind=suffix,
+                made=ways,
+            )
+        )
     for suffix in ("stl", "obj", "ply"):
         found.append(
             Case(

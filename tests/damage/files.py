@@ -38,7 +38,7 @@ from stancekit.runner.worlds.dynamixel.control_table import nominal
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.planners.robot.small_urdfs import quadruped
 
-from .cases import command
+from .cases import MOTIONS, command
 
 FEET = (".stl", "-text.stl", ".obj", ".ply", "-text.ply", ".off", ".glb", ".dae")
 """Kinds of meshes that robots and terrains name, by the ends of their files' names."""
@@ -110,6 +110,8 @@ def _plans(folder: Path) -> None:
         )
     )
     _shortened(folder / "long.mcap", folder / "run.mcap")
+    for suffix in MOTIONS:
+        command(("export", "plan.json", "--rate-hz", "2", "--out", f"motion.{suffix}"))
     joints = joint_names(plan.problem.robot)
     nominal(plan.problem.robot, port="/dev/none").write(folder / "servos.yaml")
     same_names(joints, host="127.0.0.1", port=1, timeout_s=0.1).write(folder / "ros.yaml")

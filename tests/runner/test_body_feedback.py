@@ -204,6 +204,14 @@ def test_a_foot_that_has_not_landed_is_made_up_for() -> None:
     np.testing.assert_allclose(total(forces), total(now.forces_n), atol=0.02 * WEIGHT)
 
 
+def test_a_foot_that_the_robot_turns_about_is_relieved_of_nearly_all_that_it_presses_with() -> None:
+    now = replace(sample(), forces_n=100.0 * WEIGHT * UP * [[0.04], [0.48], [0.48], [0.0]])
+    righted = 100.0 * WEIGHT * UP * [[0.015], [0.4925], [0.4925], [0.0]]
+    wrench = total(righted) - total(now.forces_n)
+    forces = controller().forces(wrench, now, FEET, now.forces_n, np.arange(4) < 3)
+    np.testing.assert_allclose(forces, righted, atol=2e-3 * WEIGHT)
+
+
 def test_a_body_beside_its_place_is_not_tipped_by_forces_planned_for_it_there() -> None:
     now, away = sample(friction=2.0), np.array([0.02, -0.01, 0.0])
     tips = np.cross(FEET - away, now.forces_n).sum(axis=0) - total(now.forces_n)[3:]
@@ -404,6 +412,20 @@ def test_a_foot_that_does_not_bear_pulls_no_body_and_one_that_bears_does(
             np.testing.assert_allclose(under_the_body[0], now.feet_m[0] + share * BESIDE, atol=1e-5)
         else:  # the body is beside its place: a foot that holds pushes it back by so much
             np.testing.assert_allclose(under_the_body[0], now.feet_m[0] + BESIDE, atol=1e-5)
+
+
+def test_only_a_foot_that_should_carry_is_lowered_where_it_lost_its_load(
+    kinematics: Kinematics,
+) -> None:
+    """One that presses with little loses that as the robot tips away from it, and turns it over."""
+    now = standing(kinematics)[1]
+    for share, lowered in ((0.15, True), (0.05, False)):
+        turns = replace(now, forces_n=4.0 * now.forces_n * [[share], [0.5], [0.5], [0.0]])
+        feet, felt = of(kinematics, turns), np.array([0.0, 50.0, 50.0, 50.0])
+        for _ in range(200):
+            feet.seek(turns, turns, felt, np.zeros(4, dtype=np.bool_))
+            feet.follow(turns, turns, felt, NONE, None)
+        assert (feet.moved_m[0, 2] < -0.005) == lowered
 
 
 @pytest.mark.parametrize("noise_n", [0.0, 5.0])

@@ -456,7 +456,7 @@ def test_keys_are_named_as_they_stand_in_the_file(changes, message):
             {"goal_m": [1.0, 0.0, 0.2]},
             "goal_m",
         ),
-        ({"frames": 1}, "goal_m"),
+        ({"frames": 1}, "frames"),
         ({"stride_m": 0.3}, "goal_m"),
         (
             {"stride_m": 0.1, "goal_m": [0.0, 0.0, 0.2]},

@@ -121,7 +121,7 @@ def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: P
     back, whole = read_table(path), message["points"][0]["positions"]
     np.testing.assert_array_equal(back.angles_rad, moved.table.angles_rad)
     assert back.joints == named.joints
-    for wrong in ("1.0", None, float("nan")):
+    for wrong in ("1.0", None, float("nan"), True):
         message["points"][0]["positions"] = [wrong, *whole[1:]]
         path.write_text(yaml_of(message) if suffix == ".yaml" else json.dumps(message))
         with refuses("positions" if wrong == wrong else path.name):
