@@ -100,9 +100,12 @@ lift it."""
 KNEES_BENT = Alternative(height=0.92)
 """The layout that is tried first after that which was asked for where feet are soles: knees that are
 bent more have room for soles that lean."""
-STRIDING = Alternative(striding=True)
-"""The layout that is tried last between two places, and first where there are walls and legs that
+
+STRIDES = (Alternative(striding=True), Alternative(striding=True, height=1.15))
+"""The layouts that are tried last between two places, and first where there are walls and legs that
 go through something."""
+LOW = (Alternative(height=0.7), Alternative(height=0.6))
+"""The layouts that are tried last where the first has no way: below what is too low for others."""
 ALTERNATIVES = (
     AS_ASKED,
     Alternative(spread=1.15, height=0.85),

@@ -30,11 +30,11 @@ from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
-from ..motion.path import PathMoments, PlanPath
+from ..motion.path import LIFT_M, PathMoments, PlanPath
 from ..problem import Problem
-from ..robot.bodies import Bodies
+from ..robot.bodies import Bodies, link_shapes
 from ..robot.chain import rotations_of
-from ..robot.inverse_kinematics import Near
+from ..robot.inverse_kinematics import Near, descend
 from ..robot.kinematics import Kinematics
 from ..robot.leg import turning
 from ..terrain.obstacles import Obstacles
@@ -447,6 +447,220 @@ def _legs(plan: Plan) -> tuple[Array, NDArray[np.int_]]:
     frame = np.where(comes, moments.after, moments.before)
     moved = np.asarray(plan.problem.holds)[frame]
     return points, np.where(moments.foothold >= 0, moments.foothold, moved)
+
+
+_TRIED_M, _MOST = 0.03, 9
+"""Places of a toe that are tried are so far apart, or farther, for at most so many on a patch [m]."""
+_STEPS_OF_A_LEG, _EXACT_M = 10, 2e-3
+"""Steps that inverse kinematics takes at most, and how near its foot is then enough [m]."""
+_FOOT = 2.5
+"""Corners of a link that are nearer to its foot's centre, in radii, are its foot."""
+_REACHED_M = 0.01
+"""A leg that misses its place by more does not get there [m]."""
+_ABOUT = 1.5
+"""Walls that are so many reaches from where a toe likes to be, or farther, are none of its leg's."""
+_EDGE_M = 1e-3
+"""So much more than the places on it is left of a patch [m]."""
+
+
+def at_clear_places(
+    course: Problem, com_m: Array, rotation_rad: Array, clearance_m: float
+) -> Problem:
+    """The course whose toes have near walls those places alone at which legs are clear of them while
+    the body goes so.
+
+    Across the nearest wall places of every toe are tried on each of its candidates, with the leg's
+    joints found for each at all frames in which it stands, and at the first and the last of them with its
+    foot lifted: of a candidate the run of clear places that is nearest to where the toe likes to be is left,
+    and one without any goes where there are others. It is no proof: the body may go another way.
+
+    Arguments:
+        com_m, rotation_rad: of the body at every frame, shape (M, 3).
+        clearance_m: distance that links are to keep [m].
+    """
+    legs = LegsAtWalls.of(course, com_m, rotation_rad, clearance_m)
+    footholds, names = list(course.footholds), course.robot.limb_names
+    for p, foothold in enumerate(course.footholds):
+        limb = names.index(foothold.limb)
+        frames = np.flatnonzero(np.asarray(course.holds)[:, limb] == p)
+        left = legs.candidates(foothold.candidates, limb, frames)
+        footholds[p] = replace(foothold, candidates=left)
+    return replace(course, footholds=tuple(footholds))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegsAtWalls:
+    """Legs of a robot whose body goes some way past walls.
+
+    Arguments:
+        com_m, origins_m, rotations: of the body and the base's frame at every frame, shape (M, 3),
+            (M, 3) and (M, 3, 3).
+        toes_m: where toes like to be, from the centre of mass, shape (N, 3).
+        angles: of the joints as the robot stands, shape (J,).
+        corners: as of ``_corners``.
+        rooms_m: distance that every leg's line keeps from walls, shape (N,).
+        clearance_m: distance that the corners keep.
+    """
+
+    solver: Kinematics
+    walls: Sequence[Patch]
+    com_m: Array
+    origins_m: Array
+    rotations: Array
+    toes_m: Array
+    angles: Array
+    corners: list[tuple[Index, Array]]
+    rooms_m: Array
+    clearance_m: float
+
+    @classmethod
+    def of(
+        cls, course: Problem, com_m: Array, rotation_rad: Array, clearance_m: float
+    ) -> LegsAtWalls:
+        """Those of a course."""
+        robot, turns = course.robot, rotations_of(rotation_rad)
+        solver = Kinematics(robot, gravity_m_s2=course.gravity_m_s2)
+        if course.standing_m is not None:
+            toes = course.standing_m[0]
+        else:
+            first = [course.footholds[p].candidates[0].centre_m for p in course.holds[0]]
+            toes = np.array(first) - course.com_nominal_m[0]
+        return cls(
+            solver=solver,
+            walls=walls_of(course),
+            com_m=com_m,
+            origins_m=com_m - turns @ robot.origin_m,
+            rotations=turns,
+            toes_m=toes,
+            angles=solver.solve(np.zeros(3), np.zeros(3), toes).angles,
+            corners=_corners(solver),
+            rooms_m=_THICK * robot.source.foot_radii_m + clearance_m,
+            clearance_m=clearance_m,
+        )
+
+    def candidates(self, patches: tuple[Patch, ...], limb: int, frames: Index) -> tuple[Patch, ...]:
+        """What is left of the candidates of a limb that stands through these frames."""
+        toe = self.com_m[frames].mean(axis=0) + self.toes_m[limb]
+        reach_m = float(self.solver.robot.limbs[limb].reach_m)
+        near = [wall for wall in self.walls if _gap_m(wall, toe[:2]) < _ABOUT * reach_m]
+        if not near:
+            return patches
+        wall = min(near, key=lambda each: _gap_m(each, toe))
+        along, left = wall.normal[:2] / np.linalg.norm(wall.normal[:2]), list[Patch]()
+        for patch in patches:
+            places = _across(patch, toe, along)
+            if places is None:
+                left.append(patch)
+                continue
+            clear = self._clear(limb, places, patch.normal, frames)
+            if clear.any():
+                off = np.linalg.norm((places - toe)[:, :2], axis=1)
+                nearest = int(np.where(clear, off, np.inf).argmin())
+                left.append(_run(patch, places, clear, nearest, np.array([*along, 0.0])))
+        return tuple(left) or patches
+
+    def _clear(self, limb: int, places: Array, normal: Array, frames: Index) -> NDArray[np.bool_]:
+        """Tell at which places, shape (S, 3), the leg is clear of walls at all these frames, and gets
+        its foot up.
+        """
+        radius = float(self.solver.radii_m[limb])
+        feet = np.repeat((places + radius * normal)[:, None], len(frames) + 2, axis=1)
+        feet[:, -2:] += LIFT_M * self.solver.robot.size * normal
+        meets, away = self._looks(limb, feet, np.append(frames, frames[[0, -1]]))
+        stuck = (meets | away)[:, -2:] & ~away[:, [0, -3]]
+        return np.asarray(~((meets & ~away)[:, :-2].any(axis=1) | stuck.any(axis=1)))
+
+    def _looks(
+        self, limb: int, feet: Array, at: Index
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Tell whether the leg meets a wall at these frames with its feet there, shape (S, T, 3), and
+        whether it does not get there; shape (S, T) each.
+        """
+        origins, turns = self.origins_m[at], self.rotations[at]
+        leg, joints = self.solver.model.legs[limb], self.solver.joints_of(limb)
+        targets = np.einsum("tij,sti->stj", turns, feet - origins).reshape(-1, 3)
+        start = np.tile(self.angles[joints], (len(targets), 1))
+        angles, missed = descend(leg, targets, start, steps=_STEPS_OF_A_LEG, exact_m=_EXACT_M)
+        axes, places = leg.chain.frames(angles)
+        ends = np.concatenate([places, leg.chain.feet(angles)[:, None]], axis=1)
+        first, last = ends[:, :-1, None], ends[:, 1:, None]
+        lines = (first + _SHARES * (last - first)).reshape(len(ends), -1, 3)[:, :-2]
+        joint, corners = self.corners[limb]
+        corners = places[:, joint] + np.einsum("tkij,kj->tki", axes[:, joint], corners)
+        room = np.repeat([self.rooms_m[limb], self.clearance_m], [lines.shape[1], len(joint)])
+        points = np.concatenate([lines, corners], axis=1).reshape(*feet.shape[:2], -1, 3)
+        points = origins[:, None] + np.einsum("tij,stnj->stni", turns, points)
+        meets = np.zeros(feet.shape[:2], dtype=bool)
+        for wall in self.walls:
+            flat, about = wall.frame[:, 1:], points - wall.centre_m
+            normals, offsets = half_planes((wall.vertices_m - wall.centre_m) @ flat)
+            inside = np.all(about @ flat @ normals.T <= offsets + room[:, None], axis=-1)
+            meets |= (inside & (np.abs(about @ wall.normal) < room)).any(axis=-1)
+        return meets, missed.reshape(meets.shape) > _REACHED_M
+
+
+def _corners(solver: Kinematics) -> list[tuple[Index, Array]]:
+    """Outermost corners of the links of every leg but its foot: the joint that carries each, and where
+    it is in that joint's frame, shapes (K,) and (K, 3).
+    """
+    model, result = solver.model, list[tuple[Index, Array]]()
+    shapes = link_shapes(model)[0]
+    for i, leg in enumerate(model.legs):
+        joints, corners = [np.zeros(0, dtype=int)], [np.zeros((0, 3))]
+        for shape, points in shapes:
+            mount = model.mounts[shape.link]
+            if mount.leg != i:
+                continue
+            at = (points @ shape.rotation.T + shape.origin_m) @ mount.rotation.T + mount.origin_m
+            outer = at[np.concatenate([at.argmin(axis=0), at.argmax(axis=0)])]
+            if mount.joint == leg.chain.joints - 1:
+                away = np.linalg.norm(outer - leg.chain.tip_m, axis=1)
+                outer = outer[away > _FOOT * solver.radii_m[i]]
+            joints.append(np.full(len(outer), mount.joint))
+            corners.append(outer)
+        result.append((np.concatenate(joints), np.concatenate(corners)))
+    return result
+
+
+def _run(patch: Patch, places: Array, clear: NDArray[np.bool_], chosen: int, along: Array) -> Patch:
+    """The part of a patch about a place, as far as places beside it, which follow each other this way,
+    are clear.
+    """
+    ways, flat = (places - patch.centre_m) @ along, patch.frame[:, 1:]
+    about = (patch.vertices_m - patch.centre_m) @ flat
+    after = np.flatnonzero(~clear[chosen:])[:1] + chosen - 1
+    before = np.flatnonzero(~clear[:chosen])[-1:] + 1
+    for sign, last in ((1.0, after), (-1.0, before)):
+        if len(last):
+            end = np.array([sign * ways[last[0]] + _EDGE_M])
+            about = clipped(about, sign * (along @ flat)[None], end)
+    return patch.with_vertices(patch.centre_m + about @ flat.T) if len(about) > 2 else patch
+
+
+def _gap_m(wall: Patch, place: Array) -> float:
+    """Distance of a place from the box about a wall, seen from above where it has no height [m]."""
+    corners = wall.vertices_m[:, : len(place)]
+    beyond = np.maximum(corners.min(axis=0) - place, 0.0)
+    return float(np.linalg.norm(beyond + np.maximum(place - corners.max(axis=0), 0.0)))
+
+
+def _across(patch: Patch, place: Array, along: Array) -> Array | None:
+    """Places on a patch on the line through a place this way, as seen from above, shape (S, 3); None
+    where it misses the patch.
+    """
+    flat = patch.vertices_m[:, :2]
+    normals, offsets = half_planes(flat)
+    slope, room = normals @ along, offsets - normals @ place[:2]
+    even = np.abs(slope) < 1e-9
+    ends = room / np.where(even, 1.0, slope)
+    low = float(ends[slope < -1e-9].max(initial=-np.inf))
+    high = float(ends[slope > 1e-9].min(initial=np.inf))
+    if np.any(room[even] < 0.0) or not low < high:
+        return None
+    count = min(max(int((high - low) / _TRIED_M) + 1, 2), _MOST)
+    xy = place[:2] + np.linspace(low, high, count)[:, None] * along
+    heights = patch.centre_m[2] - (xy - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+    return np.column_stack([xy, heights])
 
 
 _DECREMENT = 1e-12

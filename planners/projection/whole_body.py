@@ -32,7 +32,7 @@ from ..answer.report import LATE
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput, TimeEnded
-from ..files.arrays import Array, checked, checked_int
+from ..files.arrays import LARGEST, Array, checked, checked_int
 from ..motion.joints import STRAY_M, path_torques, plan_angles
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.model import Robot
@@ -57,6 +57,7 @@ class WholeBodyLimits:
         clearance_m: where links go through the terrain, or come too near to each other, steps aim
             at this distance [m].
         steps: most steps of the whole plan; 0: forces alone.
+        deepest_m: a plan whose bodies lack more than that is left as it is [m].
 
     Raises:
         InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative
@@ -74,6 +75,7 @@ class WholeBodyLimits:
     share: float = 0.9
     clearance_m: float = 0.005
     steps: int = 20
+    deepest_m: float = math.inf
 
     def __post_init__(self) -> None:
         if self.torque_nm is not None:
@@ -81,6 +83,7 @@ class WholeBodyLimits:
         checked(self.share, "torque_share", above=0.0, most=1.0)
         checked(self.clearance_m, "clearance_m", least=0.0)
         checked_int(self.steps, "steps", least=0)
+        checked(min(self.deepest_m, LARGEST), "deepest_m", least=0.0)
 
     def concern(self, robot: Robot) -> bool:
         """Tell whether a plan for the robot has to have joints: its file has legs, or torques are
@@ -342,7 +345,7 @@ def _at_key_frames(
         return _WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown, late=True)
     look_s = time.perf_counter() - began
     best, after, steps_taken, late = plan, before, 0, False
-    for apart_m in _ATTEMPTS_M:
+    for apart_m in _ATTEMPTS_M if before.excess[1] <= limits.deepest_m else ():
         if after.share <= (EASY if best is plan else 1.0) and not after.excess[1]:
             break
         if time.perf_counter() + look_s > deadline:

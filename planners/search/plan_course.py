@@ -26,16 +26,18 @@ from ..problem.alternatives import (
     HIGHER,
     KNEES_BENT,
     LEANING,
-    STRIDING,
+    LOW,
+    STRIDES,
     Alternative,
     ordered,
 )
 from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
-from ..projection.centre import walls_of, with_room_for_legs
+from ..projection.centre import at_clear_places, walls_of, with_room_for_legs
 from ..projection.held import PRESSES, PUSHES, pushed
 from ..projection.whole_body import WholeBodyLimits
 from ..robot.model import hexapod
+from ..verify.geometry import LEAST_PUSH
 from .answer import Planner
 from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, quick, slippery
 from .pieces import (
@@ -71,9 +73,10 @@ _SEARCH = 0.75
 judged."""
 _ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
-_CUTS, _FIRM = 5, 0.25
-"""So often contacts are searched anew with room for legs that went through walls, at most, and the
-fraction of the time for contacts that bear a push."""
+_CUTS, _CLEAR, _ANEW, _FIRM = 5, 2, 0.5, 0.5
+"""So often contacts are searched anew with room for legs that went through walls, and then at places where
+legs are clear of them, at most; the fraction of the time that each such search has; and that of it for
+contacts that bear a push."""
 _PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
@@ -84,6 +87,8 @@ _LOOK_S = 6.0
 _NEAR_M = 0.003
 """A plan with no more than that missing between its bodies and on its feet's paths is bent in few
 steps [m]: no further layout is looked at."""
+_DEEP_M = 0.03
+"""A plan beside walls whose bodies lack more is not bent: others are tried sooner [m]."""
 _LAID = "no plan over this layout, which is one of many"
 """Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
 UNPROVED = (
@@ -250,6 +255,8 @@ class _CourseSearch:
             from .witness import with_whole_body  # slow to import
 
             unbent = replace(limits, steps=0)
+            if alternative is AS_ASKED and not self.stated and walls_of(course):
+                limits = replace(limits, deepest_m=_DEEP_M)
             for within in (unbent, limits) if self.steep else (limits,):
                 judged = with_whole_body(outcome, within, self.start_rad, deadline=end)
                 if judged.status is Status.FEASIBLE:
@@ -281,32 +288,60 @@ class _CourseSearch:
 
     def _striding(self, course: Problem, outcome: Answer[Plan], end: float) -> Answer[Plan]:
         """The answer over a course, from a plan of contacts: where legs go through walls contacts are
-        searched anew with room for them, and the last plan is bent.
+        searched anew with room for them, then at places where they are clear, and of all plans that in
+        which least is too near is bent.
         """
         from .witness import with_whole_body  # slow to import
 
         assert self.limits is not None
-        unbent = replace(self.limits, steps=0)
+        limits, asked = self.limits, course
+        own, seen = course.robot.source.own, list[tuple[float, int, Answer[Plan]]]()
+
+        def looked_at(found: Answer[Plan]) -> Answer[Plan]:
+            unbent = replace(limits, steps=0)
+            judged = with_whole_body(found, unbent, self.start_rad, deadline=end)
+            tips = judged.report is not None and judged.report.accepted
+            seen.append((math.inf if tips else _short_m(judged), len(seen), found))
+            return judged
+
+        def anew(cut: Problem) -> Answer[Plan]:
+            return self._firmly(cut, _search_end(end, _ANEW), only=own)
+
+        judged = looked_at(outcome)
         for _ in range(_CUTS):
-            judged = with_whole_body(outcome, unbent, self.start_rad, deadline=end)
             if judged.status is Status.FEASIBLE or judged.solution is None:
                 return judged
-            cut = with_room_for_legs(course, judged.solution, self.limits.clearance_m)
-            found = outcome if cut is course else self._firmly(cut, end)
+            cut = with_room_for_legs(course, judged.solution, limits.clearance_m)
+            found = outcome if cut is course else anew(cut)
             if cut is course or found.solution is None:
                 break
-            course, outcome = cut, found
-        return with_whole_body(outcome, self.limits, self.start_rad, deadline=end)
+            course, judged = cut, looked_at(found)
+        com_m, rotation_rad = asked.com_nominal_m, np.zeros_like(asked.com_nominal_m)
+        for _ in range(_CLEAR if min(seen)[0] > _NEAR_M and walls_of(asked) else 0):
+            if judged.status is Status.FEASIBLE:
+                return judged
+            found = anew(at_clear_places(asked, com_m, rotation_rad, limits.clearance_m))
+            if found.solution is None:
+                break
+            judged = looked_at(found)
+            com_m, rotation_rad = found.solution.com_m, found.solution.rotation_rad
+        if judged.status is Status.FEASIBLE:
+            return judged
+        near = replace(limits, deepest_m=_DEEP_M)
+        return with_whole_body(min(seen)[2], near, self.start_rad, deadline=end)
 
-    def _firmly(self, course: Problem, end: float) -> Answer[Plan]:
-        """Contacts whose stances bear a push, and any where none do."""
-        if self.presses:
-            firm, search = pushed(course, PUSHES[0]), quick(self.planner)
+    def _firmly(self, course: Problem, end: float, *, only: bool = False) -> Answer[Plan]:
+        """Contacts whose stances bear a push; any where none do, unless only those are asked for."""
+        found: Answer[Plan] | None = None
+        for share in (PUSHES[0], 1.5 * LEAST_PUSH) if self.presses else ():
+            firm, search = pushed(course, share), quick(self.planner)
             firm_end = _search_end(end, _FIRM)
             found = plan_with_reserve(search, firm, self.shares[:1], (), deadline=firm_end)
             if found.solution is not None:
                 plan = replace(found.solution, problem=course)
                 return replace(found, problem=course, solution=plan)
+        if only and found is not None:
+            return found
         return self._contacts(course, _search_end(end))
 
     def _contacts(self, course: Problem, end: float) -> Answer[Plan]:
@@ -449,12 +484,17 @@ def _leaning(
         if alternative is first and outcome.status is Status.FEASIBLE:
             return (_of_layout(outcome, alternative) if alternative.message else outcome), layouts
         if outcome.report is not None and not outcome.report.late:
-            figures = [group.figures for group in outcome.report.groups]
-            short_m[alternative] = max(float(each.get("short_m", 0.0)) for each in figures)
+            short_m[alternative] = _short_m(outcome)
             if short_m[alternative] < _NEAR_M:
                 break
     nearest = sorted(short_m, key=lambda each: short_m[each])
     return None, [*nearest, *(each for each in layouts if each not in nearest)]
+
+
+def _short_m(outcome: Answer[Plan]) -> float:
+    """What is missing most between an answer's bodies and on its feet's paths [m]."""
+    groups = () if outcome.report is None else outcome.report.groups
+    return max((float(group.figures.get("short_m", 0.0)) for group in groups), default=0.0)
 
 
 def _on_steep_ground(question: LayOut) -> Problem | None:
@@ -490,7 +530,7 @@ def _laid_out(
     began = time.perf_counter(), time.process_time()
     left, laid_s, tried = list(layouts), 0.0, 0
     if not stated and len(layouts) > 1:
-        left.append(STRIDING)
+        left += STRIDES
     while left:
         alternative, now = left.pop(0), time.perf_counter()
         if alternative is not layouts[0] and now + laid_s >= deadline:
@@ -503,9 +543,13 @@ def _laid_out(
                 raise
             if alternative is layouts[0]:
                 left = ordered(left, "contacts")
+                if not stated and len(layouts) > 1:
+                    left += LOW
             refusal = refusal or error
             continue
         share_s = max(_FIRST * (deadline - now), _wall_s(began, _LEAST_S))
+        if alternative.striding and left and left[0].striding:
+            share_s = _FIRST * (deadline - now)
         tried += 1
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
         if outcome.status is Status.FEASIBLE and alternative.message:
@@ -520,7 +564,7 @@ def _laid_out(
             if left and course.has_soles:
                 left.insert(0, KNEES_BENT)
             elif outcome.solution is not None and not stated and walls_of(course):
-                left.sort(key=lambda each: each is not STRIDING)
+                left.sort(key=lambda each: not each.striding)
     if first is None:
         assert refusal is not None
         raise refusal
