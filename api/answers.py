@@ -92,6 +92,7 @@ def verify(
     robot: str | Path | None = None,
     course: str | None = None,
     terrain: str | Path | None = None,
+    explain: bool = False,
 ) -> FileCheck | RecheckReport: ...
 @checked
 def verify(
@@ -101,6 +102,7 @@ def verify(
     robot: str | Path | None = None,
     course: str | None = None,
     terrain: str | Path | None = None,
+    explain: bool = False,
 ) -> Report[Any] | RecheckReport | FileCheck:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made,
     without a solver.
@@ -117,7 +119,9 @@ def verify(
             motion, the course whose patches are the terrain.
         terrain: terrain for the file of a motion from elsewhere (.csv, .npz, JointTrajectory,
             MuJoCo's .xml): heights by name or file, or the file of a plan or a walk, whose ground
-            it is.
+            it is; for a contact sequence (.csv, .npz) a ground by name or file.
+        explain: of a proof's file, say what would have to give; of a contact sequence's, look for
+            the nearest that holds.
 
     Returns:
         A report: ``accepted``, and what is violated, where and by how much; of a file a
@@ -136,8 +140,10 @@ def verify(
         True
     """
     if isinstance(subject, str | Path) and os.path.isfile(subject):
-        return check_file(subject, tolerance=tolerance, robot=robot, course=course, terrain=terrain)
-    for name, value in (("robot", robot), ("course", course), ("terrain", terrain)):
+        of_file: Any = {"robot": robot, "course": course, "terrain": terrain, "why": explain}
+        return check_file(subject, tolerance=tolerance, **of_file)
+    options = {"robot": robot, "course": course, "terrain": terrain, "explain": explain or None}
+    for name, value in options.items():
         if value is not None:
             raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {value}")
     evidence = _evidence(subject) if isinstance(subject, Answer) else subject

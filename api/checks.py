@@ -4,9 +4,12 @@ problems.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from stancekit.planners.answer.answer import UNBOUNDED
 from stancekit.planners.answer.certificate import Certificate
@@ -29,6 +32,8 @@ if TYPE_CHECKING:
     from stancekit.planners.formats.motion_file import FileCheck
     from stancekit.planners.terrain.patch import Patch
 
+_LIMIT_S = 60.0
+"""A contact sequence is completed, or its fault found, by then [s]."""
 _FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 _TOLD_M = 1e-3
@@ -65,9 +70,12 @@ def check_file(
     """
     from stancekit.planners.formats import motion_file
     from stancekit.planners.formats.table_file import is_table
+    from stancekit.planners.problem.sequence import is_sequence
 
     name = str(path)
     data = read_json(path) if Path(path).suffix == ".json" else None
+    if is_sequence(path):
+        return _check_sequence(Path(path), robot, terrain, why)
     if is_table(path, data):
         if why or exact:
             option = "explain" if why else "exact"
@@ -153,6 +161,34 @@ def _check_motion(
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
     return FileCheck(path=str(path), kind="motion", report=report, message=report.message)
+
+
+def _check_sequence(
+    path: Path, robot: str | Path | None, terrain: str | Path | None, why: bool
+) -> FileCheck:
+    """Complete a contact sequence from elsewhere, or say what is wrong with it, see ``check_file``.
+
+    Arguments:
+        terrain: under its feet; None for the ground that the rows speak of.
+        why: look for the nearest sequence that holds, too.
+    """
+    from stancekit.planners.formats.motion_file import FileCheck
+    from stancekit.planners.problem.sequence import read_sequence
+    from stancekit.planners.problem.terrain_spec import FileTerrain, footholds_for
+    from stancekit.planners.robot.robot_file import robot_of
+    from stancekit.planners.search.doctor import diagnosed
+
+    rows, who = read_sequence(path), robot_of("hexapod" if robot is None else robot)
+    ground = None
+    if terrain is not None:
+        ground = FileTerrain.of(footholds_for(who, terrain)).along(np.zeros((1, 3)), Path())
+    deadline = time.perf_counter() + _LIMIT_S
+    try:
+        report = diagnosed(rows, who, ground, mend=why, deadline=deadline)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+    message = "; ".join(filter(None, (report.message, report.remark)))
+    return FileCheck(path=str(path), kind="sequence", report=report, message=message)
 
 
 def _legged(robot: str | Path) -> Robot:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from stancekit.planners.answer.report import Report
+    from stancekit.planners.formats.motion_file import FileCheck
 
 _TOLERANCE = 1e-6
 
@@ -35,6 +36,11 @@ class Verify:
     With a motion from elsewhere, `stancekit verify walk.csv --robot go1 --terrain rough:0.1:3`, a
     .csv, a .npz of `stancekit export`, a JointTrajectory (.json, .yaml) or MuJoCo key frames
     (.xml), what stands is told from what does not, group by group; what cannot be known is named.
+
+    With a contact sequence, `stancekit verify steps.csv --robot go1`, a .csv or a .npz of which foot
+    comes down where (step, foot, x, y, z, and maybe nx, ny, nz, friction, com.x, com.y, com.z),
+    every stance holds with its margins, or the one limit to blame is named; a plan completes it, or
+    with --explain the nearest sequence that holds.
 
     With a folder, `stancekit verify data/wall-3`, every witness and every certificate of a data set
     is checked.
@@ -60,9 +66,13 @@ class Verify:
     of other terrain, friction, start, goal, limits or robot is refused."""
     terrain: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
     """Heights under a motion from elsewhere, by name or file, or the file of a plan or a walk over
-    the same ground."""
+    the same ground; the ground of a contact sequence, by name or file, else the piece under every
+    foot alone."""
     explain: bool = False
-    """Say for every proof what would have to give, and by how much at least."""
+    """Say for every proof what would have to give, and by how much at least; look for the nearest
+    contact sequence that holds."""
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
+    """File for the plan that completes a contact sequence, or for that of the nearest that holds."""
     exact: bool = False
     """Replay a file's proof in exact arithmetic, too: its numbers as the fractions that they are,
     with balls that are rounded outwards where a root enters. The message says which arithmetic
@@ -125,11 +135,29 @@ class Verify:
             out.print(f"{self.problems}: {check.message}")
             for line in check.report.answer.doubts:
                 out.print(f"doubt: {line}", highlight=False)
+            if check.kind == "sequence":
+                out.print(_stances(check.report))
             if check.kind == "motion":
                 out.print(_groups(check.report))
             if check.kind in ("plan", "gait") and check.accepted:
                 out.print(check.report.remark)
+        if self.out is not None:
+            self._write(check)
         return int(not check.accepted)
+
+    def _write(self, check: FileCheck) -> None:
+        """Write the plan of a contact sequence, or of the nearest that holds, where there is one."""
+        from stancekit.planners.formats.motion_file import write_motion
+        from stancekit.planners.verify.judge import judge
+
+        assert self.out is not None
+        if check.kind != "sequence":
+            raise InvalidInput(f"--out: expected a contact sequence with it, got a {check.kind}")
+        report = judge(check.report.answer)
+        if not report.accepted:
+            raise InvalidInput(f"--out: expected a sequence that holds, got none: {check.message}")
+        write_motion(self.out, check.report.answer, report)
+        complain(f"wrote {self.out}")
 
     def _dataset(self) -> int:
         from stancekit.envs.data.ledger import check_there
@@ -145,6 +173,17 @@ class Verify:
             for name, value in report.to_json().items():
                 out.print(f"{name:16} {value}")
         return int(not report.accepted)
+
+
+def _stances(report: Report[Any]) -> Table:
+    """A row per stance of a contact sequence, and per group of its plan that has something to say."""
+    from rich.table import Table
+
+    table = Table("stance", "verdict", "what", box=None)
+    for group in report.groups:
+        if group.message:
+            table.add_row(group.name, group.verdict, group.message)
+    return table
 
 
 def _groups(report: Report[Any]) -> Table:

@@ -196,7 +196,12 @@ def explain(certificate: Certificate, *, tolerance: float | None = None) -> Expl
         return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")
     forest = forest_of(subject)
     leaves = forest.leaves({0: forest.replay(0, certificate)})
-    if not subject.is_posture:
+    slip = _slip(subject, forest.numbers)
+    if slip is not None:  # wherever they are
+        where = slip.parameter.removeprefix("friction everywhere, for ")
+        reason = f"feet slip at {where}: friction everywhere would have to {_change(slip)}"
+        explanation = Explanation(relaxations=(slip,), message=f"infeasible: {reason}")
+    elif not subject.is_posture:
         explanation = _of_course(subject, forest.numbers, leaves)
     else:
         explanation = _of_posture(
@@ -310,12 +315,7 @@ def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanat
 
 
 def _of_course(course: Problem, numbers: Numbers, leaves: Leaves) -> Explanation:
-    """The reason of the leaf whose Lagrangian is the least, unless feet slip wherever they are."""
-    slip = _slip(course, numbers)
-    if slip is not None:
-        where = slip.parameter.removeprefix("friction everywhere, for ")
-        reason = f"feet slip at {where}: friction everywhere would have to {_change(slip)}"
-        return Explanation(relaxations=(slip,), message=f"infeasible: {reason}")
+    """The reason of the leaf whose Lagrangian is the least."""
     values, empty = least_lagrangians(numbers, leaves)
     value = np.where(empty, np.inf, values[1])
     weakest, groups = int(value.argmin()), int(np.sum(~empty))
@@ -351,6 +351,7 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
     turn = 2.0 * np.pi / _SIDES * np.arange(_SIDES)
     around = np.stack([np.cos(turn), np.sin(turn)])
     least, most, worst = 0.0, 0.0, None
+    presses = course.force_bounds[1][:, 0] > 0.0
 
     def bears(candidates: NDArray[np.bool_], grip: float) -> bool:
         from scipy.optimize import nnls  # slow to import
@@ -363,7 +364,7 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
 
     for stance in course.stances:
         holds = numbers.schedule.holds[stance.frame, list(stance.limbs)]
-        under = np.isin(numbers.candidate, holds)
+        under = np.isin(numbers.candidate, holds) & presses[numbers.candidate]
         if not under.any() or bears(under, most):
             continue
         least, most, worst = most, _MOST_GRIP, stance

@@ -1,0 +1,271 @@
+"""Contact sequences from elsewhere, which foot comes down where and in which order, as courses whose
+footholds are points.
+
+A CSV has a row per foot that comes down and a header of names, an NPZ archive an array a name:
+``foot``, ``step`` (or ``t``, seconds), ``x``, ``y``, ``z`` [m], and where they are known the ground's
+``nx``, ``ny``, ``nz`` and ``friction``, and the centre of mass ``com.x``, ``com.y``, ``com.z`` [m].
+Rows of the first step say where every foot stands; those of a later one which feet lift after the
+step before and come down.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, read_archive
+from ..files.documents import read_text, shown, validated
+from ..robot.model import Robot
+from ..terrain.footholds import FRICTION
+from ..terrain.frame import Frame
+from ..terrain.patch import Patch, contact_frames
+from ..terrain.polygon import Surface
+from ..terrain.terrain import Terrain
+from .course_keys import CourseSpec, toe_offset
+from .problem import MOST_FRAMES, Foothold, Problem, StepLimits, Weights
+
+if TYPE_CHECKING:
+    from ..robot.reach_sets import Sets
+
+Rows = Mapping[str, NDArray[Any]]
+"""Columns of a sequence by name, of R rows each; ``step`` counts from 0."""
+PLACE, NORMAL, COM = ("x", "y", "z"), ("nx", "ny", "nz"), ("com.x", "com.y", "com.z")
+_ORDERS = ("step", "t")
+_POINT_M, _ROUND_M = 0.001, 0.02
+"""Side of the piece of ground that stands for a point, and what is known of the ground about it [m]."""
+OFF_M = 0.02
+"""A foot stands on ground that is so near [m]."""
+_MOST_SPREAD = 20.0
+"""Feet of one stance that are so many reaches apart are in other units than metres."""
+_FREE = 5.0
+"""Distance of a body from where nobody says that it is, and its longest step, in reaches."""
+_KNOWN_M = 0.02
+"""Distance of a body from where the sequence says that it is [m]."""
+
+
+def is_sequence(path: str | Path) -> bool:
+    """Tell whether a CSV or an NPZ archive says which foot comes down."""
+    with suppress(InvalidInput):
+        if Path(path).suffix == ".csv":
+            return "foot" in next(csv.reader(io.StringIO(read_text(path))), [])
+        return Path(path).suffix == ".npz" and "foot" in read_archive(path)
+    return False
+
+
+def read_sequence(path: str | Path) -> Rows:
+    """The rows of a sequence.
+
+    Raises InvalidInput for columns that lack or nobody knows, what is no number, and steps that go
+    back.
+    """
+    if Path(path).suffix == ".npz":
+        columns: dict[str, Any] = dict(read_archive(path))
+    else:
+        header, *lines = csv.reader(io.StringIO(read_text(path)))
+        table = [line for line in lines if line]
+        if odd := [k for k, line in enumerate(table, 1) if len(line) != len(header)]:
+            raise InvalidInput(f"{path}: row {odd[0]}: expected {len(header)} values, got others")
+        columns = {
+            name.strip(): [line[k].strip() for line in table] for k, name in enumerate(header)
+        }
+    order = [name for name in _ORDERS if name in columns]
+    groups = [(name,) for name in ("foot", "friction", *order)] + [PLACE, NORMAL, COM]
+    known = [name for names in groups for name in names]
+    if len(order) != 1 or not {"foot", *PLACE} <= set(columns) or not set(columns) <= set(known):
+        raise InvalidInput(
+            f"{path}: expected the columns foot, step or t, x, y, z, and maybe {', '.join(NORMAL)}, "
+            f"friction, {', '.join(COM)}, got {shown(', '.join(columns))}"
+        )
+    rows: dict[str, NDArray[Any]] = {"foot": np.array([str(name) for name in columns["foot"]])}
+    for name in set(columns) - {"foot"}:
+        rows[name] = _numbers(columns[name], f"{path}: column {name}", len(rows["foot"]))
+    if any(0 < sum(name in columns for name in names) < len(names) for names in groups):
+        raise InvalidInput(f"{path}: expected all three of {', '.join(NORMAL)}, and of the others")
+    when = rows.pop(order[0])
+    if not len(when) or (back := np.flatnonzero(np.diff(when) < 0.0)).size:
+        row = int(back[0]) + 2 if len(when) else 0
+        raise InvalidInput(f"{path}: row {row}: expected rows in the order of {order[0]}, got none")
+    return {**rows, "step": np.unique(when, return_inverse=True)[1]}
+
+
+def _numbers(column: Any, where: str, count: int) -> Array:
+    """A column as finite numbers, shape (R,)."""
+    try:
+        numbers = np.array(column, dtype=np.float64)
+    except ValueError as error:
+        raise InvalidInput(f"{where}: expected numbers: {error}") from None
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise InvalidInput(f"{where}: expected {count} finite numbers, got others")
+    return numbers
+
+
+def places_of(rows: Rows) -> Array:
+    """Where the feet of all rows come down, shape (R, 3) [m]."""
+    return np.stack([rows[name] for name in PLACE], axis=1)
+
+
+def held_rows(rows: Rows, robot: Robot) -> NDArray[np.int_]:
+    """The row by which each limb stands at each step, shape (M, N).
+
+    Raises InvalidInput for feet that the robot does not have or that stand nowhere at first, a foot
+    twice in a step, and stances of a size that no robot has.
+    """
+    names, feet, step = robot.limb_names, rows["foot"], rows["step"]
+    if strange := [name for name in feet.tolist() if name not in names]:
+        raise InvalidInput(f"foot: expected one of {', '.join(names)}, got {shown(strange[0])}")
+    if (frames := int(step[-1]) + 1) > MOST_FRAMES:
+        raise InvalidInput(f"step: expected at most {MOST_FRAMES} steps, got {frames}")
+    holds = np.full((frames, len(names)), -1)
+    for row, (k, name) in enumerate(zip(step.tolist(), feet.tolist(), strict=True)):
+        if row and (feet[:row][step[:row] == k] == name).any():
+            raise InvalidInput(f"row {row + 1}: expected {name} once in a step, got it again")
+        holds[k:, names.index(name)] = row
+    if (holds[0] < 0).any():
+        lacks = [name for name, row in zip(names, holds[0], strict=True) if row < 0]
+        raise InvalidInput(f"step: expected every foot in the first, got none of {lacks[0]}")
+    spread = np.ptp(places_of(rows)[holds], axis=1).max()
+    reach = max(limb.reach_m for limb in robot.limbs)
+    if spread > _MOST_SPREAD * reach:
+        raise InvalidInput(
+            f"x, y, z: expected metres, got feet {spread:.3g} apart, of legs that reach {reach:.3g} m"
+        )
+    return holds
+
+
+def headings(rows: Rows, robot: Robot) -> Array:
+    """Which way the robot faces at every step, by where its feet are but one each time, which may be
+    wrong: from x towards y, shape (M, N) [rad].
+    """
+    toes = places_of(rows)[held_rows(rows, robot)][:, :, :2]
+    shoulders, names = np.array([limb.shoulder_m[:2] for limb in robot.limbs]), robot.limb_names
+    guesses = []
+    for left_out in range(len(names)):
+        kept = [k for k in range(len(names)) if k != left_out]
+        out = toes[:, kept] - toes[:, kept].mean(axis=1, keepdims=True)
+        like = shoulders[kept] - shoulders[kept].mean(axis=0)
+        across = (like[:, 0] * out[..., 1] - like[:, 1] * out[..., 0]).sum(axis=1)
+        guesses.append(np.arctan2(across, (like * out).sum(axis=(1, 2))))
+    return np.stack(guesses, axis=1)
+
+
+def seen_from(rows: Rows, frame: Frame) -> Rows:
+    """The rows in a frame of the world."""
+    new, back = dict(rows), frame.inverse
+    for names, moved in ((PLACE, back.places), (NORMAL, back.vectors), (COM, back.places)):
+        if names[0] in rows:
+            new |= zip(
+                names, moved(np.stack([rows[name] for name in names], axis=1)).T, strict=True
+            )
+    return new
+
+
+def grounded(rows: Rows, ground: Terrain) -> tuple[Rows, Array]:
+    """The rows with normals and friction of the ground under their feet, and how far each foot is
+    off it, shape (R,) [m]; what a row says itself counts.
+    """
+    under = [nearest_ground(place, ground) for place in places_of(rows)]
+    normals = np.array([np.eye(3)[2] if patch is None else patch.normal for patch, _ in under])
+    friction = np.array([FRICTION if patch is None else patch.friction for patch, _ in under])
+    known = {**dict(zip(NORMAL, normals.T, strict=True)), "friction": friction, **rows}
+    return known, np.array([distance for _, distance in under])
+
+
+def sequence_course(
+    rows: Rows,
+    robot: Robot,
+    ground: Terrain | None,
+    rooms_m: Array,
+    sets: Sets = "inner",
+    alternative: object = None,
+) -> Problem:
+    """The course of a sequence, in which every foot comes down where its row says: step k is key
+    frame 2 k, and before it the body may move on all feet.
+
+    Arguments:
+        ground: surfaces of the terrain; None for a piece of ground under every foot.
+        rooms_m: how far each row's foot may come down from its place, shape (R,) [m].
+        sets: sets of the legs, see ``contact_robot``.
+        alternative: a sequence has no other layout.
+
+    Raises:
+        InvalidInput: as of ``held_rows``.
+    """
+    keys = {"name": "sequence", "frames": 1, "start_m": (0.0, 0.0, 0.0), "goal_m": (1.0, 0.0, 0.0)}
+    keys["terrain"] = {"kind": "flat"}
+    spec = validated(CourseSpec, keys, "sequence").of_robot(robot)
+    who = spec.make_robot(Path(), sets)
+    spec = spec.standing(spec.make_robot(), "inner")
+    holds, places = held_rows(rows, who), places_of(rows)
+    limbs = {limb.name: limb for limb in who.limbs}
+    reach = float(np.mean([limb.reach_m for limb in who.limbs]))
+    likes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in who.limbs])
+    com_m, radius_m = (places[holds] - likes).mean(axis=1), _FREE * reach
+    if COM[0] in rows:
+        com = np.stack([rows[name] for name in COM], axis=1)
+        com_m, radius_m = com[holds.max(axis=1)], _KNOWN_M
+    footholds, under = list[Foothold](), list[Patch]()
+    for row, (name, k) in enumerate(zip(rows["foot"].tolist(), rows["step"].tolist(), strict=True)):
+        sole = limbs[name].sole_m
+        half_m = 0.0 if sole is None else float(np.linalg.norm(sole, axis=1).max())
+        side_m = _POINT_M + 2.0 * (half_m + rooms_m[row])
+        under.append(_under(rows, row, ground, 0.5 * side_m + _ROUND_M))
+        piece = Surface(under[row], 0.0).window(places[row], side_m) or under[row]
+        footholds.append(Foothold(limb=name, frame=2 * k, candidates=(piece,)))
+    order = np.lexsort(([who.limb_names.index(each.limb) for each in footholds], rows["step"]))
+    moved = [set(rows["foot"][rows["step"] == k]) for k in range(len(holds))]
+    lifts = [tuple(name for name in who.limb_names if name in each) for each in moved[1:]]
+    com_m = np.repeat(com_m, 2, axis=0)[:-1]
+    far_m = _FREE * reach
+    return Problem(
+        name="sequence",
+        robot=who,
+        terrain=tuple(under) if ground is None else ground.patches,
+        footholds=tuple(footholds[row] for row in order),
+        lifts=((), *(names for lifted in lifts for names in ((), lifted))),
+        com_nominal_m=com_m,
+        com_radius_m=np.full(len(com_m), radius_m),
+        goal_m=com_m[-1],
+        steps=StepLimits(
+            com_m=far_m, toe_m=max(far_m, 2.0 * float(np.ptp(places))), rotation_rad=1.0
+        ),
+        weights=Weights(goal=0.0, com_path=1.0, com_step=0.0, toe_step=0.0, tilt=spec.weights.tilt),
+        tilt_limit_rad=spec.body.tilt_limit_rad,
+    )
+
+
+def _under(rows: Rows, row: int, ground: Terrain | None, half_m: float) -> Patch:
+    """The surface under the foot of a row, or the piece of ground that its row speaks of.
+
+    Arguments:
+        half_m: half of a side of that piece [m].
+    """
+    place = places_of(rows)[row]
+    if ground is not None and (found := nearest_ground(place, ground))[0] is not None:
+        patch = found[0]
+        return patch.with_friction(float(rows["friction"][row])) if "friction" in rows else patch
+    normal = np.array([rows[name][row] for name in NORMAL]) if NORMAL[0] in rows else np.eye(3)[2]
+    normal = normal / np.linalg.norm(normal)
+    shear = np.eye(3)[np.abs(normal).argmin()]
+    first, second = half_m * contact_frames(normal, shear).T[1:]
+    corners = [place + a * first + b * second for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    mu = float(rows["friction"][row]) if "friction" in rows else FRICTION
+    return Patch(vertices_m=np.array(corners), normal=normal, shear_reference=shear, friction=mu)
+
+
+def nearest_ground(place_m: Array, ground: Terrain) -> tuple[Patch | None, float]:
+    """The surface under a foot, None where none is near enough, and how far the nearest is [m]."""
+    above = [
+        (abs(surface.height(place_m)), k)
+        for k, patch in enumerate(ground.patches)
+        if (surface := Surface(patch, 0.0)).covers(place_m)
+    ]
+    distance, k = min(above, default=(np.inf, 0))
+    return (ground.patches[k] if distance <= OFF_M else None), distance
