@@ -69,7 +69,7 @@ SECTIONS = (
     ),
     Section(
         "Actuators",
-        "`stancekit/actuators/1`, YAML or JSON; see [on a robot](../running-on-a-robot.md).",
+        "`stancekit/actuators/1`, YAML or JSON; see [in simulation](../simulate.md).",
         ("planners.robot.actuators:Actuators",),
     ),
     Section(
