@@ -135,7 +135,7 @@ def fit_chooser(
     """Learn which envelope suits a terrain: the network predicts what each box costs, and the
     cheapest is chosen.
 
-    The cost of every box on every row is solved for once (``costs``); ``progress`` is told rows
+    The cost of every box on every row is solved for once (``costs``); ``progress`` gets rows
     solved and rows in all. Raises InvalidInput for a data set of another class or without rows of a
     label.
     """

@@ -224,7 +224,7 @@ class Report(Generic[S]):
 
     @property
     def unchecked(self) -> tuple[str, ...]:
-        """The groups that somebody asked for, and that could not be checked."""
+        """The groups that were asked for and could not be checked."""
         return tuple(group.name for group in self.groups if group.verdict == "not checked")
 
     @property
@@ -265,7 +265,7 @@ class Report(Generic[S]):
     @property
     def margin_message(self) -> str:
         """A line on what a posture or a plan's stances bear beyond the weight, or on how sure the
-        feet of a walk stand; empty if nobody measured it.
+        feet of a walk stand; empty if not measured.
         """
         if isinstance(self.answer, Trajectory):
             return self._footing_line()
@@ -458,7 +458,7 @@ def verdict_digest(verdict: Mapping[str, Any], answer: str) -> str:
 
 
 def acceptance_word(unchecked: Sequence[str]) -> str:
-    """The word for what is accepted, with the groups that nobody could check."""
+    """The word for what is accepted, with the groups that could not be checked."""
     if not unchecked:
         return "accepted"
     *most, last = unchecked

@@ -441,8 +441,8 @@ class SimulatedWorld(LatchedWorld):
         self._carried = read_only(wrench, (6,), "wrench")
 
     def loaded(self, targets_rad: Array, loads_rad: Array) -> State:
-        """One control period as of ``step``, but drives are told apart the angles and the loads in
-        the targets, shape (J,) [rad]: the loads may lead beyond the limits of angles. The first
+        """One control period as of ``step``, but drives get angles and loads of the targets
+        one by one, shape (J,) [rad]: the loads may lead beyond the limits of angles. The first
         of them were in the targets before.
         """
         last = self._sent - (loads_rad if self._loads is None else self._loads)

@@ -121,7 +121,7 @@ class Stoppable(Protocol):
     """A world that can be left in a state: standing as it is, or without torque."""
 
     def hold(self) -> None:
-        """Send nothing any more; the joints keep what they were told last.
+        """Send nothing any more; the joints keep what they were sent last.
 
         Where an arming was interrupted, it makes sure that the torque is as it was before, or
         raises HardwareFault.

@@ -39,7 +39,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
     assert plan is not None
     write_motion("desk.json", plan, check_plan(plan))
     accepted = Accepted.from_file("desk.json")
-    snippets = [text for _, text in BLOCKS if ".write(\"" in text]
+    snippets = [text for _, text in BLOCKS if '.write("' in text]
     assert len(snippets) == 2
     for snippet in snippets:
         exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
