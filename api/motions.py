@@ -109,7 +109,7 @@ def run(
             the set-up of ros, the ground of mujoco and bullet.
         settings: how it is run.
         arm: None moves nothing real, and says what would have been sent. "heard" arms where the
-            e-stop was heard or somebody publishes it, "try" once it was pressed and released,
+            e-stop was heard or it is published, "try" once it was pressed and released,
             "without" whatever is known of it.
         policy: closes the loop: the coming key frames are planned by it, and anew where the robot
             is off its plan. A trained selector's file or name, "lift" for the planner without one,

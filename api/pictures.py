@@ -202,7 +202,7 @@ def view_of(
 def _counted(
     frames: Iterator[Frame], total: int, progress: Callable[[int, int], None] | None
 ) -> Iterator[Frame]:
-    """The frames, of which ``progress`` is told one by one."""
+    """The frames, of which ``progress`` hears of one by one."""
     for done, frame in enumerate(frames, start=1):
         yield frame
         if progress is not None:

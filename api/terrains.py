@@ -109,7 +109,7 @@ def ground(name: str) -> Terrain:
     Raises:
         InvalidInput: for an unknown name, a level outside [0, 1], and what is no seed.
     Source:
-        None: docs/terrain.md has the table.
+        None: docs/reference/grounds.md has the table.
 
     Example:
         >>> from stancekit.terrains import ground

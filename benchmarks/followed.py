@@ -101,7 +101,7 @@ def followed(scene: Path, reference: Path, kp: float) -> dict[str, Any]:
 
 
 def page(rows: list[Row]) -> Iterator[str]:
-    """A row a stiffness, and the referee's (docs/exports.md); figures are of walks that stay upright."""
+    """A row a stiffness, and the referee's (docs/measured/exports.md); figures are of walks that stay upright."""
     ways: dict[str, list[Row]] = {}
     for row in rows:
         ways.setdefault(row.get("way") or f"kp = {row['kp']:g} Nm/rad", []).append(row)

@@ -68,7 +68,7 @@ class Playing(Options):
     """Of the browser's window; without a GPU the browser draws every pixel itself."""
     picture: Path | None = None
     """Changes nothing and times nothing: a picture of the first course as it is opened, that of
-    docs/playground.md."""
+    docs/benchmarks.md."""
 
 
 def main(options: Playing) -> None:
@@ -277,7 +277,7 @@ def _ms(seconds: Any) -> float:
 
 
 def page(rows: list[Row]) -> Iterable[str]:
-    """CPU ms by part (docs/playground.md)."""
+    """CPU ms by part (docs/benchmarks.md)."""
     names = ("layout", "search", "drawing", "process")
     return markdown(
         ("course", "layout", "search", "drawing", "all of the process"),

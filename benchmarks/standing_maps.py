@@ -84,7 +84,7 @@ def main(options: Arguments) -> None:
 
 
 def page(rows: list[Row]) -> Iterable[str]:
-    """What was asked of whom (docs/screening.md)."""
+    """What was asked of whom (docs/measured/screening.md)."""
     return markdown(
         ("the map says", "another judge says", "poses", "wrong"),
         (

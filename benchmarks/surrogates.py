@@ -1,7 +1,7 @@
 """The surrogates that ship: labelled, learned, tested, and written with their cards.
 
     python benchmarks/surrogates.py [--classes wall-3] [--write] [--out out/surrogates]
-    python benchmarks/surrogates.py --cards            # the table of docs/screening.md
+    python benchmarks/surrogates.py --cards            # the table of docs/measured/screening.md
 
 Rows and surrogates that are in the folder already are not made again. Networks learn from balanced rows, and from
 rows as they come, which have trivially infeasible ones; they are calibrated on three tenths of these and

@@ -85,7 +85,7 @@ class _Aside(io.TextIOBase):
 
 @contextmanager
 def results_alone() -> Iterator[None]:
-    """Whatever code prints, also that of files of one's own, goes to standard error; what is
+    """All that code prints, that of one's own files, too, goes to standard error; what is
     emitted does not.
     """
     if sys.stdout is None:
@@ -102,7 +102,7 @@ def emit(record: Mapping[str, Any]) -> None:
 
 
 def complain(message: str) -> None:
-    """Print one plain line on standard error, cut where it is longer than anybody reads."""
+    """Print one plain line on standard error, cut where it is longer than is read."""
     cut = message[:_LONGEST_COMPLAINT] + (" …" if len(message) > _LONGEST_COMPLAINT else "")
     plain = "".join(
         letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in cut
@@ -167,7 +167,7 @@ class _Lines:
 
 
 class Show(Protocol):
-    """Told how far work is."""
+    """Shows how far work is."""
 
     def __call__(self, done: int, total: int, stage: str = "", /) -> None:
         """Show that so much of a total is done.

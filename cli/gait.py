@@ -37,7 +37,7 @@ class PlanGait:
     accepts.
 
     TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, stairs:0.1:7,
-    rough:0.5:7, …; between walls nobody walks), a function of x and y as FILE.py:NAME, or a file of
+    rough:0.5:7, …; no walk between walls), a function of x and y as FILE.py:NAME, or a file of
     heights or of a mesh. A place is written x,y in metres; before a negative one the sign = is the
     safe way to write it, as in --start=-2.6,0.
 

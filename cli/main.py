@@ -305,7 +305,7 @@ def _without_warnings() -> Iterator[None]:
 
 
 def _ended_by(error: BaseException) -> int:
-    """The exit code for what nobody raised on purpose, after one line.
+    """The exit code for what was not raised on purpose, after one line.
 
     Raises what is no error, as SystemExit.
     """

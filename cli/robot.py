@@ -26,7 +26,7 @@ class ShowRobot:
 
     ROBOT is a name, a .urdf file, or a .yaml file that names one and corrects it: the same wherever
     a robot is asked for. Without ROBOT the command lists the names. Legs and feet are found by
-    their shape and names; a .yaml file may say them (docs/formats.md).
+    their shape and names; a .yaml file may say them (docs/robots.md).
 
       stancekit robot
       stancekit robot go1 --picture go1.png

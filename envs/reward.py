@@ -158,11 +158,11 @@ class Terms:
 
     @property
     def nothing(self) -> dict[str, float]:
-        """What they come to before a step."""
+        """The values before a step."""
         return dict.fromkeys(self.by_key, 0.0)
 
     def of(self, judged: Judged | Step) -> dict[str, float]:
-        """What each comes to, times its weight.
+        """The value of each, times its weight.
 
         Raises InvalidInput where one fails, or gives no finite number.
         """

@@ -144,7 +144,7 @@ class _WalkPool:
         return self._walks[index]
 
     def outcome(self, index: int, action: _Action) -> _Outcome:
-        """Outcome of an attempt at a walk; it is solved where nobody asked before."""
+        """Outcome of an attempt at a walk; solved, unless it was before."""
         row = self._table[(index, *action)]
         if np.isnan(row[0]):
             row[:] = self._solved(index, action)

@@ -83,7 +83,7 @@ class PlanningFailed(StancekitError):
 
 
 class HardwareFault(StancekitError):
-    """A device did not do what it was told, or fell silent; the message says which part and what
+    """A device did not do what it was asked, or fell silent; the message says which part and what
     was seen.
     """
 

@@ -111,7 +111,7 @@ class Registry(Generic[T]):
         """The thing of this name, or of "FILE.py:NAME".
 
         A file is run once a process, under a module name of its own; other processes are best told
-        the same text. Raises InvalidInput, one line, for a name that nobody has, a file that is not
+        the same text. Raises InvalidInput, one line, for an unknown name, a file that is not
         there or does not run, a name that it lacks, and a thing of the wrong kind.
 
         Arguments:
@@ -143,7 +143,7 @@ class Registry(Generic[T]):
         raise self.unknown(name, known)
 
     def unknown(self, name: Any, known: Sequence[str] = ()) -> InvalidInput:
-        """Error to raise for a name that nobody has.
+        """Error to raise for an unknown name.
 
         Arguments:
             known: as for ``get``.

@@ -124,7 +124,7 @@ class Trace:
         """The robot after a control period as a sample of its motion.
 
         Arguments:
-            planned: the sample that the motion has then, for the surfaces, which nobody measured.
+            planned: the sample that the motion has then, for the surfaces, which was not measured.
         """
         from scipy.spatial.transform import Rotation  # slow to import
 

@@ -381,7 +381,7 @@ def _paced(
 
 
 def _check_leaps(settings: RunSettings, world: SafeWorld) -> None:
-    """Raise InvalidInput for a world and settings in which nobody leaps."""
+    """Raise InvalidInput for a world and settings without leaps."""
     for wrong, message in (
         (settings.odometry, "odometry: expected a plan, got a leap: nothing stands in the air"),
         (settings.hung, "hung: expected a plan or a gait, got a leap"),

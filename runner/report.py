@@ -35,7 +35,7 @@ class RunReport:
         sent, clipped, refused: commands, see ``SafeWorld``.
         joint_worst_rad, joint_rms_rad: measured against planned angles, NaN where the motion never
             began; joint_worst: the joint, then empty.
-        body_measured: whether the body's pose was measured; body_from: who told the tracker where
+        body_measured: whether the body's pose was measured; body_from: the source of where
             it is.
         cycle_s: median and 99th percentile of the control period, from one command to the next [s].
         wall_s: by the clock [s].
@@ -195,7 +195,7 @@ _NESTED = ("ended", "execution", "cycle_s", "needs", "loads", "friction")
 def _by_odometry(
     record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings
 ) -> float:
-    """Largest distance of the body from the plan, where nobody but the joints told the tracker
+    """Largest distance of the body from the plan, where joints alone measure it
     [m].
     """
     seen = world.dry or body_from(world, settings) == "the world"

@@ -49,6 +49,7 @@ NEEDS = {
     "docs/training.md": "sb3_contrib optuna",
     "docs/learning.md": "torch",
     "docs/running-on-a-robot.md": "pinocchio",
+    "docs/posture.md": "pinocchio",
     "docs/learning-own-robot.md": "trimesh",
     "03_own_robot": "pinocchio",
     "04_own_terrain": "trimesh",

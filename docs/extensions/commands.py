@@ -31,8 +31,29 @@ def said(*arguments: str) -> str:
     return re.sub(r"\x1b\[[0-9;]*m", "", box.getvalue()).strip()
 
 
+GROUP = re.compile(r"^ [^\n]+\n -{20,} *\n(?:(?! [^\n]+\n -{20,})[^\n]*\n)*", re.MULTILINE)
+"""A group of options in what ``--help`` says: its name, a rule, and lines up to the next one."""
+
+
+def once(help_text: str, command: str, first: dict[str, str]) -> str:
+    """What a command's ``--help`` says, without groups of options that another one had already:
+    ``first`` has the command that did, by the group's words.
+    """
+
+    def group(found: re.Match[str]) -> str:
+        words = " ".join(found[0].split())
+        owner = first.setdefault(words, command)
+        if owner == command:
+            return found[0]
+        name = found[0].partition("\n")[0].rstrip()
+        return f"{name}: those of stancekit {owner}\n\n"
+
+    return GROUP.sub(group, help_text + "\n").rstrip()
+
+
 def page() -> str:
     """The page, Markdown."""
+    first: dict[str, str] = {}
     lines = [
         "# The command",
         "",
@@ -50,13 +71,20 @@ def page() -> str:
     ]
     lines += ["```text", said("--help"), "```", ""]
     for command in COMMANDS:
-        lines += [f"## stancekit {command}", "", "```text", said(command, "--help"), "```", ""]
+        lines += [
+            f"## stancekit {command}",
+            "",
+            "```text",
+            once(said(command, "--help"), command, first),
+            "```",
+            "",
+        ]
         for what in SUBCOMMANDS.get(command, ()):
             lines += [
                 f"### stancekit {command} {what}",
                 "",
                 "```text",
-                said(command, what, "--help"),
+                once(said(command, what, "--help"), f"{command} {what}", first),
                 "```",
                 "",
             ]

@@ -34,7 +34,8 @@ class Section:
 
     models: classes as module:class, of pydantic or what it reads. values: classes of which a file
     has the fields, as ``planners.files.codec`` reads and writes them. whole: whether every key of
-    them has to be there.
+    them has to be there. ours: whether the program alone writes such files, whose keys have
+    meanings and no place on the page.
     """
 
     title: str
@@ -42,6 +43,7 @@ class Section:
     models: tuple[str, ...] = ()
     values: tuple[str, ...] = ()
     whole: bool = True
+    ours: bool = False
 
 
 SECTIONS = (
@@ -69,7 +71,7 @@ SECTIONS = (
     ),
     Section(
         "Actuators",
-        "`stancekit/actuators/1`, YAML or JSON; see [on a robot](../running-on-a-robot.md).",
+        "`stancekit/actuators/1`, YAML or JSON; see [in simulation](../simulate.md).",
         ("planners.robot.actuators:Actuators",),
     ),
     Section(
@@ -116,9 +118,10 @@ SECTIONS = (
     ),
     Section(
         "Courses laid out",
-        "`stancekit/course/1`, JSON, as plans and proofs contain it; written by the program.",
+        "`stancekit/course/1`, JSON, as plans and proofs contain it.",
         ("planners.robot.model_json:ModelJson",),
         ("planners.problem.problem:Problem",),
+        ours=True,
     ),
     Section(
         "Envelopes",
@@ -128,7 +131,7 @@ SECTIONS = (
     Section(
         "Data sets",
         "`header.json` of `stancekit/dataset/1` (postures) and of `stancekit/tries/1` (leaps), and "
-        "`timing-N.json`; written by the program.",
+        "`timing-N.json`.",
         (
             "envs.data.ledger:Header",
             "envs.data.label_plan:LabelPlan",
@@ -136,6 +139,7 @@ SECTIONS = (
             "envs.data.label_plan:TryPlan",
             "envs.data.ledger:ShardTiming",
         ),
+        ours=True,
     ),
 )
 
@@ -314,7 +318,7 @@ def page() -> str:
         "",
     ]
     seen: set[str] = set()
-    for section in SECTIONS:
+    for section in (each for each in SECTIONS if not each.ours):
         lines += [f"## {section.title}", "", section.text, ""]
         for name, schema in schemas(section).items():
             if name not in seen:

@@ -258,7 +258,7 @@ rows are asked for in any order.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Like:
-    """What the problems of a data set share.
+    """The data that the problems of a set share.
 
     Arguments:
         rest: the JSON form without what the patches say.
@@ -272,7 +272,7 @@ class _Like:
 
 
 class _Scene(NamedTuple):
-    """What is seen of a scaled problem."""
+    """The visible part of a scaled problem."""
 
     patches: Array
     frames: Array

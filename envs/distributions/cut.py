@@ -5,7 +5,7 @@ The terrain is a mesh, whose facets are flat, or a grid, which is flat enough fo
 keeps to its tangent plane. Places to stand are looked for once: points of a lattice, each with the
 normal there and the circle about it that is free. A scene takes one of them for the ground under
 the body, a heading, and for every leg one that is as near to its nominal toe as a patch of
-``ground-k`` would be drawn; the patch is a triangle in the free circle. Scenes are told in the
+``ground-k`` would be drawn; the patch is a triangle in the free circle. Scenes are in the
 body's axes, heading forward.
 """
 

@@ -3,7 +3,7 @@ many solves, and its time.
 
 Every method on every scene is a line of a file, written when it is measured: a run that is stopped
 goes on with the next one, and more scenes or methods are measured beside those that there are.
-Scenes that nobody solves are failures.
+Scenes without a solution are failures.
 """
 
 from __future__ import annotations

@@ -562,7 +562,7 @@ class _Scored(BaseFeaturesExtractor):
         self.origin = {} if read is None else read.origin
 
     def get_extra_state(self) -> dict[str, Any]:
-        """What a file of the weights has beside them."""
+        """The data beside the weights in their file."""
         return {"sizes": self.network.sizes, "origin": self.origin}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:

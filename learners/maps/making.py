@@ -295,7 +295,7 @@ class Maker:
 
     @property
     def open(self) -> _Index:
-        """Numbers of the poses that nobody has tried to prove."""
+        """Numbers of the poses not tried yet."""
         return np.flatnonzero(~self._tried)
 
     def coarse_to_fine(self) -> _Index:
@@ -519,7 +519,7 @@ def _limits(
     high at most ``error`` infeasible, each at half of the doubt.
 
     Arguments:
-        lost: poses of the draw that nobody could decide, which count as wrong.
+        lost: poses of the draw left undecided, which count as wrong.
     """
     high = _least(scores, ~feasible, error, lost)
     low = -_least(-scores, feasible, error, lost)

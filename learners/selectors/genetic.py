@@ -88,7 +88,7 @@ def descend_together(
 
     t is P1's signed margin over the set, the least over its boxes (a binary each), and σ the
     logistic function, so the loss is a smooth count of P1's mistakes, both kinds weighing the same:
-    see ``smooth_mistakes``. ``progress`` is told the step and the batch's loss.
+    see ``smooth_mistakes``. ``progress`` gets the step and the batch's loss.
     """
     bounds = np.stack([start.to_vector() for start in starts])
     first, second = np.zeros_like(bounds), np.zeros_like(bounds)
@@ -676,7 +676,7 @@ def fit_genetic(
 ) -> EnvelopeSet:
     """Learn one envelope from the data set's problems and S.
 
-    ``progress`` is told generations done and in all.
+    ``progress`` gets generations done and in all.
 
     Arguments:
         run: the executor of every generation's solves; this process where None. The envelope and

@@ -228,7 +228,7 @@ class _Trainer:
         return self._settings.epochs + (self._settings.margin_epochs if self._infeasible else 0)
 
     def run(self, progress: Progress | None = None) -> BoxNetwork:
-        """Train what is left of both stages; ``progress`` is told epochs done and epochs in all."""
+        """Train what is left of both stages; ``progress`` gets epochs done and epochs in all."""
         while len(self.history) < self.total:
             epoch = len(self.history)
             stage = 1 if epoch < self._settings.epochs else 2

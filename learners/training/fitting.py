@@ -160,7 +160,7 @@ class FitRequest:
 
     Arguments:
         datasets: rows to learn from; all but "modes" want one, ``dataset``.
-        progress: told steps done and in all, where a method takes its time.
+        progress: gets steps done and in all, where a method takes its time.
         calibration: rows to calibrate on, never those of a test; a part of the data set where None.
         checkpoint: file or folder by which a method that takes long goes on where it was stopped.
         run: executor of a method that spreads its work ("ga"); this process where None.
@@ -209,7 +209,7 @@ def fit(
 
     Raises InvalidInput where it lacks what the method needs.
 
-    ``progress`` is told steps done and steps in all where a method takes its time.
+    ``progress`` gets steps done and steps in all where a method takes its time.
 
     Arguments:
         run: the executor of "ga".

@@ -79,7 +79,7 @@ class TrainingScenes:
         """Make both data sets in a folder, or use those that are there.
 
         Arguments:
-            progress: told the stage, rows done and all.
+            progress: gets the stage, rows done and all.
         """
         sets = []
         for name, quota in (("train", config.train), ("held-out", config.held_out)):

@@ -115,7 +115,7 @@ def train(
         resume: go on from the folder's checkpoint, or from its labels where a run was stopped before
             there was one; the configuration must be the same but for ``steps``.
         scenes: None labels them in the folder.
-        progress: told steps done and in all.
+        progress: gets steps done and in all.
         labelling: which data set, its rows done and in all.
     """
     checkpoint = folder / NAME

@@ -86,7 +86,7 @@ class Answer(Generic[S]):
         method: the planner's name.
         problem: that was answered, of which a certificate is a proof: of a course over the outer
             sets of the legs where there are any. None in the answers of a batch, and of a foreign
-            planner that nobody has verified.
+            planner that is not verified.
         solution: accepted by the verifier where ``status`` is feasible. Where the problem is
             undecided, the plan or walk that was found and that the verifier refused, or had no time
             for; None where there is none.

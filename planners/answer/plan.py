@@ -380,7 +380,7 @@ class Plan(Motion):
             forces_n, (S, N, K, 3) [N]. K is that of the foot of most points; one with fewer has its
             centre, and no force, in the places left.
         joints_rad: angles at every key frame, of all joints of the robot's legs in its model's
-            order, shape (M, J) [rad, or m where a joint slides]; None where nobody worked them out.
+            order, shape (M, J) [rad, or m where a joint slides]; None where not worked out.
         modes: z, the envelope that mode switching chose for each frame, shape (M,); None without
             mode switching.
         provenance: how the plan was made, for people.

@@ -402,7 +402,7 @@ class FileCheck:
         report: the verifier's.
         message: all of it in one line.
         same: the verdict that the file claims is the one of this look.
-        founded: somebody can check what the file lists as checked.
+        founded: what the file lists as checked can be checked.
     Source:
         docs/formats.md.
 

@@ -185,7 +185,7 @@ def _from_csv(text: str, where: str) -> MotionTable:
 def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Joints and limbs in the order in which columns name them first.
 
-    Raises InvalidInput for a column nobody knows.
+    Raises InvalidInput for an unknown column.
     """
     joints, limbs = dict[str, None](), dict[str, None]()
     if len(set(names)) != len(names):

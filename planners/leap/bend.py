@@ -653,7 +653,7 @@ def judged_answer(
     Raises InvalidInput for a robot whose joints have no limits.
 
     Arguments:
-        obstacles: what bodies keep out of; the surfaces that are taken where nobody knows more.
+        obstacles: what bodies keep out of; the surfaces that are taken unless others are given.
     """
     plan = answer.solution
     if plan is None or not plan.problem.robot.source.own:

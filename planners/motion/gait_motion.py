@@ -177,7 +177,7 @@ class CrossingMotion:
 def plans_of(crossing: Crossing) -> list[Plan]:
     """The plans of key frames of a crossing, in order.
 
-    Raises InvalidInput for one of which nobody executes a plan.
+    Raises InvalidInput for one whose plans are not executed.
     """
     plans = [part for part in crossing.parts if isinstance(part, Plan)]
     for plan in plans:

@@ -238,7 +238,7 @@ class PlanPath:
     normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m];
     size: that of the robot, which all lengths of swings follow. lift_m: how far feet are lifted.
     touch_downs_m: how far beyond that it may come down until it feels, shape (P,) [m]. Raises
-    InvalidInput where all limbs lift at once unless they may: nobody carries, and no position
+    InvalidInput where all limbs lift at once unless they may: no limb carries, and no position
     control can do that.
 
     Arguments:

@@ -74,14 +74,14 @@ class _Phase:
 class PlanMotion:
     """A plan over time.
 
-    Raises InvalidInput where all limbs lift at once unless they may: nobody carries, and no
+    Raises InvalidInput where all limbs lift at once unless they may: no limb carries, and no
     position control can do that.
 
     Arguments:
         forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None. Those of soles have
             their moments about their middles behind them, shape (S, N, 6) [N, Nm].
         longer: so many times as long as ``Timing`` says every phase lasts, shape (P,).
-        standing_n: of all limbs where nobody lifts, at its beginning and while the body moves
+        standing_n: of all limbs where no limb lifts, at its beginning and while the body moves
             alone, by key frame, shape (N, 3) [N] each; where there are none those carry that are to
             carry next.
         uncarried: all limbs may lift at once.

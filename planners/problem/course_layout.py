@@ -360,7 +360,7 @@ def gait_sets(
 def _with_shifts(
     sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]
 ) -> tuple[tuple[str, ...], ...]:
-    """A cycle with a frame in which nobody moves wherever the supports before and after it share a
+    """A cycle with a frame in which no limb moves wherever the supports before and after it share a
     line, a point or nothing: on all of its feet the body comes from the one to the other. Of four
     feet these are those of diagonal neighbours, of three and two all. A cycle that would end so
     begins so, since a robot that stands is in the middle of its feet.

@@ -193,7 +193,7 @@ class Footprint:
 
     def striding(self) -> Footprint:
         """The footprint of a robot whose legs step over whatever its trunk gets over, to footholds
-        that are farther away; as it is where nobody knows the trunk.
+        that are farther away; as it is where the trunk is unknown.
         """
         hull, low = self.trunk_m, self.belly_m - _OVER * self.down_m
         return self if hull is None else replace(self, hull_m=hull, low_m=low, aside=_FARTHER)

@@ -179,7 +179,7 @@ class Leap:
 
     Raises:
         InvalidInput: for a robot without inertia, phases without contacts at the ends, timings that
-            do not belong to the phases, footholds that are missing, that nobody stands on or that
+            do not belong to the phases, footholds that are missing, not stood on or that
             have no candidate.
     Source:
         Newton and Euler for one rigid body: v' = Σ f / m + g, L' = Σ (p − c) × f, I Θ' = L.
@@ -272,7 +272,7 @@ class Leap:
         return int(np.prod([len(foothold.candidates) for foothold in self.footholds], dtype=object))
 
     def leg(self, limb: Limb) -> LegLimits:
-        """Limits of a limb's leg; where nobody says, its shoulder is the hip and nothing is
+        """Limits of a limb's leg; where unknown, its shoulder is the hip and nothing is
         limited.
         """
         return limb.leg or LegLimits(hip_m=limb.shoulder_m)

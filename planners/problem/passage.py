@@ -74,7 +74,7 @@ def _above(surfaces: dict[int, Patch], others: dict[int, Patch]) -> set[int]:
 
 
 def _plans(patches: Iterable[Patch]) -> NDArray[Any]:
-    """What is covered by patches, seen from above."""
+    """The area covered by patches, seen from above."""
     import shapely  # slow to import
 
     return np.array([shapely.Polygon(each.vertices_m[:, :2]) for each in patches])

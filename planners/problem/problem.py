@@ -503,7 +503,7 @@ class Problem:
 
     @property
     def force_n(self) -> float:
-        """Unit of the non-dimensional force: the force scale, the weight where nobody says another
+        """Unit of the non-dimensional force: the force scale, the weight unless another is given
         [N].
         """
         assert self.force_scale_n is not None
@@ -615,7 +615,7 @@ class Problem:
         """Every set of limbs that must carry the robot alone, by frame: after the move to the
         frame, before the next.
 
-        Where all limbs move at once there is nobody left to carry, and all of them must at the
+        Where all limbs move at once no limb is left to carry, and all of them must at the
         frame itself.
         """
         names = self.robot.limb_names
@@ -637,7 +637,7 @@ class Problem:
 
     @cached_property
     def uncarried(self) -> tuple[int, ...]:
-        """The frames before which all limbs lift at once, so that nobody carries the robot there:
+        """The frames before which all limbs lift at once, so that no limb carries the robot there:
         such a course asks for the frames alone, and no plan of it can be executed.
         """
         return tuple(

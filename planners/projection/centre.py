@@ -366,7 +366,7 @@ _LEFT_M = 0.01
 
 
 def walls_of(course: Problem) -> list[Patch]:
-    """The surfaces of a course's terrain that nobody stands on as on ground."""
+    """The surfaces of a course's terrain not stood on as on ground."""
     return [patch for patch in course.terrain if abs(patch.normal[2]) < _STEEP]
 
 

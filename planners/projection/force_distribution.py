@@ -228,7 +228,7 @@ def distribute_forces(plan: Plan, kinematics: Kinematics | None = None) -> Array
 
 
 def standing_forces(plan: Plan, kinematics: Kinematics) -> dict[int, Array]:
-    """Forces with which all limbs carry where nobody lifts: at the first key frame, and at both
+    """Forces with which all limbs carry where no limb lifts: at the first key frame, and at both
     ends of a step that the body makes alone; with more of a reserve of friction than while some are
     lifted. By key frame, shape (N, 3) [N].
 

@@ -157,7 +157,7 @@ class Measured:
     Arguments:
         share, torque_nm: of the torque that has the largest share of its limit.
         depth_m, too_near_m: how deep a link is in something at most, and what is missing to bodies
-            that are clear, by the verifier; nan and 0 where nobody can look.
+            that are clear, by the verifier; nan and 0 where it cannot be looked at.
     """
 
     share: float
@@ -372,7 +372,7 @@ def _at_key_frames(
 
 
 def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance | None:
-    """None where coal is not installed, and where nobody carries between frames."""
+    """None where coal is not installed, and where no limb carries between frames."""
     if plan.problem.uncarried:
         return None
     try:

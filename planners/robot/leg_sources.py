@@ -27,7 +27,7 @@ _NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, a
 
 
 def no_legs(name: str) -> InvalidInput:
-    """The error for a robot of this name whose legs nobody knows."""
+    """The error for a robot of this name whose legs are unknown."""
     return InvalidInput(f"robot {name}: {_NO_LEGS}")
 
 
@@ -92,7 +92,7 @@ class LegSource:
 
     @property
     def inertia_kgm2(self) -> Array | None:
-        """Inertia about the centre of mass, shape (3, 3) [kg m²]; None where nobody says."""
+        """Inertia about the centre of mass, shape (3, 3) [kg m²]; None where unknown."""
         return None
 
     @property

@@ -84,7 +84,7 @@ def read_mjcf(path: Path, name: str = "") -> Mjcf:
 
 @dataclass(eq=False, kw_only=True)
 class _Reader:
-    """What has been read of one compiled model so far."""
+    """The parts of one compiled model read so far."""
 
     mujoco: Any
     model: Any
@@ -454,7 +454,7 @@ def _rank(name: str) -> int:
 
 
 def _least(limits: Array) -> float:
-    """What a drive can do both ways; infinite where one end is open."""
+    """A drive's range both ways; infinite where one end is open."""
     low, high = (float(each) for each in limits)
     return min(abs(low), abs(high)) if low < 0.0 < high else 0.0
 

@@ -248,7 +248,7 @@ class OuterSets:
 def outer_sets(robot: RobotModel) -> OuterSets:
     """The outer sets of a robot from its file, measured once and kept on disk.
 
-    Raises InvalidInput for joints whose range nobody knows.
+    Raises InvalidInput for joints of unknown range.
     """
     return _measured(robot.urdf, tuple(robot.legs), _Tree(robot))
 
@@ -509,7 +509,7 @@ class Extent:
         """The extent of a robot; that of one without legs of its own as its limbs' balls have it, its
         centre of mass at the body's origin.
 
-        Raises InvalidInput for a robot from a file with joints whose range nobody knows.
+        Raises InvalidInput for a robot from a file with joints of unknown range.
         """
         if robot.source.own:
             model = robot.source.own_model()

@@ -124,7 +124,7 @@ def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[_Doubt]:
 
 
 def unknown_doubts(root: Element) -> Iterator[_Doubt]:
-    """Elements of links and joints that nobody knows, and shapes of no kind that is known."""
+    """Unknown elements of links and joints, and shapes of no kind that is known."""
     for kind, known in _KNOWN.items():
         for element in root.findall(kind):
             for tag in dict.fromkeys(child.tag for child in element if isinstance(child.tag, str)):

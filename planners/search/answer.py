@@ -132,7 +132,7 @@ def kind_of(problem: Problem) -> Kind:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Claim:
-    """Claim of a planner about a problem, before anybody believes it.
+    """Claim of a planner about a problem, before it is checked.
 
     Arguments:
         plan: a plan.
@@ -395,7 +395,7 @@ class VerifiedPlanner:
         self._envelopes, self._remake = envelopes, remake
 
     def with_limit(self, limit_s: float) -> VerifiedPlanner:
-        """The planner made anew with this time limit [s]; itself where nobody can limit it."""
+        """The planner made anew with this time limit [s]; itself where it has none."""
         if self._remake is None and not hasattr(self._planner, "with_limit"):
             return self
         with foreign(self._where):

@@ -243,7 +243,7 @@ def in_time(planner: Planner, deadline: float) -> Planner | None:
     """The planner with the time that is left to ``deadline`` (``time.perf_counter()``), None where
     none is.
 
-    A planner whose time nobody can limit is the planner itself.
+    A planner whose time has no limit is returned as it is.
     """
     if math.isinf(deadline):
         return planner

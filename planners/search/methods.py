@@ -152,7 +152,7 @@ def known(of: Kind | None = None) -> tuple[str, ...]:
 def _named(name: str, of: Kind | None) -> _Make:
     """Maker of the planner of this name.
 
-    Raises InvalidInput for a name that nobody has for this kind of question.
+    Raises InvalidInput for a name that this kind of question does not know.
     """
     if name not in _OWN:
         return PLANNERS.get(name, known=known(of))

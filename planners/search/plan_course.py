@@ -520,7 +520,7 @@ def _laid_out(
     stated: bool,
 ) -> Answer[Plan]:
     """The answer over the first layout that has a plan; else over the first of all, which says how
-    many were tried where nobody stated it.
+    many were tried where it is not stated.
 
     Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other
     has a plan.

@@ -317,7 +317,7 @@ def correlated_noise(cells: GroundCells, told_m: float | None = None) -> Noise |
     nothing can be said.
 
     Squares that are long and narrow cross fewer edges, and tell whether it is white; wide ones
-    know its size. Noise whose deviation is told is alike over as much as neighbours miss of it.
+    know its size. Noise of given deviation is alike over as much as neighbours miss of it.
 
     Arguments:
         cells: the samples.

@@ -330,7 +330,7 @@ def terrain_family(name: str) -> Family:
     """The family of a name, or of FILE.py:NAME; a plain function says what its level is in its
     docstring.
 
-    Raises InvalidInput for a name that nobody has.
+    Raises InvalidInput for an unknown name.
     """
     family = TERRAIN_FAMILIES.get(name)
     if isinstance(family, Family):

@@ -127,7 +127,7 @@ _SLOPE_RAD = 0.6
 _FOOT_M = 0.02
 """Radius of a foot where no robot says otherwise [m]."""
 FRICTION = 0.8
-"""Coefficient of a terrain where nobody says another."""
+"""Coefficient of a terrain unless another is given."""
 _CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
 REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "round", "hole")
 """Why a surface is no foothold: its slope; something else within the clearance above it; a solid
@@ -147,7 +147,7 @@ class FootholdLimits:
         clearance_m: what is free above the surface, along its normal; None for ``_CLEARANCE_M`` of
             a robot of size 1, and as much more or less as it is larger or smaller [m].
         margin_m: of every foothold from the borders of its surface; None for the radius of the
-            robot's foot, or ``_FOOT_M`` by its size where nobody says what that is [m].
+            robot's foot, or ``_FOOT_M`` by its size where that is unknown [m].
         width_m: least width of what is left; None likewise [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
         noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
@@ -194,7 +194,7 @@ class FootholdLimits:
 
     @property
     def headroom_m(self) -> float:
-        """What is free above, likewise [m]."""
+        """The free height above, likewise [m]."""
         return _CLEARANCE_M if self.clearance_m is None else self.clearance_m
 
     @property
@@ -307,7 +307,7 @@ class Footholds:
         refused_m2: the area of what else there is, by reason (``REASONS``) [m²].
         surfaces: the whole terrain as patches, for bodies to keep out of and for pictures.
         limits: that they are within.
-        noise_m: deviation of a map's or a cloud's heights, as it was told or as they show it; None
+        noise_m: deviation of a map's or a cloud's heights, as given or as they show it; None
             of a mesh [m].
         noise_length_m: distance at which the correlation of that noise is 1/e, 0 where it is white
             [m].

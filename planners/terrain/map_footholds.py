@@ -350,7 +350,7 @@ def _cells_of(
     terrain: ElevationMap, limits: FootholdLimits, heard: Noise | None
 ) -> tuple[GroundCells, Noise]:
     """The samples of a map or of its cloud, which count for less where their noise is correlated,
-    and their noise: as it is heard or told, else as they show it.
+    and their noise: as given, else as they show it.
     """
     stated_m = limits.noise_m if heard is None else heard.deviation_m
     if terrain.points_m is None:

@@ -179,7 +179,7 @@ class TriangleMesh:
         return np.asarray(self.corners_m[self.triangles])
 
     def check_size(self) -> None:
-        """Raise InvalidInput for a mesh that nobody walks on."""
+        """Raise InvalidInput for a mesh without footholds."""
         size, far = float(np.ptp(self.corners_m, axis=0).max()), np.abs(self.corners_m).max()
         if far > _FARTHEST_M:
             there = ",".join(f"{-round(each)}" for each in self.corners_m.mean(axis=0).tolist())

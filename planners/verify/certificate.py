@@ -452,7 +452,7 @@ def check_certificate(
     bad certificate.
 
     Accepted when every leaf's bound exceeds ``tolerance`` (non-dimensional moment, not below 0);
-    unless told, that is ``GAP`` for a posture problem and 0 for a course. ``explain`` says what the
+    by default ``GAP`` for a posture problem and 0 for a course. ``explain`` says what the
     proof gives as its reason. Proofs about leaps have limits of their own (``leap_proof``). Raises
     InvalidInput for a certificate that does not know its problem.
 

@@ -89,7 +89,7 @@ def explain_flood(certificate: Certificate) -> Explanation:
 
 
 def _depth(certificate: Certificate, extent: Extent) -> str:
-    """What is assumed of a centre of mass that may leave the trunk, where a step needs it."""
+    """The assumption about a centre of mass that may leave the trunk, where a step needs it."""
     if not extent.assumes:
         return ""
     with suppress(_Refused):

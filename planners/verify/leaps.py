@@ -150,7 +150,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
 
         Arguments:
             bodies: judge them, too.
-            obstacles: what they keep out of; the surfaces that are taken where nobody knows more.
+            obstacles: what they keep out of; the surfaces that are taken unless others are given.
         """
         feet, joints, times = self.path.feet, self.kinematics.joints, self.times_s
         off, left = self.off_toes(), self.dips()
@@ -231,7 +231,7 @@ def _body_groups(plan: LeapPlan, limits: LeapBodyLimits = LeapBodyLimits()) -> t
 
 
 def _unjudged(why: str) -> tuple[Group, ...]:
-    """The groups of a leap's whole body, which nobody judged."""
+    """The groups of a leap's whole body, as not judged."""
     return tuple(
         Group(name, unit=_BODY_UNITS[name], message=why, verdict="not checked")
         for name in LEAP_BODY

@@ -139,7 +139,7 @@ def check_motion(
     *,
     gravity_m_s2: float = GRAVITY_M_S2,
 ) -> Report[MotionTable]:
-    """Judge a motion; what nobody can know is named as not checked.
+    """Judge a motion; what cannot be known is named as not checked.
 
     Arguments:
         table: the motion; joints may be in another order than the robot's.

@@ -377,7 +377,7 @@ class _Sweep:
         return None if self._rows is None else (self._rows[0][limb], self._rows[1][limb])
 
     def _ways(self) -> list[tuple[int, int, int, list[int]]]:
-        """Somebody carries at every frame and on every way between two.
+        """Some limb carries at every frame and on every way between two.
 
         Returns (frame, row of forces there, row at the next, limbs that stay) of every way that is
         covered.

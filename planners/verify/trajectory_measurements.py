@@ -68,8 +68,8 @@ GROUPS = {
     "legs_moment": "Nm",
     "bodies": "m",
 }
-"""The groups in the order of a report, and the unit of what is measured; ``docs/verifier.md`` has
-their formulas."""
+"""The groups in the order of a report, and the unit of what is measured;
+``docs/reference/groups.md`` has their formulas."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class WalkLimits:
             controller corrects by.
         legs_moment: as moment_balance, of the whole robot, whose legs weigh something.
         bodies_m: of one link in another, or in the ground; of the latter what is within 1 mm counts
-            as 0. ``docs/verifier.md`` says of each why it is what it is.
+            as 0. ``docs/reference/groups.md`` has the limits.
     """
 
     step_s: float = STEP_S

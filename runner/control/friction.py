@@ -9,7 +9,7 @@ and σ_h of a stance that held,
 
 and the interval is that of 90 % of L, a flat prior below the course's friction. Without a slide it
 is one-sided. It is as good as the noise that is counted on: in simulated climbs s was .01 to .03
-too high, which the noise does not cover (docs/running-on-a-robot.md).
+too high, which the noise does not cover (docs/concepts/following.md).
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class StopLatch:
     """Once tripped it stays so; the first reason counts.
 
     Arguments:
-        clock: in seconds, never set back; CLOCK_MONOTONIC unless told otherwise, which all
+        clock: in seconds, never set back; CLOCK_MONOTONIC unless another is given, which all
             processes of a machine share.
 
     sent_s: when the last write had returned, NaN before the first. after, after_s: writes that

@@ -388,7 +388,7 @@ class SafeWorld:
         self.close()
 
     def _ask(self) -> None:
-        """Raise Stopped where somebody wants it; of a leap that is in the air, after it has
+        """Raise Stopped where a stop is asked for; of a leap that is in the air, after it has
         landed.
         """
         try:

@@ -28,7 +28,7 @@ def test_help_and_documentation_list_the_one_table(stancekit, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     said = stancekit("terrain", "--help").out
     told = re.sub(r"[│\s]+", " ", said)
-    page = (ROOT / "docs" / "terrain.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "grounds.md").read_text(encoding="utf-8")
     for name in TERRAIN_FAMILIES.names():
         assert f" {name} {terrain_family(name).quantity} " in told
         assert f"| `{name}` | " in page

@@ -39,7 +39,7 @@ _ROUNDS = 3
 def _check_servos(bus: ServoBus, model: table.ServoModel) -> None:
     """All are there, of this model, with a bus watchdog; the bus reads fast if all can.
 
-    Servos are told to answer reads and writes (Status Return Level 2), before anything is read.
+    Servos are set to answer reads and writes (Status Return Level 2), before anything is read.
     Raises HardwareFault for silent servos and a bus that cannot be talked to, InvalidInput for
     other models and old firmware.
     """

@@ -64,7 +64,7 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
     def setupPort(self, cflag_baud: int) -> bool:
         """Open and lock.
 
-        Raises OSError, BlockingIOError where somebody else has the port.
+        Raises OSError, BlockingIOError where another process has it.
         """
         if self.is_open:  # another baud rate of a port that is ours
             self.closePort()

@@ -116,7 +116,7 @@ class ControllerState:
                 self._sent.popleft()
 
     def trouble(self) -> str | None:
-        """Fault of a controller that takes no commands, follows somebody else, or measures joints
+        """Fault of a controller that takes no commands, follows another client, or measures joints
         elsewhere than they are sent; None for none of these.
         """
         with self._lock:

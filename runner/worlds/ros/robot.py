@@ -53,7 +53,7 @@ class _ControllerManager:
         self._controller = setup.controller.rsplit("/", 1)[-1]
 
     def listed(self, manager: str | None = None) -> _Listed | None:
-        """Entry of the setup's controller; None where nobody answers, or does not know it.
+        """Entry of the setup's controller; None where nothing answers, or does not know it.
 
         Arguments:
             manager: another one to ask.
@@ -233,7 +233,7 @@ class RosRobot:
             self._check_names(self.controller.names)
 
     def check_free(self) -> None:
-        """Raise InvalidInput where somebody else moves the joints."""
+        """Raise InvalidInput where another client moves the joints."""
         if (busy := self.controller.busy()) is not None:
             raise InvalidInput(f"{self.setup.controller}: {busy}")
 

@@ -226,7 +226,7 @@ REFUSED = [(kind[1:], field) for kind, rows in FIELDS.items() for field in rows[
 
 @pytest.mark.parametrize(("kind", "field"), REFUSED)
 def test_a_field_that_nobody_follows_is_refused_by_its_name(kind: str, field: str) -> None:
-    assert f"`{field}`" in Path("docs/terrain.md").read_text()
+    assert f"`{field}`" in Path("docs/reference/grounds.md").read_text()
     with refuses(field):
         read(holding(kind, field), kind)
 
