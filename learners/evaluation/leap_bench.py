@@ -11,7 +11,8 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -104,13 +105,9 @@ def run(
 
     Raises InvalidInput where the folder holds rows of other settings, or lines that are none.
     """
-    path = folder / ROWS
-    rows = _kept(path, settings)
     programs = Programs()
-    finders = {_name_of(method): _finder(method, settings.seed) for method in settings.methods}
-    with path.open("a", encoding="utf-8") as file:
-        if not path.stat().st_size:
-            file.write(json.dumps(settings.shared) + "\n")
+    with kept_rows(folder / ROWS, settings.shared) as (rows, add):
+        finders = {_name_of(method): _finder(method, settings.seed) for method in settings.methods}
         for index in range(settings.scenes):
             if on_progress is not None:
                 on_progress(f"{settings.distribution} {index}", index, settings.scenes)
@@ -119,9 +116,7 @@ def run(
             for method in missing:
                 assert leap is not None
                 found = by_finder(leap, finders[method], settings.solves, programs)
-                row = rows[index, method] = {"scene": index, "method": method, **found}
-                file.write(json.dumps(row) + "\n")
-                file.flush()
+                add({"scene": index, "method": method, **found})
     if on_progress is not None:
         on_progress("done", settings.scenes, settings.scenes)
     return [
@@ -131,8 +126,36 @@ def run(
     ]
 
 
-def _kept(path: Path, settings: LeapBenchSettings) -> dict[tuple[int, str], dict[str, Any]]:
-    """The rows that a folder has.
+_Rows = dict[tuple[int, str], dict[str, Any]]
+
+
+@contextmanager
+def kept_rows(
+    path: Path, head: Mapping[str, Any]
+) -> Iterator[tuple[_Rows, Callable[[dict[str, Any]], None]]]:
+    """The rows of methods on scenes that a file has, and a function that adds one to both: a run
+    that is stopped goes on.
+
+    Arguments:
+        head: what all rows share; a file with another one is refused.
+
+    Raises InvalidInput.
+    """
+    rows = _kept(path, head)
+    with path.open("a", encoding="utf-8") as file:
+        if not path.stat().st_size:
+            file.write(json.dumps(head) + "\n")
+
+        def add(row: dict[str, Any]) -> None:
+            rows[row["scene"], row["method"]] = row
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+
+        yield rows, add
+
+
+def _kept(path: Path, head: Mapping[str, Any]) -> _Rows:
+    """The rows that a file has.
 
     A last line that a stopped run left unfinished is taken off.
     """
@@ -142,7 +165,7 @@ def _kept(path: Path, settings: LeapBenchSettings) -> dict[tuple[int, str], dict
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
         path.write_text(whole, encoding="utf-8")
-    rows: dict[tuple[int, str], dict[str, Any]] = {}
+    rows: _Rows = {}
     for number, line in enumerate(whole.splitlines()):
         try:
             row = json.loads(line)
@@ -150,10 +173,11 @@ def _kept(path: Path, settings: LeapBenchSettings) -> dict[tuple[int, str], dict
                 rows[int(row["scene"]), str(row["method"])] = row
         except (ValueError, TypeError, KeyError):
             raise InvalidInput(
-                f"{path}: line {number + 1}: expected a row of a method on a scene, got {line[:60]!r}"
+                f"{path}: line {number + 1}: expected a row of bench room, of a method on a scene, "
+                f"got {line[:60]!r}"
             ) from None
-        if number == 0 and row != settings.shared:
-            raise InvalidInput(f"{path}: expected rows of {settings.shared}, got those of {row}")
+        if number == 0 and row != head:
+            raise InvalidInput(f"{path}: expected rows of {head}, got those of {str(row)[:80]}")
     return rows
 
 

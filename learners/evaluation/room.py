@@ -8,7 +8,6 @@ in every denominator.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,12 +19,11 @@ import numpy as np
 
 from stancekit.envs.episodes import MemorylessPolicy, any_dimension, largest_gap, noisy_gap, widest
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice, checked_int
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.search.exact import Exact
 
-from .leap_bench import AGAIN, FINDERS, TUNED, UNLEARNED, share
+from .leap_bench import AGAIN, FINDERS, ROWS, TUNED, UNLEARNED, kept_rows, share
 
 Share = tuple[float, float, float]
 _DRAWS = 10_000
@@ -196,7 +194,6 @@ def _share(found: Any) -> Share:
 
 _Player = Callable[[Any, Any, np.random.Generator], Any]
 """Gives an action for an environment, its observation and a generator."""
-_ROWS = "rows.jsonl"
 _EXACT = "exact"
 _RANDOM = ("random", "random-again")
 """Names of policies that draw; the second has another seed."""
@@ -247,13 +244,8 @@ def environment_room(
     checked_int(scenes, "scenes", least=1)
     checked_int(seed, "seed", least=0)
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / _ROWS
-    head = {"environment": name, "seed": seed}
-    rows = _kept(path, head)
     players, env = plays.players(), gym.make(f"stancekit/{name}", **plays.options)
-    with path.open("a", encoding="utf-8") as file:
-        if not path.stat().st_size:
-            file.write(json.dumps(head) + "\n")
+    with kept_rows(folder / ROWS, {"environment": name, "seed": seed}) as (rows, add):
         for index in range(scenes):
             if on_progress is not None:
                 on_progress(f"{name} {index}", index, scenes)
@@ -263,9 +255,7 @@ def environment_room(
             ):
                 continue
             for row in _scene(env, plays, players, seed, index):
-                rows[index, row["method"]] = row
-                file.write(json.dumps(row) + "\n")
-            file.flush()
+                add(row)
     answers: dict[str, list[bool]] = {}
     anywhere: dict[str, list[bool]] = {}
     for (index, method), row in sorted(rows.items()):
@@ -316,23 +306,6 @@ def _scene(
             "anywhere": decided,
             "cpu_s": time.process_time() - begin,
         }
-
-
-def _kept(path: Path, head: Mapping[str, Any]) -> dict[tuple[int, str], dict[str, Any]]:
-    if not path.exists():
-        return {}
-    text = path.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        path.write_text(whole, encoding="utf-8")
-    try:
-        first, *others = map(json.loads, whole.splitlines())
-        rows = {(int(row["scene"]), str(row["method"])): row for row in others}
-    except (ValueError, TypeError, KeyError):
-        raise InvalidInput(f"{path}: expected rows of bench room, got something else") from None
-    if first != head:
-        raise InvalidInput(f"{path}: expected rows of {head}, got those of {str(first)[:80]}")
-    return rows
 
 
 def _drawn(env: Any, observation: Any, rng: np.random.Generator) -> Any:

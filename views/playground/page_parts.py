@@ -197,8 +197,8 @@ class Controls:
     def __init__(
         self,
         server: Any,
-        on_slid: Callable[[str, float], None],
-        on_dragged: Callable[[str, Array], None],
+        on_slid: Callable[[str, float], object],
+        on_dragged: Callable[[str, Array], object],
     ) -> None:
         self._server, self._on_slid, self._on_dragged = server, on_slid, on_dragged
         self._sliders = dict[str, Any]()
