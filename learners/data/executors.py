@@ -103,7 +103,7 @@ def processes(workers: int) -> Executor:
 
     Raises InvalidInput.
     """
-    return _Processes(checked_int(workers, "workers", least=1))
+    return _Processes(checked_int(workers, "workers", least=1, most=10_000))
 
 
 def due(tasks: Iterator[Task[Answer] | None], room: int | None) -> Iterator[Task[Answer]]:

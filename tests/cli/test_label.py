@@ -166,6 +166,7 @@ def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
             "--shard-size",
         ),
         (("wall-3", "data", "--workers", "0"), "--workers"),
+        (("wall-3", "data", "--workers", "9" * 30), "--workers"),
         (
             ("wall-3", "data", "--feasible", "0", "--infeasible", "0"),
             "infeasible",

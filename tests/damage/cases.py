@@ -176,7 +176,13 @@ _ALONE = (
         seal=_sealed("sha256"),
     ),
     Case(
-        name="proof", arguments=("verify", "proof.json"), file="proof.json", kind="json", made=JSON
+        name="proof",
+        arguments=("verify", "proof.json"),
+        file="proof.json",
+        kind="json",
+        made=JSON,
+        sealed=True,
+        seal=_sealed("sha256"),
     ),
     Case(
         name="gait header",
@@ -185,7 +191,7 @@ _ALONE = (
         kind="json",
         made=JSON,
         sealed=True,
-        seal=_sealed("digest"),
+        seal=_sealed("sha256"),
     ),
     Case(
         name="course yaml",
