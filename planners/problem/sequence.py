@@ -219,7 +219,8 @@ def sequence_course(
         under.append(_under(rows, row, ground, 0.5 * side_m + _ROUND_M))
         piece = Surface(under[row], 0.0).window(places[row], side_m) or under[row]
         footholds.append(Foothold(limb=name, frame=2 * k, candidates=(piece,)))
-    order = np.lexsort(([who.limb_names.index(each.limb) for each in footholds], rows["step"]))
+    ranks = [who.limb_names.index(each.limb) for each in footholds]
+    order = np.lexsort((np.array(ranks), rows["step"]))
     moved = [set(rows["foot"][rows["step"] == k]) for k in range(len(holds))]
     lifts = [tuple(name for name in who.limb_names if name in each) for each in moved[1:]]
     com_m = np.repeat(com_m, 2, axis=0)[:-1]
