@@ -4,7 +4,9 @@ and as cvxpy's.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import cvxpy as cp
 import numpy as np
@@ -13,10 +15,16 @@ import pytest
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.scaled import skew
-from stancekit.planners.projection.centre import _without, centred
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.alternatives import STRIDES
+from stancekit.planners.problem.course_between import laid_between
+from stancekit.planners.projection.centre import _without, at_clear_places, centred
+from stancekit.planners.robot.inverse_kinematics import descend
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.witness import witnesses
 from stancekit.planners.terrain.polygon import surface_patch
 from stancekit.planners.verify import check_plan
+from tests.planners.robot.small_urdfs import quadruped
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 
@@ -123,3 +131,48 @@ def test_a_toe_is_moved_out_of_a_wall_as_far_as_its_patch_goes_or_to_another_pat
         for candidates, least in (((one,), alone), ((one, one.with_vertices(beside)), both)):
             left = _without(candidates, one, toe, np.array([[far, 0.0, 0.0]]))
             assert min(each.vertices_m[:, 0].min() for each in left) == pytest.approx(least)
+
+
+def test_at_the_places_that_are_left_of_candidates_no_leg_crosses_a_wall(tmp_path: Path) -> None:
+    high, near, far = 0.15, 0.5, 0.6
+    levels = [(-1.5, near, 0.0), (near, far, high), (far, 2.5, 0.0)]
+    quads = [[(a, -2, z), (b, -2, z), (b, 2, z), (a, 2, z)] for a, b, z in levels]
+    quads.append([(near, -2, 0.0), (near, -2, high), (near, 2, high), (near, 2, 0.0)])
+    quads.append([(far, -2, 0.0), (far, 2, 0.0), (far, 2, high), (far, -2, high)])
+    lines = ["v {} {} {}\n".format(*corner) for quad in quads for corner in quad]
+    lines += [f"f {k} {k + 1} {k + 2} {k + 3}\n" for k in range(1, 4 * len(quads), 4)]
+    (tmp_path / "wall.obj").write_text("".join(lines))
+    (tmp_path / "dog.urdf").write_text(quadruped())
+    question = laid_between(
+        tmp_path / "wall.obj", (0.0, 0.0), (1.2, 0.0), robot=str(tmp_path / "dog.urdf")
+    )
+    course = question("inner", STRIDES[0])
+    com_m, solver = course.com_nominal_m, Kinematics(course.robot)
+    clear = at_clear_places(course, com_m, np.zeros_like(com_m), 0.0)
+    toes_m = np.array(course.standing_m)[0]
+    standing = solver.solve(np.zeros(3), np.zeros(3), toes_m).angles
+
+    def crossing(of: Problem) -> int:
+        count = 0
+        for p, foothold in enumerate(of.footholds):
+            limb = of.robot.limb_names.index(foothold.limb)
+            frames = np.flatnonzero(np.asarray(of.holds)[:, limb] == p)
+            leg, joints = solver.model.legs[limb], solver.joints_of(limb)
+            for patch, k in itertools.product(foothold.candidates, frames[[0, -1]]):
+                origin, ends_m = com_m[k] - of.robot.origin_m, patch.vertices_m
+                for x in np.linspace(ends_m[:, 0].min(), ends_m[:, 0].max(), 3):
+                    place = [x, com_m[k, 1] + toes_m[limb, 1], ends_m[0, 2] + 0.02]
+                    angles = standing.copy()
+                    found, missed = descend(leg, [place - origin], standing[None, joints])
+                    angles[joints] = found[0]
+                    ends = origin + solver.chains(angles)[limb]  # by pinocchio
+                    count += missed[0] < 5e-3 and any(
+                        (a[0] - face) * (b[0] - face) < 0.0
+                        and a[2] + (face - a[0]) / (b[0] - a[0]) * (b[2] - a[2]) < high
+                        for a, b in itertools.pairwise(ends)
+                        for face in (near, far)
+                    )
+        return count
+
+    assert crossing(course) > 0
+    assert crossing(clear) == 0

@@ -17,7 +17,6 @@ from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.projection.held import FixToes, Linearised
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.answer import objective_of, plan_of
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -105,28 +104,6 @@ def test_three_feet_on_level_ground_share_the_weight_by_the_lever_rule(drawn):
 
 # -------------------------------------------------------------------------------------------------
 # over key frames
-
-
-def test_fix_toes_finds_what_a_second_writing_finds_with_these_toes(
-    climb, written_course, programs
-):
-    # Held to points, the second writing's forces may still differ by vertex, but their moments
-    # cannot: it is the same.
-    for seed in (1, 2):
-        course = climb(seed)
-        scaled = Scaled.of(course)
-        start = solve_lift(programs, scaled, least_moment=False).rounded()[1]
-        point = project(programs, "scp", scaled, start)
-        problem, _ = written_course(standing(course, point.toes * course.length_scale_m))
-        problem.solve(cp.CLARABEL)
-        assert problem.status == cp.OPTIMAL
-        plan = plan_of(
-            course, scaled, np.zeros(len(course.footholds), dtype=int), point, provenance={}
-        )
-        assert problem.value == pytest.approx(objective_of(plan), rel=1e-5, abs=1e-8)
-        assert problem.value == pytest.approx(
-            point.objective * course.length_scale_m**2 + toe_cost(plan), rel=1e-5
-        )
 
 
 def standing(course, toes):

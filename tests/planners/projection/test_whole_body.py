@@ -245,6 +245,7 @@ def test_it_is_the_same_twice(climb: Plan) -> None:
         ({"share": 0.0}, "torque_share"),
         ({"share": 1.5}, "torque_share"),
         ({"steps": -1}, "steps"),
+        ({"deepest_m": -0.01}, "deepest_m"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(given: dict[str, float], message: str) -> None:
