@@ -251,9 +251,9 @@ def _mended(
     """
     holds, names = held_rows(rows, robot), robot.limb_names
     reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
-    feet = [holds[group.frame, names.index(group.limb)] for group in blamed if group.limb]
-    stances = holds[[group.frame for group in blamed]].ravel()
-    for moving in filter(len, (feet, stances, holds.ravel())):
+    feet = [int(holds[group.frame, names.index(group.limb)]) for group in blamed if group.limb]
+    stances = holds[[group.frame for group in blamed]].ravel().tolist()
+    for moving in [rows_of for rows_of in (feet, stances, holds.ravel().tolist()) if rows_of]:
         free = np.zeros(len(rows["foot"]))
         free[np.unique(moving)] = reach
         for share in ROOMS:

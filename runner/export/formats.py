@@ -313,7 +313,7 @@ def _write_crocoddyl(moved: Moved, path: Path) -> None:
     ]:
         raise InvalidInput(f"crocoddyl: expected joints with limits, got {endless[0]} without")
     content: dict[str, Any] = {
-        **moved.table.known(),
+        **moved.table.arrays(),
         "joints": moved.table.joints,
         "urdf": body.urdf,
         "feet": body.feet,
