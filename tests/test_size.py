@@ -30,16 +30,16 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1400, 15929),
-    "cli": (3585, 40144),
+    "api": (1422, 16165),
+    "cli": (3604, 40307),
     "configs": (3, 30),
-    "envs": (3167, 43723),
-    "learners": (5513, 80053),
-    "planners": (35494, 571974),
-    "runner": (7256, 96644),
-    "views": (4520, 70385),
+    "envs": (3128, 42836),
+    "learners": (5321, 77965),
+    "planners": (36004, 580554),
+    "runner": (6858, 92462),
+    "views": (4411, 68782),
 }
-CAPS: dict[str, int] = {"tests": 42_482, "benchmarks": 13_500}
+CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
@@ -48,7 +48,7 @@ ALLOWANCES: dict[str, int] = {
     "MJCF": 0,
     "training": 82,
     "promises": 0,
-    "worlds": 12,
+    "worlds": 3,
     "formats": 0,
     "stepping over": 0,
     "sequences": 0,
