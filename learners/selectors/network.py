@@ -213,6 +213,8 @@ def fit_epochs(
     """
     optimiser = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=decay)
     steps = epochs * -(-rows // batch)
+    if warm * (steps + 1) == 1.0:  # the rate would rise in no time at all
+        warm *= 2.0
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, rate, total_steps=steps + 1, pct_start=warm
     )

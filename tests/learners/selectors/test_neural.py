@@ -21,6 +21,7 @@ from stancekit.learners.selectors.network import (
     BoxNetwork,
     Mirror,
     SceneTensors,
+    fit_epochs,
     pinball,
     read_tensors,
     write_tensors,
@@ -459,3 +460,12 @@ def test_boxes_of_another_number_of_scenes_or_contacts_are_refused() -> None:
         margins(low[:1], high, problems)
     with refuses("low", "high"):
         margins(high, low, problems)
+
+
+def test_a_rate_that_would_rise_in_no_time_rises_in_a_step() -> None:
+    """Nine steps, of which a tenth of ten is one, at which the schedule begins."""
+    network, rows = torch.nn.Linear(1, 1), torch.zeros(9, 1)
+    chance = torch.Generator().manual_seed(0)
+    loss = lambda part: network(rows[part]).square().mean()  # noqa: E731
+    epochs = fit_epochs(network, loss, 9, chance, epochs=1, batch=1, rate=1e-3, decay=0.0, warm=0.1)
+    assert list(epochs) == [1]
