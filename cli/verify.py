@@ -147,17 +147,17 @@ class Verify:
 
     def _write(self, check: FileCheck) -> None:
         """Write the plan of a contact sequence, or of the nearest that holds, where there is one."""
-        from stancekit.planners.formats.motion_file import write_motion
-        from stancekit.planners.verify.judge import judge
+        from stancekit.answers import verify
+        from stancekit.files import save
 
         assert self.out is not None
         if check.kind != "sequence":
             raise InvalidInput(f"--out: expected a contact sequence with it, got a {check.kind}")
-        report = judge(check.report.answer)
-        if not report.accepted:
-            raise InvalidInput(f"--out: expected a sequence that holds, got none: {check.message}")
-        write_motion(self.out, check.report.answer, report)
-        complain(f"wrote {self.out}")
+        if verify(check.report.answer).accepted:
+            save(check.report.answer, self.out)
+            complain(f"wrote {self.out}")
+        else:
+            complain(f"{self.out} is not written: no plan of the sequence holds")
 
     def _dataset(self) -> int:
         from stancekit.envs.data.ledger import check_there

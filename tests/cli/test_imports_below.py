@@ -166,7 +166,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "runner.control.loop_settings",
             "runner.report",
             "runner.settings",
-            "runner.worlds",
+            "runner.worlds.settings",
         ),
         TOOL: (
             "runner.log",
@@ -182,7 +182,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         LATER: (
             "planners.motion.plan_motion",
             "runner.settings",
-            "runner.worlds",
+            "runner.worlds.settings",
         )
     },
     "solve": {
