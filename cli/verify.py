@@ -72,7 +72,11 @@ class Verify:
     """Say for every proof what would have to give, and by how much at least; look for the nearest
     contact sequence that holds."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
-    """File for the plan that completes a contact sequence, or for that of the nearest that holds."""
+    """File for the plan that completes a contact sequence, or for that of the nearest that holds, or
+    else for the proof of the first stance that is refuted."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture (.png, .pdf, .svg) of that plan, or of the first stance of a contact sequence that is
+    refuted: support, cones, and what would have to change."""
     exact: bool = False
     """Replay a file's proof in exact arithmetic, too: its numbers as the fractions that they are,
     with balls that are rounded outwards where a root enters. The message says which arithmetic
@@ -141,23 +145,27 @@ class Verify:
                 out.print(_groups(check.report))
             if check.kind in ("plan", "gait") and check.accepted:
                 out.print(check.report.remark)
-        if self.out is not None:
-            self._write(check)
+        if self.out is not None or self.picture is not None:
+            self._leave(check)
         return int(not check.accepted)
 
-    def _write(self, check: FileCheck) -> None:
-        """Write the plan of a contact sequence, or of the nearest that holds, where there is one."""
+    def _leave(self, check: FileCheck) -> None:
+        """Write and draw the plan of a contact sequence, or the proof of a stance that is refuted."""
         from stancekit.answers import verify
         from stancekit.files import save
+        from stancekit.pictures import draw
 
-        assert self.out is not None
+        answer = check.report.answer
         if check.kind != "sequence":
-            raise InvalidInput(f"--out: expected a contact sequence with it, got a {check.kind}")
-        if verify(check.report.answer).accepted:
-            save(check.report.answer, self.out)
-            complain(f"wrote {self.out}")
-        else:
-            complain(f"{self.out} is not written: no plan of the sequence holds")
+            wanted = "--out: expected a contact sequence with it and with --picture"
+            raise InvalidInput(f"{wanted}, got a {check.kind}")
+        if self.picture is not None:
+            subject = getattr(answer, "refuted", None)
+            draw(*((answer,) if subject is None else (subject, answer)), out=self.picture)
+        if self.out is not None and verify(answer).accepted:
+            save(answer, self.out)
+        elif self.out is not None:
+            complain(f"{self.out} is not written: nothing holds, and nothing is proved")
 
     def _dataset(self) -> int:
         from stancekit.envs.data.ledger import check_there

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..answer.answer import Answer, Status
+from ..answer.certificate import Certificate
 from ..answer.plan import Plan
 from ..answer.report import Group, Report
 from ..files.arrays import Array
@@ -82,7 +83,7 @@ def diagnosed(
         first + np.take_along_axis(off_rad, np.abs(off_rad).argmin(axis=1)[:, None], axis=1)[:, 0]
     )
     frame, turn_rad = _frame(first), float(np.abs(heads - first).max())
-    groups = list[Group]()
+    groups, proofs = list[Group](), list[Certificate]()
     if ground is not None:
         rows, off_m = grounded(rows, ground)
         groups += _off_ground(rows, off_m)
@@ -115,7 +116,9 @@ def diagnosed(
     everybody = tuple(range(len(robot.limbs)))
     for stance in (*(Stance(2 * k, everybody) for k in range(len(heads))), *course.stances):
         facing = heads[stance.frame // 2 if turn_rad >= _TURN_RAD else 0]
-        groups.append(_judged(partial(laid, facing), stance))
+        group, proof = _judged(partial(laid, facing), stance)
+        groups.append(group)
+        proofs += [] if proof is None else [proof]
     groups = sorted({g.name: g for g in groups}.values(), key=lambda group: group.when or 0.0)
     blamed = [group for group in groups if group.verdict == "violated"]
     defect = ""
@@ -129,7 +132,7 @@ def diagnosed(
         mended = _mended(there, robot, ground, blamed, deadline)
     if mended is not None:
         where = "; ".join(filter(None, (_moved(there, mended), where)))
-    found = mended or plan or _as_given(course)
+    found = mended or plan or next(iter(proofs), None) or _as_given(course)
     return Report(groups=tuple(groups), answer=found, tolerance=0.0, defect=defect, remark=where)
 
 
@@ -182,24 +185,24 @@ def _called(course: Problem, stance: Stance) -> str:
     return f"step {step}{_NEXT[lifts]} on {names}"
 
 
-def _judged(lay: Lay, stance: Stance) -> Group:
-    """One stance: held with its margins, or the limit to blame, proved over the outer sets."""
+def _judged(lay: Lay, stance: Stance) -> tuple[Group, Certificate | None]:
+    """One stance: held with its margins, or the limit to blame, and the proof over the outer sets."""
     course, step = lay("inner"), float(stance.frame // 2)
     name = _called(course, stance)
     found = TwoStage().solve(_posture(course, stance))
     if found.solution is not None:
-        return _holds(name, stance, stance_margins(found.solution)[0])
+        return _holds(name, stance, stance_margins(found.solution)[0]), None
     proof, proved = found.certificate, True
     if course.robot.source.own:
         outer = TwoStage().solve(_posture(lay("outer"), stance)).certificate
         proof, proved = outer or proof, outer is not None
     if proof is None:
         why = "no forces were found, and nothing is proved"
-        return Group(name, when=step, message=why, verdict="not checked")
+        return Group(name, when=step, message=why, verdict="not checked"), None
     told = explain(proof)
     first = told.relaxations[0]
     said = re.sub(r" at frame 0 on [^:]*", "", told.message.removeprefix("infeasible: "))
-    return Group(
+    group = Group(
         name,
         when=step,
         where=first.leg,
@@ -208,6 +211,7 @@ def _judged(lay: Lay, stance: Stance) -> Group:
         verdict="violated" if proved else "not checked",
         figures={"limit": first.parameter, "now": first.now, "needed": first.needed},
     )
+    return group, proof if proved else None
 
 
 def _posture(course: Problem, stance: Stance) -> Problem:

@@ -24,6 +24,8 @@ from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 from stancekit.runner.acceptance import Accepted
 from tests.forgeries import stances, walks
 from tests.forgeries.crawl import crawl
+from tests.planners.search.test_doctor import HEAD, written
+from tests.planners.search.test_doctor import walk as tripods
 from tests.refusals import assert_names, refuses
 
 
@@ -492,3 +494,11 @@ def test_a_folder_whose_writer_was_killed_in_its_first_motion_is_gone_on_with(
             head + text if text.startswith("\n") else text
         )
         refusal("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder / "bad")
+
+
+def test_the_stance_of_a_sequence_that_is_refuted_is_drawn(stancekit):
+    slope = [[*line, 0.6, 0.0, 0.8, 0.1] for line in tripods()]
+    written(slope, (*HEAD, "nx", "ny", "nz", "friction"))
+    ran = stancekit("verify", "steps.csv", "--picture", "why.png", "--out", "climb.json")
+    assert (ran.code, library.verify("climb.json").kind) == (1, "no-posture")
+    assert Path("why.png").stat().st_size > 10_000

@@ -79,6 +79,7 @@ def test_feet_that_slip_are_told_the_friction_that_they_need() -> None:
     report = stancekit.verify(written(lines, head)).report
     needed = {group.figures["needed"] for group in report.refused}
     assert max(needed) == pytest.approx(np.tan(slope), abs=2e-3)
+    assert stancekit.verify(report.answer).accepted  # which is the proof of a stance
 
 
 def test_a_foot_in_the_air_is_told_how_far_the_ground_is() -> None:
