@@ -37,7 +37,7 @@ HELD: dict[str, Size] = {
     "learners": (5323, 77983),
     "planners": (36008, 580633),
     "runner": (6858, 92462),
-    "views": (4411, 68782),
+    "views": (4413, 68808),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
@@ -52,7 +52,7 @@ ALLOWANCES: dict[str, int] = {
     "formats": 0,
     "stepping over": 0,
     "sequences": 0,
-    "pictures": 84,
+    "pictures": 82,
     "speed": 7,
     "margins": 0,
 }

@@ -371,10 +371,14 @@ class _PostureView:
         ]
 
     def _com(self) -> Scene:
-        """The outline of the ball that the centre of mass may move in."""
+        """The outline of the ball that the centre of mass may move in; none that is much larger than
+        the robot.
+        """
         turn = np.linspace(0.0, 2.0 * np.pi, 49)
         circle = np.column_stack([np.cos(turn), np.sin(turn)]) @ self.camera.axes[:2]
-        outline = self.problem.com_nominal_m[0] + self.problem.com_radius_m * circle
+        radius_m = float(self.problem.com_radius_m[0])
+        circle *= radius_m if radius_m < 3.0 * self.size_m else 0.0
+        outline = self.problem.com_nominal_m[0] + circle
         fill = Facet(
             corners_m=outline,
             normal=self.camera.axes[2],

@@ -418,7 +418,7 @@ def test_exports_that_cannot_be_are_one_line(walk_file: Path, tmp_path: Path, re
     for arguments, line in (
         (
             (walk_file,),
-            "--to: expected one of csv, npz, jointtrajectory, mujoco, reference, foxglove, got none",
+            "--to: expected one of csv, npz, jointtrajectory, mujoco, reference, crocoddyl, foxglove, got none",
         ),
         ((walk_file, "--to", "svg"), "--to: expected one of csv"),
         ((walk_file, "--to", "minari"), "expected the folder of a data set"),
