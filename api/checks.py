@@ -75,6 +75,8 @@ def check_file(
     name = str(path)
     data = read_json(path) if Path(path).suffix == ".json" else None
     if is_sequence(path):
+        if exact or course is not None or tolerance != TOLERANCE:
+            raise InvalidInput(f"{name}: expected no course, exact or tolerance with a sequence")
         return _check_sequence(Path(path), robot, terrain, why)
     if is_table(path, data):
         if why or exact:

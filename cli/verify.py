@@ -45,8 +45,8 @@ class Verify:
     With a folder, `stancekit verify data/wall-3`, every witness and every certificate of a data set
     is checked.
 
-    No solver takes part. Exit code 1 if anything is refused, and that is also what happens to a
-    claim that comes without its evidence.
+    No solver takes part but in what completes a contact sequence. Exit code 1 if anything is refused,
+    and that is also what happens to a claim that comes without its evidence.
     """
 
     problems: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PROBLEMS")]

@@ -30,13 +30,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1422, 16165),
+    "api": (1424, 16190),
     "cli": (3610, 40383),
     "configs": (3, 30),
     "envs": (3128, 42836),
     "learners": (5323, 77983),
-    "planners": (36008, 580633),
-    "runner": (6858, 92462),
+    "planners": (36045, 581251),
+    "runner": (6858, 92486),
     "views": (4413, 68808),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
@@ -52,7 +52,7 @@ ALLOWANCES: dict[str, int] = {
     "formats": 0,
     "stepping over": 0,
     "sequences": 0,
-    "pictures": 82,
+    "pictures": 43,
     "speed": 7,
     "margins": 0,
 }

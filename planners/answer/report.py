@@ -44,6 +44,11 @@ PLAN_GROUPS = {
 """Those of a plan: those of its stances, and what couples its key frames."""
 LATE = "the time limit ended"
 """The beginning of a group's message where the time ended before the group was checked."""
+_NOWHERE = {
+    "schedule": "nobody carries there as the schedule says",
+    "terrain": "its foothold is no piece of the terrain",
+}
+"""What it means that a group's value is infinite."""
 S = TypeVar("S", bound=Evidence, covariant=True)
 _Verdict = Literal["holds", "violated", "not checked", "not asked for"]
 _BODY_VERDICTS = {"holds": "checked", "violated": "failed"}
@@ -300,12 +305,14 @@ class Report(Generic[S]):
         """Where and when a group is refused, and by how much; or why, where its judge says it."""
         if group.message:
             return f"{group.name}: {group.message}"
+        moment = "" if group.when is None else self.answer.moment(group.when)
+        place = f" ({', '.join(filter(None, (moment, group.where)))})".replace(" ()", "")
+        if math.isinf(group.value):
+            return f"{group.name}{place}: {_NOWHERE.get(group.name, 'no number')}"
         size, limit = (
             f"{number:.3g} {group.unit}".removesuffix(" 1").rstrip()
             for number in (group.value, group.limit)
         )
-        moment = "" if group.when is None else self.answer.moment(group.when)
-        place = f" ({', '.join(filter(None, (moment, group.where)))})".replace(" ()", "")
         return f"{group.name}{place}: {size}" + (f", limit {limit}" if group.limit else "")
 
     @property

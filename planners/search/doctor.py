@@ -46,8 +46,9 @@ if TYPE_CHECKING:
 
 ROOMS = (0.025, 0.05, 0.1, 0.2)
 """How far footholds may move to mend a sequence, in reaches, one after the other."""
-_TURN_RAD = 0.35
-"""Feet that are turned by less may be those of a body that is not."""
+_AHEAD_RAD, _TURN_RAD = 0.1, 0.35
+"""A robot that faces along x but for so much is planned in the world; feet that are turned by less than
+the second on the way may be those of a body that is not."""
 _NEXT = ("", " before the next")
 """What a key frame is of its step: where it ends, or where the feet of the next one are about to lift."""
 Lay = Callable[..., Problem]
@@ -138,7 +139,7 @@ def diagnosed(
 
 def _frame(heading_rad: float) -> Frame:
     """The frame whose x points where a robot faces; the world where that is near its x."""
-    near = abs(heading_rad) < _TURN_RAD
+    near = abs(heading_rad) < _AHEAD_RAD
     return Frame(origin_m=np.zeros(3), heading_rad=0.0 if near else float(heading_rad))
 
 
@@ -180,7 +181,7 @@ def _called(course: Problem, stance: Stance) -> str:
     """Name of a stance's group."""
     step, lifts = divmod(stance.frame, 2)
     if len(stance.limbs) == len(course.robot.limbs):
-        return f"step {step} on all feet"
+        return f"step {step}{_NEXT[lifts]} on all feet"
     names = ", ".join(course.robot.limb_names[limb] for limb in stance.limbs)
     return f"step {step}{_NEXT[lifts]} on {names}"
 
@@ -202,16 +203,25 @@ def _judged(lay: Lay, stance: Stance) -> tuple[Group, Certificate | None]:
     told = explain(proof)
     first = told.relaxations[0]
     said = re.sub(r" at frame 0 on [^:]*", "", told.message.removeprefix("infeasible: "))
+    proved &= first.parameter != "tilt_limit"
+    within = _level(proof) + ("" if proved else " and the inner sets of its legs: not proved")
     group = Group(
         name,
         when=step,
         where=first.leg,
         limb=first.leg,
-        message=said if proved else f"{said}; within the inner sets of its legs alone",
+        message=f"{said}; {within}",
         verdict="violated" if proved else "not checked",
         figures={"limit": first.parameter, "now": first.now, "needed": first.needed},
     )
     return group, proof if proved else None
+
+
+def _level(proof: Certificate) -> str:
+    """Of what bodies a proof speaks, in words."""
+    problem = proof.refuted
+    assert isinstance(problem, Problem)
+    return f"with the body within {math.degrees(problem.tilt_limit_rad):.0f}° of level"
 
 
 def _posture(course: Problem, stance: Stance) -> Problem:
@@ -233,7 +243,8 @@ def _whole(answer: Answer[Plan]) -> list[Group]:
     name, message = "the steps together", answer.message
     if answer.certificate is not None:
         message = explain(answer.certificate).message.removeprefix("infeasible: ")
-        return [Group(name, message=_in_steps(message), verdict="violated")]
+        said = f"{_in_steps(message)}; {_level(answer.certificate)}"
+        return [Group(name, message=said, verdict="violated")]
     if answer.report is not None and answer.report.refused:
         each = answer.report.groups
         return [replace(group, message=_in_steps(group.message)) for group in each]

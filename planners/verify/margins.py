@@ -316,7 +316,7 @@ def with_margins(report: Report[Plan]) -> Report[Plan]:
         f"{1e3 * at['support_m']:.0f} mm inside{support}; {1.0 - at['friction_left']:.0%} of the "
         f"friction would be enough{friction}"
     )
-    return replace(report, groups=(*report.groups, group), remark=remark)
+    return replace(report, groups=(*report.groups, group), remark=remark if report.accepted else "")
 
 
 _LEAST = ("push", "support", "friction")

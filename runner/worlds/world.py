@@ -260,7 +260,7 @@ def check_world(world: Any) -> None:
     another kind.
     """
     name = checked_name(getattr(world, "name", None), "world: name")
-    if not is_bus(type(world)):
+    if not is_bus(type(world)) or world.kind != type(world).kind:
         raise InvalidInput(f"world {name}: expected {EXPECTED}, got another object")
     types = {
         "latch": StopLatch,

@@ -105,7 +105,7 @@ class RosWorld(HardwareWorld):
         match, and an e-stop that is pressed.
         """
         self.close()
-        self._robot = self._made()
+        self._robot, self._driven = self._made(), False
         try:
             self._robot.connect()
         except BaseException:

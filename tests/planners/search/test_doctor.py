@@ -46,9 +46,11 @@ def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("heading_rad", [0.0, 2.0])
-def test_a_sequence_that_holds_is_completed_wherever_it_faces(heading_rad: float) -> None:
-    check = stancekit.verify(written(walk(heading_rad=heading_rad)))
+@pytest.mark.parametrize(("heading_rad", "terrain"), [(0.0, None), (2.0, None), (0.0, "rough:0:1")])
+def test_a_sequence_that_holds_is_completed_wherever_it_faces(
+    heading_rad: float, terrain: str | None
+) -> None:
+    check = stancekit.verify(written(walk(heading_rad=heading_rad)), terrain=terrain)
     assert (check.accepted, check.kind) == (True, "sequence")
     plan = check.report.answer
     stances = [group for group in check.report.groups if group.name.startswith("step ")]
@@ -56,14 +58,16 @@ def test_a_sequence_that_holds_is_completed_wherever_it_faces(heading_rad: float
     assert min(group.figures["support_m"] for group in stances) > 0.03
     assert stancekit.verify(plan).accepted
     back = plan.toes_m[:, :2] @ np.array([1.0, 1j]) * np.exp(1j * heading_rad)
-    given = np.array([complex(*map(float, line[2:4])) for line in walk(heading_rad=heading_rad)])
-    assert np.abs(back[:, None] - given).min(axis=1).max() < 1e-3
+    given = {(line[0], line[1]): complex(line[2], line[3]) for line in walk(3, heading_rad)}
+    wanted = [given[each.frame / 2, each.limb] for each in plan.problem.footholds]
+    assert np.abs(back - wanted).max() < 2e-3
 
 
 def test_the_foot_that_is_out_of_reach_is_named_and_mended() -> None:
     lines = walk()
     row = next(k for k, line in enumerate(lines) if line[:2] == [1, "RF"])
     lines[row][3] = float(lines[row][3]) - 0.45
+    assert not stancekit.verify(written(lines), terrain="rough:0:1").accepted
     report = stancekit.verify(written(lines), explain=True).report
     assert not report.accepted
     assert {(group.limb, group.figures["limit"]) for group in report.refused} == {("RF", "reach")}
@@ -99,6 +103,7 @@ def test_a_foot_in_the_air_is_told_how_far_the_ground_is() -> None:
         (lambda lines: lines.pop(2), "step"),
         (lambda lines: lines.append(lines[-1]), "row 16"),
         (lambda lines: lines[3].__setitem__(4, "nan"), "column z"),
+        (lambda lines: lines.extend([4, *line[1:]] for line in lines[:6]), "step 4"),
     ],
 )
 def test_what_is_no_sequence_of_this_robot_is_refused(change, where) -> None:
@@ -106,6 +111,14 @@ def test_what_is_no_sequence_of_this_robot_is_refused(change, where) -> None:
     change(lines)
     with refuses("steps.csv", where):
         stancekit.verify(written(lines))
+
+
+def test_the_body_is_where_the_sequence_says_and_moves_between_its_steps() -> None:
+    """Feet of a step that lift are those that the body of the step before stands over."""
+    lines = [[*line, 0.02 if line[0] else -0.04, 0.0, 0.2] for line in walk(1)]
+    report = stancekit.verify(written(lines, (*HEAD, "com.x", "com.y", "com.z"))).report
+    assert report.accepted
+    np.testing.assert_allclose(report.answer.com_m[[0, 2], 0], [-0.04, 0.02], atol=0.02)
 
 
 def test_one_that_turns_is_judged_stance_by_stance_and_never_accepted() -> None:
