@@ -46,6 +46,7 @@ BEFORE = {"docs/running-on-a-robot.md": ["plan desk.yaml --out desk.json"]}
 FEW = "12"
 """Scenes of a page that learns; its reader has more."""
 NEEDS = {
+    "docs/contact-sequences.md": "pinocchio",
     "docs/training.md": "sb3_contrib optuna",
     "docs/learning.md": "torch",
     "docs/running-on-a-robot.md": "pinocchio",
