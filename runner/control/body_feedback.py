@@ -156,9 +156,11 @@ class BodyController:
         arms, planned = maps.transpose(1, 0, 2).reshape(6, -1), planned / self._weight
         wanted = WEIGHTS * (wrench + sample.wrench) / self._weight
         friction, least = (shares[rows] for shares in self._limits(sample))
-        asked = _Asked(arms=arms, wanted=wanted, planned=planned, friction=friction, least=least)
-        force = self._of_no_cone(asked)
+        force = self._of_no_cone(arms, wanted, planned, friction, least)
         if force is None:
+            asked = _Asked(
+                arms=arms, wanted=wanted, planned=planned, friction=friction, least=least
+            )
             solution = self._program(len(frames)).solve(asked)
             force = _inside(solution.value("forces") if solution.solved else planned, asked)
         force_n = np.einsum("nik,nk->ni", frames, self._weight * force)
@@ -206,15 +208,16 @@ class BodyController:
         force[:, 1:] *= np.minimum(1.0, friction * force[:, 0] / across)[:, None]
         return np.asarray(np.einsum("nik,nk->ni", frames, self._weight * force))
 
-    def _of_no_cone(self, asked: _Asked) -> Array | None:
+    def _of_no_cone(
+        self, arms: Array, wanted: Array, planned: Array, friction: Array, least: Array
+    ) -> Array | None:
         """The program's forces where no cone holds them, p + Aᵀ y, and where they would be less, the
         least ones; in the feet's frames and units of the weight, shape (n, 3). None where a cone
         does.
 
         y solves (B Bᵀ + ε) y = w − A p, with B = A but zero, and p the least force, in the columns
-        that are held there. Those are found anew until they stay.
+        that are held there. Those are found anew until they stay. Arguments as of ``_Asked``.
         """
-        arms, wanted, planned, least = asked.arms, asked.wanted, asked.planned, asked.least
         free, start, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
         for _ in range(_ROUNDS):
             lacks = np.linalg.solve(free @ free.T + _EVEN, wanted - arms @ start.ravel())
@@ -222,7 +225,7 @@ class BodyController:
             light = force[:, 0] < least
             if (light == held).all():
                 force[held, 0] = least[held]
-                inside = lengths(force[:, 1:]) <= asked.friction * force[:, 0]
+                inside = lengths(force[:, 1:]) <= friction * force[:, 0]
                 return force if inside.all() else None  # nor where one is not finite
             free, start, held = arms.copy(), planned.copy(), light
             free[:, ::3][:, held], start[held, 0] = 0.0, least[held]
