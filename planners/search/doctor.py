@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 
 ROOMS = (0.025, 0.05, 0.1, 0.2)
 """How far footholds may move to mend a sequence, in reaches, one after the other."""
+_CONTACTS_S = 10.0
+"""Contacts of a sequence, whose footholds are points, are found by then, or not at all [s]."""
 _AHEAD_RAD, _TURN_RAD = 0.1, 0.35
 """A robot that faces along x but for so much is planned in the world; feet that are turned by less than
 the second on the way may be those of a body that is not."""
@@ -100,7 +102,8 @@ def diagnosed(
         message=f"it turns by {math.degrees(turn_rad):.0f}°, and stances alone were judged",
     )
     if turn_rad < _TURN_RAD:
-        answer = plan_course(lay, TwoStage(), limits=None, deadline=deadline)
+        soon = min(deadline, time.perf_counter() + _CONTACTS_S)
+        answer = plan_course(lay, TwoStage(), limits=None, deadline=soon)
         if answer.solution is not None:
             answer = with_whole_body(answer, WholeBodyLimits(), None, deadline=deadline)
         plan = answer.solution
