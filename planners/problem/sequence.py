@@ -232,7 +232,6 @@ def sequence_course(
     who = spec.make_robot(Path(), sets)
     spec = spec.standing(spec.make_robot(), sets)
     holds, places = held_rows(rows, who), places_of(rows)
-    limbs = {limb.name: limb for limb in who.limbs}
     reach = float(np.mean([limb.reach_m for limb in who.limbs]))
     likes = np.array([limb.shoulder_m + toe_offset(limb, spec.stance) for limb in who.limbs])
     com_m, far_m = (places[holds] - likes).mean(axis=1), _FREE * reach
@@ -247,9 +246,7 @@ def sequence_course(
             raise InvalidInput(f"row {odd[0] + 1}: expected one centre of mass a step, got another")
     footholds, under = list[Foothold](), list[Patch]()
     for row, (name, k) in enumerate(zip(rows["foot"].tolist(), rows["step"].tolist(), strict=True)):
-        sole = limbs[name].sole_m
-        half_m = 0.0 if sole is None else float(np.linalg.norm(sole, axis=1).max())
-        side_m = _POINT_M + 2.0 * (half_m + rooms_m[row])
+        side_m = _POINT_M + 2.0 * float(rooms_m[row])
         under.append(_under(rows, row, ground, 0.5 * side_m + _ROUND_M))
         piece = Surface(under[row], 0.0).window(places[row], side_m)
         piece = _square(places[row], under[row], 0.5 * side_m) if piece is None else piece

@@ -224,7 +224,8 @@ def _level(proof: Certificate) -> str:
     """Of what bodies a proof speaks, in words."""
     problem = proof.refuted
     assert isinstance(problem, Problem)
-    return f"with the body within {math.degrees(problem.tilt_limit_rad):.0f}° of level"
+    most = f"{math.degrees(problem.tilt_limit_rad):.0f}°"
+    return f"with the body within {most} of level and of its heading"
 
 
 def _posture(course: Problem, stance: Stance) -> Problem:
@@ -293,7 +294,8 @@ def _moved(rows: Rows, plan: Plan) -> str:
         off_m = float(np.linalg.norm(plan.toes_m[j] - places[row]))
         if off_m > 1.5e-3:
             far.append((off_m, f"{foot} of step {step} by {1e3 * off_m:.0f} mm"))
-    return f"it holds with {', '.join(words for _, words in sorted(far, reverse=True))}"
+    moved = ", ".join(words for _, words in sorted(far, reverse=True))
+    return f"it holds with {moved}" if moved else "it holds with all feet within 2 mm"
 
 
 def _as_given(course: Problem) -> Plan:
