@@ -148,19 +148,18 @@ def checked_action(action: Any, space: spaces.Space[Any]) -> NDArray[Any]:
     array = np.asarray(action)
     if isinstance(space, spaces.Box):
         low, high, kinds = space.low, space.high, "fiu"
-        wanted = f"finite numbers, {low.min():g} to {high.max():g}"
     else:
-        kinds, low = "iu", np.asarray(getattr(space, "start", 0))
+        low, kinds = np.asarray(getattr(space, "start", 0)), "iu"
         high = np.asarray(getattr(space, "nvec", getattr(space, "n", 0))) - 1 + low
-        ends = high.ravel().tolist()
-        most = ends[0] if len(set(ends)) == 1 else tuple(ends)
-        wanted = f"whole numbers, {low.min()} to {most}"
     if array.shape != space.shape:
         raise InvalidInput(f"action: expected shape {space.shape}, got {array.shape}")
     if array.dtype.kind not in kinds or not (
-        np.all(array >= low - _BEYOND) and np.all(array <= high + _BEYOND)
+        (array >= low - _BEYOND).all() and (array <= high + _BEYOND).all()
     ):
-        raise InvalidInput(f"action: expected {wanted}, got {shown(action)}")
+        ends = np.unique(high).tolist()
+        most = f"{ends[0]:g}" if len(ends) == 1 else tuple(high.ravel().tolist())
+        numbers = f"{'finite' if kinds == 'fiu' else 'whole'} numbers, {low.min():g} to {most}"
+        raise InvalidInput(f"action: expected {numbers}, got {shown(action)}")
     return array.astype(np.float64 if kinds == "fiu" else np.int64)
 
 

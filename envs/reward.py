@@ -183,15 +183,18 @@ class Terms:
         truncated: bool,
     ) -> dict[str, float]:
         """``of`` a ``Step``, whose arguments these are."""
-        step = Step(
-            question=question,
-            answer=answer,
-            action=action,
-            info=info,
-            terminated=terminated,
-            truncated=truncated,
+        if not self.by_key:
+            return {}
+        return self.of(
+            Step(
+                question=question,
+                answer=answer,
+                action=action,
+                info=info,
+                terminated=terminated,
+                truncated=truncated,
+            )
         )
-        return self.of(step) if self.by_key else {}
 
 
 def weighted(weights: Any, kind: type[Weights], *, named: bool = False) -> tuple[Weights, Terms]:
