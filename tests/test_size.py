@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3128, 42828),
     "learners": (5323, 77983),
-    "planners": (36047, 581235),
+    "planners": (36046, 581223),
     "runner": (6857, 92475),
     "views": (4413, 68808),
 }

@@ -65,6 +65,11 @@ class ElevationMap:
                     f"{self.name}: {axis}: expected {WIDEST_M:g} m or less from end to end, got "
                     f"{lines[-1] - lines[0]:g} m; {OTHER_UNIT}"
                 )
+        if np.size(self.heights_m) > MOST_POINTS:
+            raise InvalidInput(
+                f"{self.name}: expected {MOST_POINTS} grid points or fewer, got "
+                f"{np.size(self.heights_m)}"
+            )
         heights = np.array(self.heights_m, dtype=np.float64)
         if heights.shape != (len(self.x_m), len(self.y_m)):
             raise InvalidInput(
@@ -81,14 +86,16 @@ class ElevationMap:
             raise InvalidInput(
                 f"{self.name}: expected heights, got {heights.size} holes and nothing else"
             )
-        if np.nanmax(heights) - np.nanmin(heights) > WIDEST_M:
+        low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
+        if high - low > WIDEST_M:
             raise InvalidInput(
-                f"{self.name}: expected heights within {WIDEST_M:g} m, got "
-                f"{np.nanmax(heights) - np.nanmin(heights):g} "
-                f"m from lowest to highest; {OTHER_UNIT}"
+                f"{self.name}: expected heights within {WIDEST_M:g} m, NaN where there is none, "
+                f"got {low:g} to {high:g} m; {OTHER_UNIT}"
             )
-        if (far := float(np.nanmax(np.abs(heights)))) > _HIGHEST_M:
-            raise InvalidInput(f"{self.name}: expected heights up to {_HIGHEST_M:g} m, got {far:g}")
+        if max(-low, high) > _HIGHEST_M:
+            raise InvalidInput(
+                f"{self.name}: expected heights up to {_HIGHEST_M:g} m, got {low:g} to {high:g} m"
+            )
         heights.setflags(write=False)
         object.__setattr__(self, "heights_m", heights)
 
@@ -97,10 +104,6 @@ class ElevationMap:
         """Heights, shape (n, m) [m], on a square grid of this spacing with its middle at the
         origin.
         """
-        if heights.size > MOST_POINTS:
-            raise InvalidInput(
-                f"{name}: expected {MOST_POINTS} grid points or fewer, got {heights.size}"
-            )
         x_m, y_m = (spacing_m * (np.arange(count) - 0.5 * (count - 1)) for count in heights.shape)
         return cls(x_m=x_m, y_m=y_m, heights_m=heights, name=name)
 
@@ -175,11 +178,6 @@ class ElevationMap:
                 raise InvalidInput(
                     f"{name}: {key}: expected numbers, got an array of {arrays[key].dtype}"
                 )
-        if arrays["heights_m"].size > MOST_POINTS:
-            raise InvalidInput(
-                f"{name}: expected {MOST_POINTS} grid points or fewer, got "
-                f"{arrays['heights_m'].size}"
-            )
         return cls(x_m=arrays["x_m"], y_m=arrays["y_m"], heights_m=arrays["heights_m"], name=name)
 
     @property
