@@ -106,6 +106,9 @@ ROOM_M = 0.4
 _FLAT = 1e-6
 """A surface is flat where the sum of its areas as vectors is shorter than that of their lengths by
 no larger a share."""
+_TIE = 1e-3
+"""Weight of the volume that a surface encloses beside its area, where as much is wound one way as the
+other [1/m]."""
 _SAMPLES = 3
 """Triangles of a piece, its largest ones, that are looked at."""
 _FINEST, _MOST_ENTRIES = 512, 4_000_000
@@ -172,10 +175,7 @@ def one_sided(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.i
     both = np.flatnonzero(sides[face] == 2)
     if not len(both):
         return triangles, 0
-    edges = triangles[both][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    owner, ahead = np.repeat(np.arange(len(both)), 3), edges[:, 0] < edges[:, 1]
-    key = edges.min(axis=1) * len(corners) + edges.max(axis=1)
-    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    owner, ahead, edge, uses = _edges(triangles[both], len(corners))
     of_two = np.flatnonzero(uses[edge] == 4)
     order = np.lexsort((face[both][owner[of_two]], ahead[of_two], edge[of_two]))
     one, other, ahead_one, ahead_other = owner[of_two[order]].reshape(-1, 4).T
@@ -196,6 +196,55 @@ def one_sided(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.i
     left = np.ones(len(triangles), dtype=bool)
     left[both[inner[piece]]] = False
     return triangles[left], rooms
+
+
+def aligned(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.int_], int]:
+    """Triangles, those turned that are wound against their neighbours, and how many these are.
+
+    Neighbours share an edge that no third triangle has. Of the two ways to wind a surface that is
+    taken which more of its area has as given, where what looks up counts twice; in an open surface
+    it stays so. Nothing is turned in a surface with a single side.
+
+    Arguments:
+        corners: each given once, shape (V, 3) [m].
+        triangles: by corners' numbers, shape (T, 3).
+    """
+    owner, ahead, edge, uses = _edges(triangles, len(corners))
+    paired = np.flatnonzero(uses[edge] == 2)
+    paired = paired[np.argsort(edge[paired], kind="stable")]
+    one, other, against = (
+        owner[paired[::2]],
+        owner[paired[1::2]],
+        ahead[paired[::2]] == ahead[paired[1::2]],
+    )
+    if not against.any():
+        return triangles, 0
+    count = len(triangles)
+    given, opposite = np.split(
+        _joined(
+            np.concatenate([one, one + count]),
+            np.concatenate([other + count * against, other + count * ~against]),
+            2 * count,
+        ),
+        2,
+    )
+    spread = corners[triangles]
+    doubles = np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
+    up = doubles[:, 2] > _FLAT * np.linalg.norm(doubles, axis=1)
+    area, outward = (
+        np.linalg.norm(doubles, axis=1) * (1.0 + up),
+        _TIE * _volumes(corners, triangles),
+    )
+    share = np.bincount(given, area + outward, 2 * count) - np.bincount(
+        opposite, outward, 2 * count
+    )
+    wrong = share[given] < share[opposite]
+    result = np.where(wrong[:, None], triangles[:, ::-1], triangles)
+    sides, ahead, edge, _ = _edges(result, len(corners))
+    piece = np.minimum(given, opposite)
+    closed = _balanced(piece[sides], edge, np.where(ahead, 1, -1))
+    wrong &= ~up | closed[piece]
+    return np.where(wrong[:, None], triangles[:, ::-1], triangles), int(wrong.sum())
 
 
 def inside_out(corners: Array, triangles: NDArray[np.int_]) -> Array | None:
@@ -246,11 +295,8 @@ def _pieces(
     along as often one way as the other; pieces that are open, and share edges with others, may be
     closed together.
     """
-    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    owner = np.repeat(np.arange(len(triangles)), 3)
-    key = edges.min(axis=1) * len(corners) + edges.max(axis=1)
-    ahead = np.where(edges[:, 0] < edges[:, 1], 1, -1)
-    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    owner, upward, edge, uses = _edges(triangles, len(corners))
+    ahead = np.where(upward, 1, -1)
     paired = np.flatnonzero(uses[edge] == 2)
     paired = paired[np.argsort(edge[paired], kind="stable")]
     piece = _joined(owner[paired[::2]], owner[paired[1::2]], len(triangles))
@@ -266,6 +312,18 @@ def _pieces(
     )[group]
     suspects = np.flatnonzero((alone & (volume < -_LEAST_M3)) | (~alone & together))
     return piece, suspects, (alone | together)[piece]
+
+
+def _edges(
+    triangles: NDArray[np.int_], corners: int
+) -> tuple[NDArray[np.int_], NDArray[np.bool_], NDArray[np.int_], NDArray[np.int_]]:
+    """Sides of triangles, three of each: its triangle, whether it goes from the lower corner's
+    number to the higher, and its edge; and how many sides each edge has.
+    """
+    sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    key = sides.min(axis=1) * corners + sides.max(axis=1)
+    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    return np.repeat(np.arange(len(triangles)), 3), sides[:, 0] < sides[:, 1], edge, uses
 
 
 def _joined(one: NDArray[np.int_], other: NDArray[np.int_], count: int) -> NDArray[np.int_]:

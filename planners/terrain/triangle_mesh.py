@@ -14,7 +14,7 @@ from ..files.arrays import LARGEST, Array
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M
 from .import_options import OTHER_UNIT, ImportOptions, doubt
-from .inside_out import ROOM_M, one_sided, turned
+from .inside_out import ROOM_M, aligned, one_sided, turned
 from .obstacles import fan
 from .patch import Patch
 
@@ -137,6 +137,7 @@ class TriangleMesh:
                 f"{name}: {rooms} closed parts that are given from both sides were taken for "
                 "solids; crop the ceiling off a room"
             )
+        triangles, against = aligned(corners, triangles)
         triangles, count, middle = turned(corners, triangles)
         if middle is not None:
             place = ", ".join(f"{value + 0.0:.3g}" for value in middle.round(6))
@@ -145,6 +146,8 @@ class TriangleMesh:
                 f"solid about ({place}) m "
                 "that is inside out; turn its normals, or crop the ceiling off a room"
             )
+        if against:
+            doubt(f"{name}: {against} triangles are wound against their neighbours and were turned")
         if count:
             doubt(
                 f"{name}: {count} closed parts narrower than {ROOM_M:g} m are inside out and were "

@@ -134,6 +134,22 @@ def test_touching_plates_of_a_file_have_tops_whichever_way_they_turn(tmp_path: P
     assert {round(float(piece.patch.vertices_m[0, 2]), 6) for piece in found.pieces} == {0.0, 0.1}
 
 
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("wrong", [[2], [2, 3], [2, 3, 10, 11], [4, 7, 11]])
+def test_triangles_against_their_neighbours_are_turned_and_said(tmp_path: Path, closed, wrong):
+    ground, block = (
+        box((-1.0, -1.0, -0.2), (1.0, 1.0, 0.0)),
+        box((1.0, -1.0, -0.2), (2.0, 1.0, 0.1)),
+    )
+    kept = np.arange(12) if closed else np.setdiff1d(np.arange(12), [0, 1])
+    sound = read_footholds(written(tmp_path / "sound.obj", [ground, block[kept]], shared=True))
+    block[wrong] = block[wrong, ::-1]
+    path = written(tmp_path / "block.obj", [ground, block[kept]], shared=True)
+    with pytest.warns(UserWarning, match=f"{len(wrong)} triangles are wound against"):
+        found = read_footholds(path)
+    assert found.area_m2 == pytest.approx(sound.area_m2, rel=1e-9)
+
+
 def test_one_of_thousands_of_touching_solids_is_found():
     x, y = np.meshgrid(np.arange(40.0), np.arange(40.0), indexing="ij")
     low = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], 1)
