@@ -77,6 +77,8 @@ def test_yaml_that_grows_is_refused_at_once(text, said):
         "a: 1\n---\nb: 2\n",
         "a: " + "9" * 9999,
         "\x00",
+        'a: "b\\0c"\n',
+        '"b\\0": c\n',
     ],
 )
 def test_yaml_that_is_broken_in_any_way_is_one_line(text):
@@ -93,10 +95,23 @@ def test_what_is_as_deep_as_may_be_is_read_and_no_deeper():
 
 
 @pytest.mark.parametrize(
-    "text", ['{"a": NaN}', "[Infinity]", "-Infinity", '"\\ud800"', '{"\\udc00": 1}', "1" * 5000]
+    "text",
+    [
+        '{"a": NaN}',
+        "[Infinity]",
+        "-Infinity",
+        '"\\ud800"',
+        '{"\\udc00": 1}',
+        "1" * 5000,
+        '{"a": "b\\u0000"}',
+    ],
 )
 def test_what_is_no_json_for_others_is_none_here(text):
     assert_names(refusal(parse_json, text, "f"), "f")
+
+
+def test_a_backslash_before_what_reads_as_a_null_byte_is_one():
+    assert parse_json('["\\\\u0000"]', "f") == ["\\u0000"]
 
 
 def test_pairs_of_surrogates_are_a_letter():

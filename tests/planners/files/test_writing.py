@@ -22,6 +22,7 @@ from stancekit.planners.files.writing import (
     TEMPORARY,
     check_writable,
     first_difference,
+    make_folder,
     remove_leftovers,
     replaced,
     write_bytes,
@@ -224,8 +225,9 @@ def test_odd_names_are_written_and_cleared_up(tmp_path, name):
 def test_the_longest_name_is_written_and_one_letter_more_refused_before_any_work(tmp_path):
     longest = "n" * (255 - len("..4194304-01234567.tmp"))
     write_text(tmp_path / longest, "x")
-    with refuses():
-        check_writable(tmp_path / f"{longest}n")
+    for of, name in ((check_writable, f"{longest}n"), (check_writable, "a\0"), (make_folder, "\0")):
+        with refuses():
+            of(tmp_path / name)
 
 
 def test_a_folder_takes_the_place_of_an_empty_one_or_nothing_changes(tmp_path):
