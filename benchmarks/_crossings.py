@@ -73,7 +73,7 @@ def heavy(seed: int) -> str:
     """A quadruped as a URDF: 6 to 20 kg, thigh and shank of 18 to 26 cm."""
     rng = np.random.default_rng(seed)
     share, mass, long, ahead, up = rng.uniform(
-        [0.2, 6.0, 0.18, -0.1, -0.03], [0.85, 20.0, 0.26, 0.1, 0.15]
+        [0.2, 6.0, 0.18, -0.18, -0.03], [0.85, 20.0, 0.26, 0.1, 0.3]
     )
     whole = 0.25 * share * mass
     turns = f'velocity="14" effort="{22.0 * mass * long:.4g}"/></joint>'

@@ -28,7 +28,7 @@ from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.verify.motions import check_motion
-from stancekit.runner.export.formats import FORMATS, Moved, moved_of, read_keys
+from stancekit.runner.export.formats import FORMATS, Moved, moved_of, played, read_keys
 from stancekit.runner.motion.time_parametrization import streamed
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
@@ -331,7 +331,9 @@ def test_a_walk_is_followed_in_plain_mujoco(robot: str, tmp_path: Path) -> None:
         pytest.skip("go1's URDF is of example-robot-data")
     walk = stancekit.walk("rough:0:0", (0.3, 0.0), robot=robot, duration_s=3.0).solution
     assert walk is not None
-    stancekit.export(walk, tmp_path / "walk.xml")
+    said = stancekit.export(walk, tmp_path / "walk.xml").open_loop
+    assert said.startswith("stood at pace 1 with Kp ")
+    assert said in (tmp_path / "walk.xml").read_text()
     stancekit.export(walk, tmp_path / "walk.npz", to="reference")
 
     model, ref = (
@@ -356,6 +358,14 @@ def test_a_walk_is_followed_in_plain_mujoco(robot: str, tmp_path: Path) -> None:
     _, x, y, _ = data.qpos[3:7]
     assert 1.0 - 2.0 * (x * x + y * y) > np.cos(0.1)  # upright
     assert np.linalg.norm(data.qpos[:3] - ref["body_pos_w"][-1, 0]) < 0.05
+
+
+def test_a_motion_that_falls_open_loop_says_when_at_both_paces(moved: Moved) -> None:
+    folded = np.array(moved.table.angles_rad)
+    folded[len(folded) // 2 :, : folded.shape[1] // 2] += 0.8
+    fell = played(replace(moved, table=replace(moved.table, angles_rad=folded)))
+    assert [part[:10] for part in fell.split("; ")] == ["fell after"] * 2
+    assert "pace 0.5, with Kp " in fell
 
 
 def test_numbers_for_crocoddyl_are_the_motion_s_and_a_script_that_is_there_is_left_alone(
