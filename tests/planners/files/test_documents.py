@@ -110,11 +110,8 @@ def test_what_is_no_json_for_others_is_none_here(text):
     assert_names(refusal(parse_json, text, "f"), "f")
 
 
-def test_a_backslash_before_what_reads_as_a_null_byte_is_one():
+def test_pairs_of_surrogates_are_a_letter_and_an_escaped_backslash_is_one():
     assert parse_json('["\\\\u0000"]', "f") == ["\\u0000"]
-
-
-def test_pairs_of_surrogates_are_a_letter():
     assert parse_json('"\\ud83d\\ude00"', "f") == "\U0001f600"
 
 

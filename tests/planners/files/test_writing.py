@@ -23,7 +23,6 @@ from stancekit.planners.files.writing import (
     check_writable,
     first_difference,
     make_folder,
-    remove_leftovers,
     replaced,
     write_bytes,
     write_text,
@@ -272,11 +271,6 @@ def test_a_device_is_no_target_of_what_is_put_in_its_place(tmp_path):
 def test_a_full_device_is_told_in_one_line():
     with refuses("/dev/full", FULL):
         write_text("/dev/full", "text")
-
-
-def test_a_folder_that_is_gone_has_no_leftovers(tmp_path):
-    remove_leftovers(tmp_path / "none", lambda name: True)
-    assert os.listdir(tmp_path) == []
 
 
 def test_a_folder_that_takes_no_files_is_one_line_and_no_endless_search():
