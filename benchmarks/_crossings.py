@@ -38,7 +38,7 @@ PROFILES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
 LEVELS = 0.05, 0.3
 """Of drawn grounds, of 1: what robots of half a metre can cross."""
 START, GOAL = (0.0, 0.0), (1.0, 0.0)
-NEAR = (0.12, 0.0)
+NEAR = (0.06, 0.0)
 """Goal of quadrupeds that are drawn [m]."""
 NEGATIVES = {
     "example-robot-data": (
