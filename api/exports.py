@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from stancekit.envs.data.dataset import Dataset
@@ -20,9 +20,9 @@ from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_text, shown
-from stancekit.planners.files.writing import alone_in, check_writable, write_text
+from stancekit.planners.files.writing import alone_in, check_writable, make_folder, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
-from stancekit.runner.export.formats import FORMATS, beside, moved_of, write_moved
+from stancekit.runner.export.formats import FORMATS, beside, moved_of, played, write_moved
 from stancekit.runner.motion.time_parametrization import RATE_HZ
 
 from .walks import walk
@@ -48,6 +48,8 @@ class ExportedMotions:
         paths: the files.
         refused: number of draws that gave no motion, by reason.
         without: reason why a motion has no joints; empty if it has.
+        open_loop: pace and gains at which it stood in MuJoCo without feedback of the body, or where
+            it fell, as the file says, too; empty for many motions, and for one without joints.
     Source:
         None.
 
@@ -61,6 +63,7 @@ class ExportedMotions:
     paths: tuple[Path, ...]
     refused: Mapping[str, int] = field(default_factory=dict)
     without: str = ""
+    open_loop: str = ""
 
 
 @checked
@@ -146,10 +149,11 @@ def export(
     else:
         _check_accepted(motion := subject, source)
     moved = moved_of(motion, chosen, rate_hz, source)
+    moved = replace(moved, open_loop=played(moved))
     write_moved(moved, chosen, path)
     if progress is not None:
         progress(1, 1)
-    return ExportedMotions(paths=(path,), without=moved.without)
+    return ExportedMotions(paths=(path,), without=moved.without, open_loop=moved.open_loop)
 
 
 def read_accepted(path: Path) -> Motion:
@@ -240,10 +244,7 @@ def _drawn(
     not done again.
     """
     checked_int(count, "count", least=1)
-    if to == _MINARI:
-        raise InvalidInput(
-            "to: expected a format of motions, got minari, which is one of data sets"
-        )
+    to = _format(to, out)
     family, height, first = read_draw(level, "export")
     if level.count(":") > f"{family}".count(":") + 1:
         raise InvalidInput(
@@ -251,12 +252,7 @@ def _drawn(
             f"{first}"
         )
     folder = out or Path(f"{level.replace(':', '-').replace('/', '-')}-{to}")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(
-            f"{folder}: expected a folder or room for one, got {error.strerror}"
-        ) from None
+    make_folder(folder)
     settings = {
         "format": "stancekit/motions/1",
         "level": level,
@@ -342,5 +338,5 @@ def _one(ground: str, folder: Path, to: str, rate_hz: float, robot: str) -> dict
         moved = moved_of(attempts.solution, to, rate_hz, ground)
     except InvalidInput as error:
         return {**record, "refused": "run refuses the motion", "why": str(error)}
-    write_moved(moved, to, path)
+    write_moved(replace(moved, open_loop=played(moved)), to, path)
     return {**record, "file": path.name}

@@ -38,7 +38,7 @@ PROFILES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
 LEVELS = 0.05, 0.3
 """Of drawn grounds, of 1: what robots of half a metre can cross."""
 START, GOAL = (0.0, 0.0), (1.0, 0.0)
-NEAR = (0.12, 0.0)
+NEAR = (0.06, 0.0)
 """Goal of quadrupeds that are drawn [m]."""
 NEGATIVES = {
     "example-robot-data": (
@@ -73,7 +73,7 @@ def heavy(seed: int) -> str:
     """A quadruped as a URDF: 6 to 20 kg, thigh and shank of 18 to 26 cm."""
     rng = np.random.default_rng(seed)
     share, mass, long, ahead, up = rng.uniform(
-        [0.2, 6.0, 0.18, -0.1, -0.03], [0.85, 20.0, 0.26, 0.1, 0.15]
+        [0.2, 6.0, 0.18, -0.18, -0.03], [0.85, 20.0, 0.26, 0.1, 0.3]
     )
     whole = 0.25 * share * mass
     turns = f'velocity="14" effort="{22.0 * mass * long:.4g}"/></joint>'

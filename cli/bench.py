@@ -16,7 +16,7 @@ from rich.console import Console
 from stancekit.planners.errors import InvalidInput
 
 from .bench_gait import BenchGait
-from .console import as_options, emit, make_folder, out, stages
+from .console import as_options, emit, out, stages
 from .evaluate import score_table
 from .options import ROBOT, TERRAIN, OptionalFloat, OptionalPath, OptionalText
 
@@ -68,7 +68,7 @@ class _BenchEnvelopes:
         from stancekit.learners.data.executors import executor
         from stancekit.learners.evaluation import bench
         from stancekit.learners.evaluation.bench import Experiment
-        from stancekit.planners.files.writing import write_text
+        from stancekit.planners.files.writing import make_folder, write_text
         from stancekit.views.sheet import save
 
         arguments = {
@@ -192,7 +192,7 @@ class _BenchPlanner:
 
         from stancekit.learners.evaluation import planner_bench
         from stancekit.planners.files.arrays import checked
-        from stancekit.planners.files.writing import write_text
+        from stancekit.planners.files.writing import make_folder, write_text
 
         settings = (
             planner_bench.PlannerBenchSettings.quick()
@@ -378,7 +378,6 @@ class _BenchRoom:
         from stancekit.learners.evaluation.room import environment_room
 
         with as_options("environment", "scenes", "seed"), stages("bench room") as on_progress:
-            make_folder(self.out)
             scenes = min(self.scenes, _QUICK) if self.quick else self.scenes
             return environment_room(
                 name, self.out / name, scenes=scenes, seed=self.seed, on_progress=on_progress
@@ -423,7 +422,6 @@ class _BenchRoom:
                 raise InvalidInput(
                     f"method: expected a control among them, got {', '.join(self.method) or 'none'}"
                 )
-        make_folder(self.out)
         with stages("bench room") as on_progress:
             rows = leap_bench.run(settings, self.out, on_progress)
         budgets: list[dict[str, Any]] = [{"tries": 1}, *({"solves": each} for each in self.solves)]

@@ -13,7 +13,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import emit, make_folder, out, stages
+from .console import emit, out, stages
 from .options import OptionalFloat, OptionalInt, OptionalPath
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
     from rich.console import Console
 
     from stancekit.learners.evaluation import gait_bench
-    from stancekit.planners.files.writing import write_text
+    from stancekit.planners.files.writing import make_folder, write_text
 
     rows: list[dict[str, Any]] = []
     with stages("bench gait") as on_progress:
@@ -150,7 +150,7 @@ class BenchGait:
         from rich.console import Console
 
         from stancekit.learners.evaluation import gait_bench
-        from stancekit.planners.files.writing import write_text
+        from stancekit.planners.files.writing import make_folder, write_text
 
         settings = self._settings()
         checked_int(self.workers, "--workers", least=1)

@@ -266,19 +266,6 @@ def stages(title: str) -> Iterator[Callable[[str, int, int], None]]:
         yield on_progress
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder for results.
-
-    Raises InvalidInput where there is no room for one.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(
-            f"{folder}: expected a folder or room for one, got {error.strerror}"
-        ) from None
-
-
 @contextmanager
 def watching(title: str) -> Iterator[Callable[[Attempt, int, float, float, str], None]]:
     """Yields what shows an iteration (attempt, number, violation, cost, phase) on standard error.

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .console import make_folder, out
+from .console import out
 
 SEED = 8
 """A draw of wall-3 that cannot be held."""
@@ -31,6 +31,8 @@ class Demo:
 
     def run(self) -> int:
         """Run the commands; the exit code of the first one that fails."""
+        from stancekit.planners.files.writing import make_folder
+
         from .main import parse, run
 
         self._check()

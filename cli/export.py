@@ -21,7 +21,8 @@ class Export:
     """Write a motion in the format of another program, or a labelled data set as expert data.
 
     The motion is the one that `stancekit run` streams: time, angles, rates and torques of joints,
-    contacts, forces and body, with names.
+    contacts, forces and body, with names. It is played open loop in MuJoCo: pace and gains at which
+    it stood, or where it fell, are said here, and in .npz and MJCF (`open_loop`).
 
       csv, npz         a table
       jointtrajectory  ROS 2's trajectory_msgs/JointTrajectory, .json or .yaml
@@ -84,12 +85,14 @@ class Export:
                     "files": [str(path) for path in done.paths],
                     "refused": dict(done.refused),
                     "without": done.without,
+                    "open_loop": done.open_loop,
                 }
             )
         elif self.count is None:
             out.print(
                 f"wrote {done.paths[0]}"
                 + (f" without joints: {done.without}" if done.without else "")
+                + (f"; open loop in MuJoCo: {done.open_loop}" if done.open_loop else "")
             )
         else:
             why = "; ".join(f"{reason}: {count}" for reason, count in done.refused.items())

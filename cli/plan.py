@@ -615,19 +615,16 @@ class PlanCourse:
         paths: dict[Path, str] = {}
         for name in ("proof", "out", "picture", "video", "html"):
             option, target = f"--{name}", getattr(self, name)
-            first = option if target is None else paths.setdefault(target.resolve(), option)
+            first = option if target is None else paths.setdefault(check_writable(target), option)
             if first != option:
                 raise InvalidInput(
                     f"{option}: expected another file than {first}, got {target} for both"
                 )
         for path in (self.out, self.proof):
-            if path is not None:
-                check_writable(path)
-                if path.suffix != ".json":
-                    raise InvalidInput(
-                        f"{path}: expected a name that ends in .json, got "
-                        f"{path.suffix or 'no suffix'}"
-                    )
+            if path is not None and path.suffix != ".json":
+                raise InvalidInput(
+                    f"{path}: expected a name that ends in .json, got {path.suffix or 'no suffix'}"
+                )
         check_drawn(self.picture, self.video, self.html)
 
     def _planner(self) -> Planner:

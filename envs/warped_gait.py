@@ -5,7 +5,6 @@ what comes of it.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import Array, check_numbers, read_archive
+from stancekit.planners.files.arrays import Array, archive_of, check_numbers, read_archive
 from stancekit.planners.files.documents import typed
 from stancekit.planners.files.writing import first_difference, write_bytes
 from stancekit.planners.gait.charts import CHARTS
@@ -164,11 +163,8 @@ class _WalkPool:
 
     def write(self, path: str | Path) -> None:
         """Write the outcomes, and what the walks are drawn from, to an .npz file."""
-        content = io.BytesIO()
-        np.savez_compressed(
-            content, header=np.array(json.dumps(self._header())), outcomes=self._table
-        )
-        write_bytes(path, content.getvalue())
+        header = json.dumps(self._header())
+        write_bytes(path, archive_of({"header": header, "outcomes": self._table}))
 
     @classmethod
     def read(

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, not_installed
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, archive_of
 from stancekit.planners.files.documents import decoded, parse_json, read_bytes, shown
 from stancekit.planners.files.writing import check_writable
 from stancekit.planners.motion.motion import Samples
@@ -186,11 +186,7 @@ class Trace:
 
     def to_npz(self) -> bytes:
         """All arrays by their names, as a NumPy archive."""
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer, **{item.name: getattr(self, item.name) for item in fields(self)}
-        )
-        return buffer.getvalue()
+        return archive_of({item.name: getattr(self, item.name) for item in fields(self)})
 
 
 FORMAT = "stancekit/run/1"

@@ -26,7 +26,7 @@ from stancekit.envs.scenes import LabelledScene, ListedScenes, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput, not_installed
-from stancekit.planners.files.writing import check_new_folder, failure_of, replaced
+from stancekit.planners.files.writing import check_new_folder, failure_of, make_folder, replaced
 from stancekit.planners.relaxation.envelope import Envelope
 
 _ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
@@ -97,12 +97,7 @@ def export(
     if not 0.0 < room <= 1.0:
         raise InvalidInput(f"room: expected a number between 0 and 1, got {room!r}")
     check_new_folder(out)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(
-            f"{out}: expected a folder or room for one, got {error.strerror}"
-        ) from None
+    make_folder(out.parent)
     dataset_id = f"stancekit/{dataset.problem_class}/expert-v0"
     rows = dataset.select(np.sort(np.concatenate([dataset.feasible, dataset.infeasible])))
     if not len(rows):

@@ -31,7 +31,7 @@ from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.writing import write_bytes
+from stancekit.planners.files.writing import make_folder, write_bytes
 from stancekit.planners.plugins import code_of, differing
 from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
 from stancekit.planners.verify import check_certificate, check_plan
@@ -128,12 +128,7 @@ def begin(folder: Path, header: H) -> H:
 
     Raises InvalidInput where the folder holds another data set.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(
-            f"{folder}: expected a folder or room for one, got {error.strerror}"
-        ) from None
+    make_folder(folder)
     ledger.remove_leftovers(folder)
     if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
         write_bytes(

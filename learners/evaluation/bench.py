@@ -21,7 +21,7 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import LabelledScene
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml, shown, validated
-from stancekit.planners.files.writing import write_text
+from stancekit.planners.files.writing import make_folder, write_text
 from stancekit.planners.plugins import code_of
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 
@@ -303,7 +303,7 @@ def run(
         InvalidInput: e.g. where a data set of another plan is in the folder.
     """
     for name in experiment.problems:
-        (folder / name).mkdir(parents=True, exist_ok=True)
+        make_folder(folder / name)
 
         def on_progress(stage: str, name: str = name) -> Callable[[int, int], None]:
             return lambda done, total: (

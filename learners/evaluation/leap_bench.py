@@ -22,6 +22,7 @@ import numpy as np
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice, checked_int
+from stancekit.planners.files.writing import make_folder
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch
 from stancekit.planners.leap.scp import Rule, plan_of
 from stancekit.planners.problem.leap import Leap
@@ -139,8 +140,9 @@ def kept_rows(
     Arguments:
         head: what all rows share; a file with another one is refused.
 
-    Raises InvalidInput.
+    Raises InvalidInput, also where no folder can be made for the file.
     """
+    make_folder(path.parent)
     rows = _kept(path, head)
     with path.open("a", encoding="utf-8") as file:
         if not path.stat().st_size:

@@ -243,7 +243,6 @@ def environment_room(
     plays = ENVIRONMENTS[checked_choice(name, "environment", ENVIRONMENTS)]
     checked_int(scenes, "scenes", least=1)
     checked_int(seed, "seed", least=0)
-    folder.mkdir(parents=True, exist_ok=True)
     players, env = plays.players(), gym.make(f"stancekit/{name}", **plays.options)
     with kept_rows(folder / ROWS, {"environment": name, "seed": seed}) as (rows, add):
         for index in range(scenes):

@@ -12,7 +12,6 @@ by the luck of the draw.) The result keeps to b ≤ δ over all problems where a
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field, fields
@@ -28,7 +27,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, checked_int, read_archive
+from stancekit.planners.files.arrays import Array, archive_of, checked_int, read_archive
 from stancekit.planners.files.documents import check_fields, parse_json, shown
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
@@ -304,21 +303,19 @@ def _write_checkpoint(
     Arguments:
         about: what the run is of.
     """
-    content = io.BytesIO()
     numbers = [
         [value for value in asdict(done).values() if not isinstance(value, dict)]
         for done in run.history
     ]
-    np.savez(
-        content,
-        format=np.array(FORMAT),
-        digest=np.array(_digest(about)),
-        state=np.array(json.dumps(rng.bit_generator.state)),
-        population=run.population,
-        history=np.array(numbers, dtype=np.float64),
-        counts=np.array([astuple(done.counts) for done in run.history], dtype=np.int64),
-    )
-    write_bytes(path, content.getvalue())
+    arrays = {
+        "format": FORMAT,
+        "digest": _digest(about),
+        "state": json.dumps(rng.bit_generator.state),
+        "population": run.population,
+        "history": np.array(numbers, dtype=np.float64),
+        "counts": np.array([astuple(done.counts) for done in run.history], dtype=np.int64),
+    }
+    write_bytes(path, archive_of(arrays))
 
 
 def _read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator) -> _GeneticRun:

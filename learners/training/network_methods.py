@@ -8,6 +8,7 @@ from pathlib import Path
 
 from stancekit.envs.data.dataset import scenes_of
 from stancekit.planners.files.documents import typed
+from stancekit.planners.files.writing import make_folder
 
 from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural, kept_apart
 from ..selectors.policy import TrainedPolicy, bounds_of
@@ -65,6 +66,6 @@ def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:
     )
     with tempfile.TemporaryDirectory() as spare:
         where = request.checkpoint or Path(spare)
-        where.mkdir(parents=True, exist_ok=True)
+        make_folder(where)
         resume = (where / "checkpoint.safetensors").exists()
         return train(config, where, resume=resume, scenes=scenes, progress=request.progress).policy

@@ -27,7 +27,7 @@ from torch import Tensor
 from stancekit.envs.scenes import PooledScenes
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.writing import write_text
+from stancekit.planners.files.writing import make_folder, write_text
 
 from ..selectors.network import (
     check_shapes,
@@ -125,7 +125,7 @@ def train(
         raise InvalidInput(
             f"{folder}: expected labels or checkpoint.safetensors to resume from, got nothing"
         )
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     scenes = scenes or TrainingScenes.label(config, folder, progress=labelling)
     env = _training_env(config, scenes)
     try:

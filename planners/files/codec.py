@@ -12,7 +12,6 @@ file needs beside that, a class says once:
 from __future__ import annotations
 
 import base64
-import io
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
@@ -47,7 +46,7 @@ from pydantic import Field as Key
 from pydantic_core import CoreSchema, core_schema
 
 from ..errors import InvalidInput
-from .arrays import LARGEST, Array, checked, collect_errors
+from .arrays import LARGEST, Array, archive_of, checked, collect_errors
 from .documents import shown, validated
 
 _Index = NDArray[np.int_]
@@ -83,9 +82,7 @@ class Columns:
 
 def embedded(arrays: Mapping[str, NDArray[Any]]) -> str:
     """Arrays by name as the text of a compressed archive; equal arrays give equal texts."""
-    content = io.BytesIO()
-    np.savez_compressed(content, **dict[str, Any](arrays))
-    return base64.b64encode(content.getvalue()).decode("ascii")
+    return base64.b64encode(archive_of(arrays)).decode("ascii")
 
 
 def extracted(text: str, where: str) -> bytes:

@@ -34,6 +34,9 @@ from ..errors import InvalidInput
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
+_NULL = "expected texts without null bytes, which no name and no path has, got one"
+
+
 def _value_of(text: str, *, deepest: int, most: int) -> Any:
     """The value of a document; raises InvalidInput beyond the limits, and whatever PyYAML raises.
 
@@ -61,6 +64,8 @@ def _check_growth(text: str, deepest: int, most: int) -> None:
             count += size
         elif isinstance(event, yaml.ScalarEvent):
             count += 1
+            if "\0" in event.value:
+                raise InvalidInput(_NULL)
             if event.anchor is not None:
                 sizes[event.anchor] = 1, 0
         elif isinstance(event, yaml.CollectionStartEvent):
@@ -498,8 +503,8 @@ def parse_json(text: str, where: str) -> Any:
     """Parse one JSON document.
 
     Raises InvalidInput with line and column, for a key that an object has twice, for numbers that
-    JSON does not have (NaN, Infinity), for halves of letters, and for a document beyond the limits
-    of this module.
+    JSON does not have (NaN, Infinity), for halves of letters and null bytes, and for a document
+    beyond the limits of this module.
     """
     if len(text) > _MOST_JSON_BYTES:
         raise InvalidInput(
@@ -510,6 +515,8 @@ def parse_json(text: str, where: str) -> Any:
     try:
         value = json.loads(text, object_pairs_hook=_object, parse_constant=_no_number)
         _check_depth(value)
+        if re.search(r"(?<!\\)(\\\\)*\\u0000", text):
+            raise InvalidInput(_NULL)
         if "\\ud" in text or "\\uD" in text:
             json.dumps(value, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
@@ -567,7 +574,8 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 
 
 def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Element:
-    """The root of an XML document, which has to have this name, its namespace aside.
+    """The root of an XML document, which has to have this name, its namespace aside; any one where
+    it is empty.
 
     Raises InvalidInput, which names no file, for anything else, for a document with a type and
     entities of its own, and for one that is nested deeper than ``deepest`` or has more than
@@ -577,7 +585,7 @@ def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Ele
 
     def begun(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth, count
-        if count == 0 and name.rpartition(":")[2] != root:
+        if count == 0 and root and name.rpartition(":")[2] != root:
             raise InvalidInput(f"expected a {root}, got {shown(name)}")
         depth, count = depth + 1, count + 1 + len(attributes)
         if depth > deepest:

@@ -115,7 +115,7 @@ def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
     Raises:
         InvalidInput: where nothing can be written, also for an OSError from the block.
     """
-    target = Path(path).resolve() if folder else check_writable(path)
+    target = check_writable(path, folder=folder)
     if _is_special(target):
         raise InvalidInput(f"{path}: expected a file, found a device or a pipe")
     remove_leftovers(target.parent, target.name.__eq__)
@@ -174,6 +174,18 @@ def alone_in(folder: Path) -> Iterator[None]:
         os.close(lock)
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder for results, unless there is one.
+
+    Raises InvalidInput where there is no room for one.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = getattr(error, "strerror", error)
+        raise InvalidInput(f"{folder}: expected a folder or room for one, got {reason}") from None
+
+
 def check_new_folder(path: Path) -> None:
     """Raise InvalidInput where there is a file, or a folder with something in it."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
@@ -181,15 +193,15 @@ def check_new_folder(path: Path) -> None:
         raise InvalidInput(f"{path}: expected a new or empty folder, found {obstacle}")
 
 
-def check_writable(path: str | Path) -> Path:
-    """The file behind a path, asked for before the work whose result goes there.
+def check_writable(path: str | Path, *, folder: bool = False) -> Path:
+    """The file behind a path, or the folder, asked for before the work whose result goes there.
 
     Raises InvalidInput if none can be.
     """
     path = Path(path)
     try:
         target = path.resolve()
-        if path.is_dir():
+        if path.is_dir() and not folder:
             raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
         if not path.parent.is_dir():
             raise InvalidInput(f"{path}: expected an existing folder {path.parent}, found none")
@@ -197,7 +209,8 @@ def check_writable(path: str | Path) -> Path:
             raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
         if len(os.fsencode(target.name)) > _LONGEST_NAME:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
-    except (OSError, RuntimeError) as error:  # RuntimeError: links that lead back to themselves
+    except (OSError, RuntimeError, ValueError) as error:
+        # RuntimeError: links that lead back to themselves; ValueError: a name that no file can have
         raise _unwritable(path, error) from None
     return target
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked_int, read_archive, read_only
+from ..files.arrays import Array, archive_of, checked_int, read_archive, read_only
 from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown, yaml_of
 
 _AXES = "xyz"
@@ -62,15 +62,12 @@ def csv_of(table: MotionTable) -> bytes:
     return text.getvalue().encode()
 
 
-def npz_of(table: MotionTable) -> bytes:
-    """A table as an NPZ archive: an array per name, and the names of joints and limbs."""
-    held = io.BytesIO()
-    words = {
-        name: np.array(getattr(table, name)) for name in ("joints", "limbs", "robot", "source")
-    }
-    content: dict[str, Any] = {**table.arrays(), **words, "format": np.array(FORMAT)}
-    np.savez_compressed(held, **content)
-    return held.getvalue()
+def npz_of(table: MotionTable, **more: str) -> bytes:
+    """A table as an NPZ archive: an array per name, the names of joints and limbs, and more that is
+    said of it.
+    """
+    words = {name: getattr(table, name) for name in ("joints", "limbs", "robot", "source")}
+    return archive_of({**table.arrays(), **words, **more, "format": FORMAT})
 
 
 def joint_trajectory(table: MotionTable) -> dict[str, Any]:

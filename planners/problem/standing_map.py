@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, archive_of
 from ..files.documents import parse_json, read_bytes
 from ..files.writing import write_bytes
 from ..terrain.frame import Frame
@@ -199,10 +199,8 @@ class StandingMap:
         path = Path(path)
         if path.suffix == ".npz":
             head = {**self.to_json(), "headings_rad": self.headings_rad.tolist()}
-            box = io.BytesIO()
-            arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
-            np.savez_compressed(box, head=np.array(json.dumps(head)), **arrays)
-            write_bytes(path, box.getvalue())
+            arrays = {name: getattr(self, name) for name in _ARRAYS}
+            write_bytes(path, archive_of({"head": json.dumps(head), **arrays}))
         elif path.suffix == ".json":
             record = {
                 **self.to_json(),

@@ -5,7 +5,6 @@ thinned.
 from __future__ import annotations
 
 import hashlib
-import io
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, read_archive, read_only
+from ..files.arrays import Array, archive_of, read_archive, read_only
 from ..files.documents import read_bytes, shown
 from ..files.writing import cache_folder, write_bytes
 from ..terrain.mesh_file import MOST_BYTES, read_corners
@@ -448,9 +447,7 @@ def kept(
         return None
     with suppress(InvalidInput, OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        stream = io.BytesIO()
-        np.savez_compressed(stream, **arrays)
-        write_bytes(file, stream.getvalue())
+        write_bytes(file, archive_of(arrays))
     return read(arrays)
 
 

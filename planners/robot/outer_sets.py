@@ -13,7 +13,6 @@ part, those of arms as well, each over its whole range; one without limits over 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -25,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, read_archive
+from ..files.arrays import Array, archive_of, read_archive
 from ..files.writing import cache_folder, write_bytes
 from .hulls import Polytope
 from .leg import FULL_TURN, Leg
@@ -302,11 +301,11 @@ def _measured(urdf: str, legs: tuple[Leg, ...], tree: _Tree) -> OuterSets:
     with suppress(InvalidInput, KeyError, ValueError):
         arrays = read_archive(path)
         return OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)})
-    sets, stream = tree.sets(legs), io.BytesIO()
-    np.savez_compressed(stream, **{each.name: getattr(sets, each.name) for each in fields(sets)})
+    sets = tree.sets(legs)
     with suppress(InvalidInput, OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, stream.getvalue())
+        arrays = {each.name: getattr(sets, each.name) for each in fields(sets)}
+        write_bytes(path, archive_of(arrays))
     return sets
 
 

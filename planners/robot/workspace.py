@@ -10,7 +10,6 @@ within it proves nothing. For that there are the outer sets of ``outer_sets``.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Mapping
 from contextlib import suppress
@@ -21,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, read_archive
+from ..files.arrays import Array, archive_of, read_archive
 from ..files.writing import cache_folder, write_bytes
 from .hulls import Polytope
 from .inverse_kinematics import REACHED_M, Seeds, descend, starts_of
@@ -328,16 +327,15 @@ def _kept(leg: Leg) -> Workspace:
 
 
 def _packed(each: Workspace) -> bytes:
-    stream = io.BytesIO()
-    np.savez_compressed(
-        stream,
-        normals=each.inner.normals,
-        offsets=each.inner.offsets_m,
-        ball=each.ball_m,
-        box=each.box_m,
-        shares=[each.reach_m, each.cover, each.unreachable],
+    return archive_of(
+        {
+            "normals": each.inner.normals,
+            "offsets": each.inner.offsets_m,
+            "ball": each.ball_m,
+            "box": each.box_m,
+            "shares": [each.reach_m, each.cover, each.unreachable],
+        }
     )
-    return stream.getvalue()
 
 
 def _read(path: Path) -> Workspace:

@@ -6,14 +6,19 @@ each mesh, and so does this.
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ..errors import InvalidInput, not_installed
 from ..files.arrays import Array
-from ..files.documents import parse_xml, read_text
+from ..files.documents import parse_xml, read_bytes, read_text
 from .import_options import doubt
 from .mesh_formats.numbers import Surface, TooMany, Triangles, check_count
 
@@ -25,6 +30,20 @@ _WIDEST_M = 48.0
 """Where there is room for that on what is no wider than this [m]."""
 _AROUND, _UP = 32, 17
 """Points of a circle, and circles of a ball."""
+_MOST: dict[str, tuple[tuple[str, ...], float]] = {
+    "replicate": (("count",), 2e3),
+    "composite": (("count",), 2e3),
+    "flexcomp": (("count",), 2e4),
+    "mesh": (("params",), 1e4),
+    "hfield": (("nrow", "ncol"), 4e6),
+    "texture": (("width", "height"), 7e7),
+    "size": (("nkey", "nuserdata", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site"), 1e5),
+    "user": (("dim",), 1e5),
+    "numeric": (("size",), 1e5),
+}
+"""By the name of an element the attributes that say how many it makes, and the most in all."""
+_MOST_ELEMENTS = 50_000
+"""Of a file and those that it includes."""
 _HOLLOW = 1.05
 """A mesh whose hull has so many times its volume is hollow."""
 
@@ -40,7 +59,10 @@ def compiled_mjcf(path: Path) -> tuple[Any, set[str], list[str]]:
         InvalidInput: in one line, for what MuJoCo does not compile.
     """
     try:
-        parse_xml(read_text(path), "mujoco")
+        root = parse_xml(read_text(path), "mujoco")
+        every = _elements(root, path.parent, (path.resolve(),))
+        if len([*itertools.islice(every, _MOST_ELEMENTS + 1)]) > _MOST_ELEMENTS:
+            raise InvalidInput(f"expected {_MOST_ELEMENTS} elements or fewer, got more")
     except InvalidInput as error:
         text = str(error)
         raise InvalidInput(
@@ -65,6 +87,36 @@ def compiled_mjcf(path: Path) -> tuple[Any, set[str], list[str]]:
         raise InvalidInput(f"{path}: expected an MJCF: {reason:.{_LONGEST}}") from None
     finally:
         mujoco.set_mju_user_warning(before)
+
+
+def _elements(
+    element: Element, folder: Path, above: tuple[Path, ...], copies: float = 1.0
+) -> Iterator[Element]:
+    """An element and all below it, also of files that are included or attached.
+
+    Arguments:
+        above: the files that the element is in.
+        copies: how many there are to be of the element.
+
+    Raises:
+        InvalidInput: for a file in itself, and where an element asks for more than MuJoCo makes in
+            seconds: what it has begun nobody ends.
+    """
+    names, most = _MOST.get(element.tag, ((), math.inf))
+    many = copies
+    for part in " ".join(element.get(name, "") for name in names).split():
+        with suppress(ValueError):  # MuJoCo's to tell
+            many *= max(1.0, abs(float(part)))
+    if many > most:
+        raise InvalidInput(f"{element.tag}: expected {most:g} or fewer, got {many:g}")
+    yield element
+    below, at = [*element], element.tag in ("include", "model") and element.get("file")
+    if at and (file := (folder / at).resolve()).is_file():
+        if file in above:
+            raise InvalidInput(f"{element.tag}: expected another file, got {file.name} in itself")
+        below, above = [parse_xml(read_text(file), "")], (*above, file)
+    for child in below:
+        yield from _elements(child, folder, above, many if element.tag == "replicate" else copies)
 
 
 def read_scene(path: Path, most_triangles: int, hint: str = "simplify it") -> Surface:
@@ -226,7 +278,11 @@ def _without_what_is_elsewhere(spec: Any, path: Path) -> tuple[set[str], list[st
             touching |= ends & known
             spec.delete(pair)
     folder = path.parent
-    absent = {mesh.name for mesh in spec.meshes if _missing(mesh.file, folder, spec.meshdir)}
+    absent = {
+        mesh.name
+        for mesh in spec.meshes
+        if mesh.file and not _places(mesh.file, folder, spec.meshdir)
+    }
     for geom in list(spec.geoms):
         if geom.meshname in absent:
             spec.delete(geom)
@@ -234,13 +290,19 @@ def _without_what_is_elsewhere(spec: Any, path: Path) -> tuple[set[str], list[st
         if mesh.name in absent:
             spec.delete(mesh)
     for looks in (*list(spec.textures), *list(spec.skins)):
-        if _missing(looks.file, folder, spec.texturedir):
+        if looks.file and not _places(looks.file, folder, spec.texturedir):
             spec.delete(looks)
+    kinds = ("hfield", spec.hfields, spec.meshdir), ("texture", spec.textures, spec.texturedir)
+    for kind, pictures, inside in kinds:
+        for file in (place for each in pictures for place in _places(each.file, folder, inside)):
+            head, most = read_bytes(file)[:24], _MOST[kind][1]
+            cells = math.prod(int.from_bytes(head[at:][:4], "big") for at in (16, 20))
+            if head.startswith(b"\x89PNG") and cells > most:
+                raise InvalidInput(f"{file.name}: expected {most:g} cells or fewer, got {cells:g}")
     return touching, sorted(absent)
 
 
-def _missing(file: str, folder: Path, inside: str | None) -> bool:
-    """Tell whether a file of an asset is at neither place where MuJoCo looks for it."""
-    return bool(file) and not any(
-        (place / file).is_file() for place in (folder / (inside or ""), folder)
-    )
+def _places(file: str, folder: Path, inside: str | None) -> list[Path]:
+    """Files that an asset may be, of the two places where MuJoCo looks for it."""
+    places = (folder / (inside or "") / file, folder / file)
+    return [place for place in places if file and place.is_file()]

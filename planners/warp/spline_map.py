@@ -10,7 +10,6 @@ folds nothing, only a large one that fades fast could.
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..arguments import cached_property
 from ..errors import InvalidInput, PlanningFailed
-from ..files.arrays import Array, checked, read_archive, read_only
+from ..files.arrays import Array, archive_of, checked, read_archive, read_only
 from ..files.writing import write_bytes
 from ..terrain.bspline import CubicBasis
 from ..terrain.heightfield import HeightField
@@ -359,9 +358,7 @@ class SplineMap:
         """Write the map as .npz, whole or not at all."""
         if Path(path).suffix != ".npz":
             raise InvalidInput(f"{path}: expected a name that ends in .npz, got something else")
-        box = io.BytesIO()
-        np.savez_compressed(box, **self.to_arrays())  # type: ignore[arg-type]
-        write_bytes(path, box.getvalue())
+        write_bytes(path, archive_of(self.to_arrays()))
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Arrays that ``from_arrays`` reads."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, checked
+from stancekit.planners.files.arrays import Array, archive_of, checked
 from stancekit.planners.files.writing import replaced, write_bytes
 from stancekit.planners.formats.table_file import (
     csv_of,
@@ -31,6 +31,7 @@ from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.meshes import numbers_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
+from stancekit.planners.terrain.scene_file import compiled_mjcf
 
 from ..motion.time_parametrization import RATE_HZ, joint_motion
 from ..worlds.drives import Drives
@@ -47,6 +48,8 @@ class Moved:
     Arguments:
         motion: what was sampled.
         without: why there are no joints, empty where there are.
+        open_loop: what became of the rows in MuJoCo without feedback of the body, or why that was
+            not tried.
     """
 
     table: MotionTable
@@ -56,6 +59,7 @@ class Moved:
     gravity_m_s2: float
     keys_s: tuple[float, ...] = ()
     without: str = ""
+    open_loop: str = ""
 
 
 def scene_of(subject: Motion) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
@@ -71,6 +75,59 @@ def scene_of(subject: Motion) -> tuple[Robot | None, tuple[str, ...], Terrain, f
     return robot, subject.robot.limb_names, subject.ground(), subject.gravity_m_s2
 
 
+_FELL_RAD = 0.6
+"""Farther turned from the motion than this the body has fallen."""
+_PACES = (1.0, 0.5)
+"""Paces that are tried, one after another."""
+
+
+def played(moved: Moved) -> str:
+    """Say at which pace, and with which gains, a motion stands open loop in MuJoCo, or where it
+    falls; nothing of one without joints.
+
+    Every joint is sent its row's angle, and by how much its loop yields to the row's torque.
+    """
+    table, fell = moved.table, list[str]()
+    if moved.robot is None or table.torques_nm is None:
+        return ""
+    for pace in _PACES:
+        try:
+            world = MujocoWorld(moved.robot, gravity_m_s2=moved.gravity_m_s2)
+        except InvalidInput as error:
+            return f"not tried: {error}"
+        targets, known, turn = _targets(table, world.drives), table.arrays(), table.rotation
+        world.connect(moved.terrain, known["angles_rad"][0], known["origin_m"][0], turn[0])
+        world.preload(targets[0])
+        gains = _gains(world.drives)
+        steps = np.arange(1, int(len(turn) / table.rate_hz / pace * world.rate_hz))
+        for row in (steps * pace * table.rate_hz / world.rate_hz).astype(int):
+            world.send(targets[row])
+            turned = 0.5 * (np.einsum("ij,ij->", world.read().rotation, turn[row]) - 1.0)
+            if turned < np.cos(_FELL_RAD):
+                fell.append(f"fell after {table.time_s[row] / pace:.2f} s at pace {pace:g}")
+                break
+        else:
+            return "; ".join([*fell, f"stood at pace {pace:g} with {gains}"])
+        world.close()
+    return f"{'; '.join(fell)}, with {gains}"
+
+
+def _gains(drives: Drives) -> str:
+    """The least and the greatest of the loops' gains."""
+    kp, kd = (
+        " to ".join(f"{gain:.4g}" for gain in np.unique([each.min(), each.max()]))
+        for each in (drives.stiffness_nm_rad, drives.damping_nms_rad)
+    )
+    return f"Kp {kp} Nm/rad, Kd {kd} Nms/rad"
+
+
+def _targets(table: MotionTable, drives: Drives) -> Array:
+    """Angles to which loops are sent that yield to the torques of each row, shape (T, J) [rad]."""
+    known = table.arrays()
+    pressed = known["torques_nm"] + drives.damping_nms_rad * known["rates_rad_s"]
+    return np.asarray(known["angles_rad"] + pressed / drives.stiffness_nm_rad)
+
+
 def _mjcf_of(moved: Moved) -> str:
     """The file's text.
 
@@ -84,11 +141,7 @@ def _mjcf_of(moved: Moved) -> str:
     model = spec.compile()
     spec.modelname = moved.robot.name
     qpos, qvel = states(model, table, world.body.base, origin_m)
-    assert table.angles_rad is not None
-    assert table.rates_rad_s is not None
-    assert table.torques_nm is not None
-    pressed = table.torques_nm + world.drives.damping_nms_rad * table.rates_rad_s
-    targets = table.angles_rad + pressed / world.drives.stiffness_nm_rad
+    targets = _targets(table, world.drives)
     names = _key_names(table.time_s, moved.keys_s)
     keys = zip(
         names, table.time_s.tolist(), qpos.tolist(), qvel.tolist(), targets.tolist(), strict=True
@@ -98,9 +151,10 @@ def _mjcf_of(moved: Moved) -> str:
         for name, time_s, q, v, target in keys
     ]
     head, end, _ = str(spec.to_xml()).rpartition("</mujoco>")
-    if origin_m.any():
-        place = _text(origin_m.tolist())
-        head += f'  <custom>\n    <text name="{_ORIGIN}" data="{place}"/>\n  </custom>\n\n'
+    texts = {"open_loop": moved.open_loop} if moved.open_loop else {}
+    texts |= {_ORIGIN: _text(origin_m.tolist())} if origin_m.any() else {}
+    said = [f'    <text name="{name}" data={quoteattr(text)}/>' for name, text in texts.items()]
+    head += "\n".join(["  <custom>", *said, "  </custom>\n\n"]) if said else ""
     text = "\n".join([f"{head}  <keyframe>", *lines, "  </keyframe>", f"{end}\n"])
     _check_written(text, model, qpos)
     return text
@@ -206,15 +260,7 @@ def read_keys(path: Path) -> MotionTable:
     The body is what the first free joint moves. Raises InvalidInput for a file that MuJoCo does not
     read, without key frames, or without a free joint.
     """
-    mujoco = mujoco_module()
-    if not path.is_file():
-        raise InvalidInput(f"{path}: expected a file, found nothing there")
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise InvalidInput(
-            f"{path}: expected MuJoCo's MJCF: {' '.join(str(error).split())[:200]}"
-        ) from None
+    model, mujoco = compiled_mjcf(path)[0], mujoco_module()
     if model.nkey < 2:
         raise InvalidInput(f"{path}: expected two key frames or more, got {model.nkey}")
     free = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]
@@ -291,10 +337,9 @@ def _reference_bytes(moved: Moved) -> bytes:
         "joint_names": names,
         "body_names": [model.body(body).name for body in bodies],
         "limb_names": table.limbs,
+        "open_loop": moved.open_loop,
     }
-    held = io.BytesIO()
-    np.savez(held, fps=np.array([fps]), **arrays, **words)
-    return held.getvalue()
+    return archive_of({"fps": [fps], **arrays, **words})
 
 
 def _write_crocoddyl(moved: Moved, path: Path) -> None:
@@ -312,7 +357,7 @@ def _write_crocoddyl(moved: Moved, path: Path) -> None:
         if turns
     ]:
         raise InvalidInput(f"crocoddyl: expected joints with limits, got {endless[0]} without")
-    content: dict[str, Any] = {
+    content = {
         **moved.table.arrays(),
         "joints": moved.table.joints,
         "urdf": body.urdf,
@@ -322,10 +367,9 @@ def _write_crocoddyl(moved: Moved, path: Path) -> None:
         "normals": at.normals,
         "friction": at.friction,
         "gravity_m_s2": moved.gravity_m_s2,
+        "open_loop": moved.open_loop,
     }
-    held = io.BytesIO()
-    np.savez_compressed(held, **content)
-    write_bytes(path, held.getvalue())
+    write_bytes(path, archive_of(content))
     script = path.with_suffix(".py")
     if not script.exists():
         write_bytes(script, files(__package__).joinpath("follow.py.txt").read_bytes())
@@ -356,7 +400,7 @@ FORMATS: Mapping[str, _Format] = {
     "npz": _Format(
         suffixes=(".npz",),
         joints=False,
-        write=lambda moved, path: write_bytes(path, npz_of(moved.table)),
+        write=lambda moved, path: write_bytes(path, npz_of(moved.table, open_loop=moved.open_loop)),
     ),
     "jointtrajectory": _Format(
         suffixes=(".json", ".yaml", ".yml"),

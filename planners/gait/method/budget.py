@@ -5,7 +5,6 @@ shows it.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import logging
 import math
@@ -20,7 +19,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from ...errors import PlanningFailed
-from ...files.arrays import Array, read_archive
+from ...files.arrays import Array, archive_of, read_archive
 from ...files.writing import remove_leftovers, write_bytes
 from ...problem.walk import Walk
 from ..gait_program import GaitProgram, GaitSolution, SolveOptions
@@ -101,18 +100,13 @@ class Checkpoint:
     def _write(self) -> None:
         if self.path is None:
             return
-        packed = io.BytesIO()
         arrays: dict[str, Any] = {f"x_{k}": point for k, (_, point) in self._points.items()}
         arrays |= {f"stage_{k}": np.array(stage) for k, (stage, _) in self._points.items()}
         arrays |= {f"walk_{name}": array for name, array in self.samples.items()}
         arrays["pieces"] = np.array(self.pieces, dtype=np.str_)
-        np.savez(
-            packed,
-            digest=np.array(self._digest),
-            done=np.array(sorted(self._done), dtype=np.intp),
-            **arrays,
-        )
-        write_bytes(self.path, packed.getvalue())
+        arrays["digest"] = self._digest
+        arrays["done"] = np.array(sorted(self._done), dtype=np.intp)
+        write_bytes(self.path, archive_of(arrays))
         self._own = True
 
     def remove(self) -> None:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import PlanningFailed
-from ...files.arrays import Array, read_only
+from ...files.arrays import Array, archive_of, read_only
 from ..gait_program import GaitProgram, GaitSolution
 from ..transcription.program import Callback
 
@@ -103,14 +103,8 @@ def _answer(
             signal.signal(number, signal.SIG_IGN)
         solution = program.solve(guess, on_iterate, **options)
         header = {name: getattr(solution, name) for name in _FIELDS}
-        content = io.BytesIO()
-        np.savez(
-            content,
-            x=solution.x,
-            history=np.array(solution.history),
-            header=np.array(json.dumps(header)),
-        )
-        pipe.send(content.getvalue())
+        arrays = {"x": solution.x, "history": solution.history, "header": json.dumps(header)}
+        pipe.send(archive_of(arrays))
         status = 0
     finally:
         os._exit(status)

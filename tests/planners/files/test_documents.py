@@ -77,6 +77,8 @@ def test_yaml_that_grows_is_refused_at_once(text, said):
         "a: 1\n---\nb: 2\n",
         "a: " + "9" * 9999,
         "\x00",
+        'a: "b\\0c"\n',
+        '"b\\0": c\n',
     ],
 )
 def test_yaml_that_is_broken_in_any_way_is_one_line(text):
@@ -93,13 +95,23 @@ def test_what_is_as_deep_as_may_be_is_read_and_no_deeper():
 
 
 @pytest.mark.parametrize(
-    "text", ['{"a": NaN}', "[Infinity]", "-Infinity", '"\\ud800"', '{"\\udc00": 1}', "1" * 5000]
+    "text",
+    [
+        '{"a": NaN}',
+        "[Infinity]",
+        "-Infinity",
+        '"\\ud800"',
+        '{"\\udc00": 1}',
+        "1" * 5000,
+        '{"a": "b\\u0000"}',
+    ],
 )
 def test_what_is_no_json_for_others_is_none_here(text):
     assert_names(refusal(parse_json, text, "f"), "f")
 
 
-def test_pairs_of_surrogates_are_a_letter():
+def test_pairs_of_surrogates_are_a_letter_and_an_escaped_backslash_is_one():
+    assert parse_json('["\\\\u0000"]', "f") == ["\\u0000"]
     assert parse_json('"\\ud83d\\ude00"', "f") == "\U0001f600"
 
 

@@ -22,7 +22,7 @@ from stancekit.planners.files.writing import (
     TEMPORARY,
     check_writable,
     first_difference,
-    remove_leftovers,
+    make_folder,
     replaced,
     write_bytes,
     write_text,
@@ -224,8 +224,9 @@ def test_odd_names_are_written_and_cleared_up(tmp_path, name):
 def test_the_longest_name_is_written_and_one_letter_more_refused_before_any_work(tmp_path):
     longest = "n" * (255 - len("..4194304-01234567.tmp"))
     write_text(tmp_path / longest, "x")
-    with refuses():
-        check_writable(tmp_path / f"{longest}n")
+    for of, name in ((check_writable, f"{longest}n"), (check_writable, "a\0"), (make_folder, "\0")):
+        with refuses():
+            of(tmp_path / name)
 
 
 def test_a_folder_takes_the_place_of_an_empty_one_or_nothing_changes(tmp_path):
@@ -270,11 +271,6 @@ def test_a_device_is_no_target_of_what_is_put_in_its_place(tmp_path):
 def test_a_full_device_is_told_in_one_line():
     with refuses("/dev/full", FULL):
         write_text("/dev/full", "text")
-
-
-def test_a_folder_that_is_gone_has_no_leftovers(tmp_path):
-    remove_leftovers(tmp_path / "none", lambda name: True)
-    assert os.listdir(tmp_path) == []
 
 
 def test_a_folder_that_takes_no_files_is_one_line_and_no_endless_search():

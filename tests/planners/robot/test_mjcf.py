@@ -230,6 +230,15 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "not-xml": ("<mujoco", ("MJCF",)),
     "nan": (quadruped(knee='range="-2 nan"'), ("MJCF", "NaN")),
     "no-such-joint": (quadruped(drive='<motor joint="none"/>'), ("none",)),
+    "copies": (
+        quadruped(
+            more='<worldbody><replicate count="99999999"><geom size=".1"/></replicate></worldbody>'
+        ),
+        ("replicate",),
+    ),
+    "keys": (quadruped(more='<size nkey="2000000000"/>'), ("size",)),
+    "in-itself": (quadruped(more='<asset><model file="robot.xml"/></asset>'), ("model",)),
+    "elements": (quadruped(more="<!-- --><custom/>" * 60_000), ("elements",)),
     "entities": ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', ("MJCF",)),
 }
 
