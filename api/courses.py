@@ -147,9 +147,14 @@ def plan(
     planner = _planner(method, time_limit_s)
     try:
         question = _question(course, frames, robot, start, goal, settings.standing)
-        return _answer(question, planner, settings, deadline, progress)
+        answer = _answer(question, planner, settings, deadline, progress)
     except (NoPlace, PlanningFailed) as error:  # of a ground or a layout with nothing to stand on
         return unmet(error, planner.name, robot)
+    if not settings.margins or answer.report is None or not isinstance(answer.solution, Plan):
+        return answer
+    from stancekit.planners.verify.margins import with_margins
+
+    return replace(answer, report=with_margins(answer.report))
 
 
 def unmet(error: Exception, method: str, robot: Robot | str | Path | None) -> Answer[Any]:

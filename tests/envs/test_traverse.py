@@ -192,10 +192,7 @@ def test_margins_of_a_window_are_told_when_asked_for():
         found = info["push_n"], info["support_m"], info["friction_left"]
         plan = env._walked[-1]
         measured = stance_margins(plan, yields_m=verdict_yields_m(plan))
-        least = [
-            min(getattr(margin, name) for margin in measured)
-            for name in ("push_n", "support_m", "friction_left")
-        ]
+        least = [values.min() for values in measured.values()]
         assert found == (tuple(least) if margins else (0.0, 0.0, 0.0))
         assert min(least) > 0.0
 
