@@ -230,11 +230,13 @@ def margins(
         if isinstance(plan, Plan)
         else stances_from(plan, normals, friction, com_m, low, high, wrench)
     )
-    shifts = pushes(stances.borne, yields_m) if push else places(stances.borne)
-    found = stances.margins(shifts, tolerance=tolerance, close=0.0)
-    if isinstance(plan, Plan):
-        return found
-    return replace(found, forces=found.forces.reshape(np.shape(plan)))
+    found = stances.margins(
+        pushes(stances.borne, yields_m) if push else places(stances.borne),
+        tolerance=tolerance,
+        close=0.0,
+    )
+    shape = found.forces.shape if isinstance(plan, Plan) else np.shape(plan)
+    return replace(found, forces=found.forces.reshape(shape))
 
 
 def _proof(answer: Answer[Any]) -> Certificate | None:

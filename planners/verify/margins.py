@@ -30,16 +30,9 @@ from ..files.arrays import Array, cross
 from ..problem.problem import Stance
 from .stance_margin import Stances, places, pushes
 
-_CLOSE = 0.02
-"""A share that is left open of distances that are only compared."""
-_SLICK = 1e-6
-"""Friction of a patch that has none."""
-_TINY = 1e-9
-"""A part of the weight, or a length [m], that is none."""
-_OUTLINE = 24
-"""Directions of a support region that is drawn."""
-
-
+_CLOSE, _SLICK, _TINY, _OUTLINE = 0.02, 1e-6, 1e-9, 24
+"""A share that is left open of distances that are only compared; friction of a patch that has none; a
+part of the weight, or a length [m], that is none; directions of a support region that is drawn."""
 YIELDS = 0.12
 """Way that a body on its legs gives under a horizontal push as large as its weight, in units of a
 leg's reach: its weight then bears nearer to the side that it tips over. Of pushes that a simulation
@@ -65,16 +58,11 @@ def stance_margins(
     """
     at, weight_n = stances_of(plan), plan.problem.weight_n
     measures = {
-        "push_n": lambda: weight_n * _least(at, pushes(at.borne, yields_m)),
-        "support_m": lambda: _least(at, places(at.borne)),
+        "push_n": lambda: weight_n * at.margins(pushes(at.borne, yields_m)).lower,
+        "support_m": lambda: at.margins(places(at.borne)).lower,
         "friction_left": at.friction_left,
     }
-    return {name: measures[name]() for name in names}
-
-
-def _least(at: Stances, shifts: Array) -> Array:
-    """The margins from below, 0 for the negative ones, shape (N,)."""
-    return np.maximum(0.0, at.margins(shifts).lower)
+    return {name: np.maximum(0.0, measures[name]()) for name in names}
 
 
 def support_region(plan: Plan, stance: Stance) -> Array:
@@ -83,11 +71,8 @@ def support_region(plan: Plan, stance: Stance) -> Array:
     Returns shape (K, 2) [m], empty where the stance carries it nowhere.
     """
     at, index = stances_of(plan), plan.problem.stances.index(stance)
-    which = np.arange(len(at.counts)) == index
-    found = at.margins(
-        places(at.borne), tolerance=1e-5, close=math.inf, which=which, first=_OUTLINE
-    )
-    corners = found.ends[index]
+    asked: dict[str, Any] = {"which": np.arange(len(at.counts)) == index, "first": _OUTLINE}
+    corners = at.margins(places(at.borne), tolerance=1e-5, close=math.inf, **asked).ends[index]
     return np.asarray(plan.com_m[stance.frame, :2] + corners[np.isfinite(corners[:, 0])])
 
 
@@ -158,16 +143,14 @@ def margin_group(plan: Plan, *, measured: bool = True) -> Group:
     weakest, least_n = course.stances[int(pushes_n.argmin())], float(pushes_n.min())
     short = max(0.0, wanted - least_n)
     limbs = " ".join(course.robot.limb_names[limb] for limb in weakest.limbs)
-    message = ""
-    if short > 0.0:
-        message = f"{limbs} at frame {weakest.frame}: {least_n:.3g} N, expected {wanted:.3g} N"
+    said = f"{limbs} at frame {weakest.frame}: {least_n:.3g} N, expected {wanted:.3g} N"
     return Group(
         "margin",
         value=short,
         unit="N",
         where=limbs,
         when=float(weakest.frame),
-        message=message,
+        message=said if short > 0.0 else "",
         scale=course.weight_n,
         verdict="violated" if short > 0.0 else "holds",
         figures=figures,
@@ -222,21 +205,16 @@ def _sure_distances(plan: Plan, every: Stances, shifts: Array) -> Array:
 
     Returns shape (S,).
     """
-    course, end = plan.problem, 0
-    sure = np.zeros(len(every.counts))
+    course, end, sure = plan.problem, 0, np.zeros(len(every.counts))
     for index, (of, count) in enumerate(zip(course.stances, every.counts.tolist(), strict=True)):
         part, end, shift = slice(end, end + count), end + count, shifts[index]
         feet = course.holds[of.frame][list(of.limbs)].tolist()
         points = [len(course.offsets_m[foot][int(plan.choice[foot])]) for foot in feet]
-        forces = plan.forces_n[index][list(of.limbs)] / (
-            course.weight_n * np.array(points)[:, None]
-        )
         normals, friction = every.normals[part], every.friction[part]
-        turns = cross(every.arms_m[part, None], np.eye(3))
-        balance = (
-            np.concatenate([np.tile(np.eye(3), (count, 1, 1)), turns], axis=2).reshape(-1, 6).T
-        )
-        force = np.repeat(forces, points, axis=0).ravel()
+        turns = cross(every.arms_m[part, None], np.eye(3)).reshape(-1, 3).T
+        balance = np.concatenate([np.tile(np.eye(3), count), turns])
+        whole = plan.forces_n[index][list(of.limbs)] / np.array(points)[:, None]
+        force = np.repeat(whole, points, axis=0).ravel() / course.weight_n
         press = np.maximum((force.reshape(-1, 3) * normals).sum(axis=1), _TINY)
         across = np.repeat(press, 3)[:, None] * balance.T
         answer = across @ np.linalg.pinv(balance @ across, hermitian=True)
@@ -251,7 +229,7 @@ def _sure_distances(plan: Plan, every: Stances, shifts: Array) -> Array:
         slope = np.maximum(np.linalg.norm(lift, axis=1), _TINY)
         inside = np.minimum(every.high[part] - press, press - every.low[part]) / slope
         used = np.linalg.norm(change - lift[:, None] * normals[:, :, None], axis=(1, 2))
-        room = friction * press - np.linalg.norm(force - press[:, None] * normals, axis=1)
-        cones = room / np.maximum(used + friction * slope, _TINY)
+        slide = np.linalg.norm(force - press[:, None] * normals, axis=1)
+        cones = (friction * press - slide) / np.maximum(used + friction * slope, _TINY)
         sure[index] = np.minimum(inside, cones).min() if off.max() < _TINY else 0.0
     return (1.0 - _CLOSE) * np.maximum(0.0, sure)

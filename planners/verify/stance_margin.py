@@ -29,6 +29,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -38,25 +39,19 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..files.writing import cache_folder
+from ..plugins import foreign
 
-MANY = 40
-"""Stances from which on the loops are compiled, where numba is installed."""
-AIM = 0.2
-"""Part of the tolerance to which an end is sought."""
-FAR, NEAR, DOWN = 1.5, 1.0, 0.1
-"""A step changes the smoothed slopes of no contact by more than 1 / ``FAR`` of what would turn
-them; after one that need not be cut by more than ``NEAR`` the barrier falls to this part."""
-BALANCED = 1e-9
-"""Forces that miss their balance by more are not used, in units of the weight and metres."""
-STEPS = 60
-"""Most steps of Newton's method to an end or a proof."""
-MOST = 32
-"""Most directions that are tried."""
-HALVINGS = 5
-"""Halvings of the interval in which the least share of the friction is sought."""
-UNIT = 1e-6
-"""A normal's length may differ from 1 by this."""
-SAME, TINY = 1e-7, 1e-12
+MANY, MOST, STEPS, HALVINGS = 40, 32, 60, 5
+"""Stances from which on the loops are compiled, where numba is installed; most directions that are
+tried; most steps of Newton's method to an end or a proof; halvings of the interval in which the least
+share of the friction is sought."""
+AIM, FAR, NEAR, DOWN = 0.2, 1.5, 1.0, 0.1
+"""Part of the tolerance to which an end is sought. A step changes the smoothed slopes of no contact
+by more than 1 / ``FAR`` of what would turn them; after one that need not be cut by more than ``NEAR``
+the barrier falls to the part ``DOWN``."""
+BALANCED, UNIT, SAME, TINY = 1e-9, 1e-6, 1e-7, 1e-12
+"""Forces that miss their balance by more are not used, in units of the weight and metres; a normal's
+length may differ from 1 by ``UNIT``; lengths and shares that are none."""
 
 
 def _along(A: Any, w: Any, rows: int) -> tuple[float, float, float]:
@@ -104,13 +99,16 @@ def _step(A: Any, bounds: Any, e: Any, w: Any, m: float, room: Any) -> float:
         f[b][0], f[b][1], f[b][2] = f0, f0 * u1, f0 * u2
         K[b][0], K[b][1], K[b][2], K[b][3] = u1, u2, 1.0 / (m + root), half / (m + wide)
         k, s, q = half * half * m / (wide * (m + wide)), f0 / (m + root), f0 / root
-        h1, h2, h11, h12 = k * u1, k * u2, k * u1 * u1 + s - q * u1 * u1, (k - q) * u1 * u2
-        h22 = k * u2 * u2 + s - q * u2 * u2
+        h1, h2, h12 = k * u1, k * u2, (k - q) * u1 * u2
+        h11, h22 = (k - q) * u1 * u1 + s, (k - q) * u2 * u2 + s
         for a in range(6):
             x0, x1, x2 = A[b][a][0], A[b][a][1], A[b][a][2]
             off[a] -= x0 * f0 + x1 * f[b][1] + x2 * f[b][2]
-            v0, v1 = k * x0 + h1 * x1 + h2 * x2, h1 * x0 + h11 * x1 + h12 * x2
-            v2 = h2 * x0 + h12 * x1 + h22 * x2
+            v0, v1, v2 = (
+                k * x0 + h1 * x1 + h2 * x2,
+                h1 * x0 + h11 * x1 + h12 * x2,
+                h2 * x0 + h12 * x1 + h22 * x2,
+            )
             for c in range(a + 1 if a < rows else 0):
                 M[a][c] += v0 * A[b][c][0] + v1 * A[b][c][1] + v2 * A[b][c][2]
     for a in range(rows):
@@ -131,8 +129,8 @@ def _step(A: Any, bounds: Any, e: Any, w: Any, m: float, room: Any) -> float:
     far = 0.0
     for b in range(len(A)):
         p0, p1, p2 = _along(A[b], ahead, rows)
-        far = max(far, K[b][2] * math.sqrt(p1 * p1 + p2 * p2))
-        far = max(far, K[b][3] * abs(p0 + K[b][0] * p1 + K[b][1] * p2))
+        along, across = p0 + K[b][0] * p1 + K[b][1] * p2, math.sqrt(p1 * p1 + p2 * p2)
+        far = max(far, K[b][3] * abs(along), K[b][2] * across)
     return FAR * far
 
 
@@ -244,17 +242,16 @@ def _stance(
 def compiled() -> Any:
     """``_stance`` in machine code, kept in the user's folder for caches; None without numba."""
     try:
-        import numba
+        import numba.extending
     except ImportError:
         return None
-    from numba.extending import register_jitable
-
     for part in (_along, _bound, _step, _end, _nearest):
-        register_jitable(error_model="numpy")(part)
-    folder, before = cache_folder() / "numba", numba.config.CACHE_DIR
-    try:
+        numba.extending.register_jitable(error_model="numpy")(part)
+    folder, before, own = cache_folder() / "numba", numba.config.CACHE_DIR, False
+    with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         own = folder.stat().st_uid == os.getuid() and os.access(folder, os.W_OK)
+    try:
         numba.config.CACHE_DIR = str(folder)
         return numba.njit(cache=own, error_model="numpy")(_stance)
     finally:
@@ -376,8 +373,8 @@ class Stances:
         """
         # S = Q R: the columns of Q that are across S make E, R⁻¹ and the others V
         turned, small = np.linalg.qr(shifts, mode="complete")
-        turned = turned.swapaxes(1, 2)
-        rows = np.concatenate([turned[:, 2:], np.linalg.solve(small[:, :2], turned[:, :2])], axis=1)
+        back = np.linalg.solve(small[:, :2], turned[:, :, :2].swapaxes(1, 2))
+        rows = np.concatenate([turned[:, :, 2:].swapaxes(1, 2), back], axis=1)
         return self._solved(rows, 4, (tolerance, close, decide, first), which)
 
     def hold(self) -> Array:
@@ -409,7 +406,7 @@ class Stances:
         moments = cross(self.arms_m[:, None], axes.swapaxes(1, 2)).swapaxes(1, 2)
         A = np.repeat(rows, self.counts, axis=0) @ np.concatenate([axes, moments], axis=1)
         bounds = self.friction[:, None] * np.stack([self.low, self.high], axis=1)
-        e, ends = (rows @ self.borne[:, :, None])[:, :, 0], np.cumsum(self.counts)
+        e, ends = (rows @ self.borne[:, :, None])[:, :, 0], np.cumsum(self.counts).tolist()
         N, most, wanted = len(e), max(int(asked[3]), MOST), np.array(asked)
         lower, upper, multiplier = np.full(N, -math.inf), np.full(N, math.inf), np.zeros((N, 6))
         points, forces = np.full((N, most, 2), math.nan), np.zeros(self.arms_m.shape)
@@ -463,14 +460,11 @@ def stances_from(
     }
     known = dict[str, Array]()
     for name, (value, wanted) in given.items():
-        try:
+        with foreign(f"{name}: expected numbers of shape {wanted}, got"):
             known[name] = np.broadcast_to(np.asarray(value, dtype=float), wanted)
-        except (TypeError, ValueError):
-            raise InvalidInput(f"{name}: expected shape {wanted}, got {np.shape(value)}") from None
-    lengths = np.linalg.norm(known["normals"], axis=2)
     wrong = [(name, "finite numbers", ~np.isfinite(value)) for name, value in known.items()]
     wrong += [
-        ("normals", "vectors of length 1", np.abs(lengths - 1.0) > UNIT),
+        ("normals", "length 1", np.abs(np.linalg.norm(known["normals"], axis=2) - 1.0) > UNIT),
         ("friction", "numbers above 0", known["friction"] <= 0.0),
         ("low", "0 or more", known["low"] < 0.0),
         ("high", "more than low", known["high"] <= known["low"]),
@@ -478,9 +472,8 @@ def stances_from(
     for name, wanted, bad in wrong:
         for row in np.flatnonzero(bad.reshape(shape[0], -1).any(axis=1))[:1]:
             raise InvalidInput(f"{name}[{row}]: expected {wanted}, got {known[name][row].tolist()}")
-    arms_m = (known["contacts_m"] - known["com_m"][:, None]).reshape(-1, 3)
     return Stances(
-        arms_m=arms_m,
+        arms_m=(known["contacts_m"] - known["com_m"][:, None]).reshape(-1, 3),
         normals=known["normals"].reshape(-1, 3),
         **{name: known[name].ravel() for name in ("friction", "low", "high")},
         counts=np.full(shape[0], shape[1]),
