@@ -347,7 +347,7 @@ class Stances:
     friction: Array
     low: Array
     high: Array
-    counts: Array
+    counts: Any
     borne: Array
 
     def margins(
@@ -469,9 +469,9 @@ def stances_from(
         ("low", "0 or more", known["low"] < 0.0),
         ("high", "more than low", known["high"] <= known["low"]),
     ]
-    for name, wanted, bad in wrong:
+    for name, must, bad in wrong:
         for row in np.flatnonzero(bad.reshape(shape[0], -1).any(axis=1))[:1]:
-            raise InvalidInput(f"{name}[{row}]: expected {wanted}, got {known[name][row].tolist()}")
+            raise InvalidInput(f"{name}[{row}]: expected {must}, got {known[name][row].tolist()}")
     return Stances(
         arms_m=(known["contacts_m"] - known["com_m"][:, None]).reshape(-1, 3),
         normals=known["normals"].reshape(-1, 3),
