@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .answers import explain as explain
+    from .answers import margins as margins
     from .answers import verify as verify
     from .courses import plan as plan
     from .datasets import label as label
@@ -97,6 +98,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "answers": (
         "explain",
+        "margins",
         "verify",
     ),
     "courses": ("plan",),

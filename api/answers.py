@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar, overload
+
+import numpy as np
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.leap_tries import LeapTries
@@ -12,6 +15,7 @@ from stancekit.learners.data.labelling import RecheckReport
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.motion import Evidence
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Report
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
@@ -21,6 +25,8 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.verify import Explanation
 from stancekit.planners.verify import explain as explain_proof
 from stancekit.planners.verify.judge import TOLERANCE, judge
+from stancekit.planners.verify.margins import stances_of
+from stancekit.planners.verify.stance_margin import Margins, places, pushes, stances_from
 
 from .checks import check_file, check_rows
 
@@ -79,9 +85,11 @@ def explain(subject: Answer[Any] | Certificate, *, tolerance: float | None = Non
 
 
 @overload
-def verify(subject: E, *, tolerance: float = TOLERANCE) -> Report[E]: ...
+def verify(subject: E, *, tolerance: float = TOLERANCE, margins: bool = False) -> Report[E]: ...
 @overload
-def verify(subject: Answer[Any], *, tolerance: float = TOLERANCE) -> Report[Any]: ...
+def verify(
+    subject: Answer[Any], *, tolerance: float = TOLERANCE, margins: bool = False
+) -> Report[Any]: ...
 @overload
 def verify(subject: Dataset | LeapTries) -> RecheckReport: ...
 @overload
@@ -93,6 +101,7 @@ def verify(
     course: str | None = None,
     terrain: str | Path | None = None,
     explain: bool = False,
+    margins: bool = False,
 ) -> FileCheck | RecheckReport: ...
 @checked
 def verify(
@@ -103,6 +112,7 @@ def verify(
     course: str | None = None,
     terrain: str | Path | None = None,
     explain: bool = False,
+    margins: bool = False,
 ) -> Report[Any] | RecheckReport | FileCheck:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made,
     without a solver.
@@ -122,6 +132,7 @@ def verify(
             it is; for a contact sequence (.csv, .npz) a ground by name or file.
         explain: of a proof's file, say what would have to give; of a contact sequence's, look for
             the nearest that holds.
+        margins: measure what every stance of a plan bears beyond its weight, and say the least.
 
     Returns:
         A report: ``accepted``, and what is violated, where and by how much; of a file a
@@ -141,6 +152,7 @@ def verify(
     """
     if isinstance(subject, str | Path) and os.path.isfile(subject):
         of_file: Any = {"robot": robot, "course": course, "terrain": terrain, "why": explain}
+        of_file["margins"] = margins
         return check_file(subject, tolerance=tolerance, **of_file)
     options = {"robot": robot, "course": course, "terrain": terrain, "explain": explain or None}
     for name, value in options.items():
@@ -151,7 +163,80 @@ def verify(
         problem.check_whole()
     if not isinstance(evidence, Evidence):
         return check_rows(evidence, tolerance=tolerance)
-    return judge(evidence, tolerance=tolerance)
+    return judge(evidence, tolerance=tolerance, margins=margins)
+
+
+@checked
+def margins(
+    subject: Any,
+    normals: Any = None,
+    friction: Any = None,
+    com_m: Any = None,
+    *,
+    low: Any = 0.0,
+    high: Any = 10.0,
+    wrench: Any = 0.0,
+    push: bool = False,
+    yields_m: float = 0.0,
+    tolerance: float = 1e-4,
+) -> Margins:
+    """How far the centre of mass of N stances may move in every direction, or which push they bear,
+    between a lower and an upper bound that hold whatever converged.
+
+    A margin is negative where the stance does not hold: so far the centre of mass has to go, or such
+    a push would have to help. Both bounds are −inf where it is proved that no forces balance; not
+    known is said by their width.
+
+    Arguments:
+        subject: points that bear, shape (N, n, 3) [m], a sole's corners each; or a plan, an answer
+            with one, or a ``Problem``, whose posture or plan is found first: its stances.
+        normals: of length 1, shape (N, n, 3).
+        friction: Coulomb coefficients above 0, shape (N, n) or one for all.
+        com_m: centres of mass, shape (N, 3) [m].
+        low, high: bounds of the normal forces in units of the weight, shape (N, n) or one for all.
+        wrench: on the body beside its weight, force and moment about the centre of mass, in units of
+            the weight and of the weight times metres, shape (N, 6).
+        push: margins are of horizontal pushes at the centre of mass, in units of the weight; else of
+            places of it [m].
+        yields_m: how far the body gives way under a push as large as its weight [m].
+        tolerance: bounds are sought this close to each other; typically 1e-2 to 1e-5. Ask for 1e-4
+            or less where gradients are used.
+
+    Returns:
+        ``Margins``: ``lower``, ``upper``, ``direction`` in which the stance ends first, ``forces``
+        there, ``multiplier``; ``gradient()`` gives the slopes by contact points, normals, friction
+        and centre of mass.
+
+    Raises:
+        InvalidInput: for an array of another shape, and for a row with numbers that are none,
+            normals not of length 1, no friction, or no room for forces: the row is named.
+    Source:
+        Del Prete, Tonneau, Mansard 2016 (robust equilibrium), with exact cones.
+
+    Example:
+        >>> import numpy as np, stancekit
+        >>> feet = np.array([[[0.2, 0.2, 0.0], [-0.2, 0.2, 0.0], [-0.2, -0.2, 0.0], [0.2, -0.2, 0.0]]])
+        >>> found = stancekit.margins(feet, [0.0, 0.0, 1.0], 0.6, [0.05, 0.0, 0.4])
+        >>> found.lower.round(2).tolist(), found.direction.round(2).tolist()
+        ([0.15], [[1.0, 0.0]])
+    """
+    if isinstance(subject, Problem):
+        from .postures import solve
+
+        subject = solve(subject)
+    plan = _evidence(subject) if isinstance(subject, Answer) else subject
+    stances = (
+        stances_of(plan)
+        if isinstance(plan, Plan)
+        else stances_from(plan, normals, friction, com_m, low, high, wrench)
+    )
+    found = stances.margins(
+        pushes(stances.borne, yields_m) if push else places(stances.borne),
+        tolerance=tolerance,
+        close=0.0,
+    )
+    shape = found.forces.shape if isinstance(plan, Plan) else np.shape(plan)
+    return replace(found, forces=found.forces.reshape(shape))
 
 
 def _proof(answer: Answer[Any]) -> Certificate | None:

@@ -53,6 +53,7 @@ def check_file(
     terrain: str | Path | None = None,
     why: bool = False,
     exact: bool = False,
+    margins: bool = False,
 ) -> FileCheck:
     """Check a file of a plan, a proof, a leap or a walk against the question in it, whatever it
     says of itself; or a motion from elsewhere, for a robot and a terrain.
@@ -64,6 +65,7 @@ def check_file(
         terrain: terrain of a motion, see ``_check_motion``.
         why: ask for a reason, which only proofs have.
         exact: replay a proof in exact arithmetic, too.
+        margins: measure what the stances of a plan bear beyond its weight.
 
     Raises:
         InvalidInput: for a file that holds none of them, and for one of another robot or course.
@@ -73,6 +75,8 @@ def check_file(
     from stancekit.planners.problem.sequence import is_sequence
 
     name = str(path)
+    if margins and Path(path).suffix != ".json":
+        raise InvalidInput(f"margins: expected the file of a plan with them, got {name}")
     data = read_json(path) if Path(path).suffix == ".json" else None
     if is_sequence(path):
         if exact or course is not None or tolerance != TOLERANCE:
@@ -106,6 +110,7 @@ def check_file(
         course=None if course is None else _course(course, who),
         why=why,
         exact=exact,
+        margins=margins,
     )
 
 

@@ -33,6 +33,7 @@ from stancekit.planners.search.methods import PlannerOptions, make_planner, thro
 from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
+from stancekit.planners.verify.margins import with_margins
 
 if TYPE_CHECKING:
     from stancekit.planners.problem.course_between import LaidBetween
@@ -147,9 +148,12 @@ def plan(
     planner = _planner(method, time_limit_s)
     try:
         question = _question(course, frames, robot, start, goal, settings.standing)
-        return _answer(question, planner, settings, deadline, progress)
+        answer = _answer(question, planner, settings, deadline, progress)
     except (NoPlace, PlanningFailed) as error:  # of a ground or a layout with nothing to stand on
         return unmet(error, planner.name, robot)
+    if settings.margins and isinstance(answer.solution, Plan) and answer.report is not None:
+        return replace(answer, report=with_margins(answer.report))
+    return answer
 
 
 def unmet(error: Exception, method: str, robot: Robot | str | Path | None) -> Answer[Any]:

@@ -88,7 +88,7 @@ def planned(entry: Entry, folder: Path, limit_s: float) -> dict[str, Any]:
         [
             *("plan", str(mesh), f"--start={x:.3f},{y:.3f}", f"--goal={ahead:.3f},{aside:.3f}"),
             *("--friction", str(ground.friction), "--robot", entry.source),
-            *("--time-limit-s", str(limit_s), "--out", str(plan)),
+            *("--time-limit-s", str(limit_s), "--out", str(plan), "--margins"),
         ],
         PATIENCE * limit_s,
     )

@@ -107,10 +107,10 @@ def said_n(file: Path) -> list[float]:
     [N].
     """
     plan, _ = read_motion(file)
-    names = list(plan.problem.robot.limb_names)
+    pushes_n = stance_margins(plan, ("push_n",), yields_m=verdict_yields_m(plan))["push_n"]
     known = {
-        (margin.frame, frozenset(names.index(limb) for limb in margin.limbs)): margin.push_n
-        for margin in stance_margins(plan, pushes_alone=True, yields_m=verdict_yields_m(plan))
+        (of.frame, frozenset(of.limbs)): float(push_n)
+        for of, push_n in zip(plan.problem.stances, pushes_n, strict=True)
     }
     motion = read(file).motion
     assert isinstance(motion, KeyFrames)

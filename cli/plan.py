@@ -71,7 +71,7 @@ def _deliver(
     else:
         out.print(_table_of(answer, name))
         if solution is not None and report is not None:
-            for line in (*_lines(answer), *_doubts(answer, time_limit_s)):
+            for line in filter(None, (*_lines(answer), *_doubts(answer, time_limit_s))):
                 out.print(line, highlight=False)
         refused = (
             "" if report is None or report.accepted else ", of a plan that the verifier refuses"
@@ -447,7 +447,10 @@ class PlanCourse:
     enough."""
     push_n: float = 0.0
     """Horizontal push at the body, in any direction, that every stance has to bear [N]. Without it
-    a plan that bears 5 % of the weight is sought, then 2.5 %; what it bears is said. two-stage."""
+    a plan that bears 5 % of the weight is sought, then 2.5 %. two-stage."""
+    margins: bool = False
+    """Say how large a push every stance of the plan bears, how far the centre of mass may move, and
+    how much of the friction is needed."""
     wrench: OptionalWrench = None
     """Force on the body beside its weight at every key frame [N], and moment about the centre of
     mass [Nm], in world axes: a payload, wind, a rope. The plan carries it, and a course that nobody
@@ -592,6 +595,7 @@ class PlanCourse:
                     torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m
                 ),
                 push_n=self.push_n,
+                margins=self.margins,
                 wrench=wrench_numbers(self.wrench),
                 standing=self.between.map,
                 leaps=self.leaps,

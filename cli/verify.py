@@ -77,6 +77,9 @@ class Verify:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture (.png, .pdf, .svg) of that plan, or of the first stance of a contact sequence that is
     refuted: support, cones, and what would have to change."""
+    margins: bool = False
+    """Say how large a push every stance of a plan bears, how far the centre of mass may move, and how
+    much of the friction is needed."""
     exact: bool = False
     """Replay a file's proof in exact arithmetic, too: its numbers as the fractions that they are,
     with balls that are rounded outwards where a root enters. The message says which arithmetic
@@ -95,6 +98,7 @@ class Verify:
             ("course", "a plan's"),
             ("terrain", "a motion's"),
             ("exact", "a proof's"),
+            ("margins", "a plan's"),
         )
         for option, wanted in wants:
             if getattr(self, option) not in (None, False) and not (
@@ -123,7 +127,7 @@ class Verify:
         """A plan of key frames, a proof or a gait trajectory: one verdict."""
         from stancekit.checks import check_file
 
-        with as_options("tolerance", "robot", "course", "terrain", "explain", "exact"):
+        with as_options("tolerance", "robot", "course", "terrain", "explain", "exact", "margins"):
             check = check_file(
                 self.problems,
                 tolerance=self.tolerance,
@@ -132,6 +136,7 @@ class Verify:
                 terrain=self.terrain,
                 why=self.explain,
                 exact=self.exact,
+                margins=self.margins,
             )
         if self.json:
             emit(check.to_json())
@@ -143,7 +148,7 @@ class Verify:
                 out.print(_stances(check.report))
             if check.kind == "motion":
                 out.print(_groups(check.report))
-            if check.kind in ("plan", "gait") and check.accepted:
+            if check.kind in ("plan", "gait") and check.accepted and check.report.remark:
                 out.print(check.report.remark)
         if self.out is not None or self.picture is not None:
             self._leave(check)

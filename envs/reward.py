@@ -23,6 +23,8 @@ from stancekit.planners.problem.walk import Walk
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
+from stancekit.planners.verify.margins import stance_margins
+from stancekit.planners.verify.stance_margin import compiled
 
 from .scenes import LabelledScene
 
@@ -94,6 +96,29 @@ def tightness(judged: Judged) -> float:
     return 1.0 - float((judged.envelope.high - judged.envelope.low).mean()) / 2.0
 
 
+def support(step: Judged | Step) -> float:
+    """How far the centre of mass of the posture or plan that the step ended with may move in every
+    direction before some stance no longer carries it [m]; 0 where there is none.
+    """
+    return _least_margin(step, "support_m")
+
+
+def push(step: Judged | Step) -> float:
+    """The largest horizontal push that every stance of it bears, in units of the weight, likewise."""
+    return _least_margin(step, "push_n")
+
+
+def _least_margin(step: Judged | Step, name: str) -> float:
+    plan = step.posture if isinstance(step, Judged) else step.answer
+    if not isinstance(plan, Plan):
+        return 0.0
+    compiled()  # as there are many steps
+    return float(
+        stance_margins(plan, (name,))[name].min()
+        / (plan.problem.weight_n if name == "push_n" else 1.0)
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Step:
     """Arguments of a term of one's own in the environments that do not select: a step, judged.
@@ -139,7 +164,10 @@ Weights = TypeVar("Weights")
 _TERMS: Registry[Term] = Registry(
     "reward term",
     "stancekit.reward_terms",
-    {name: f"{__name__}:{name}" for name in ("agreement", "projection", "tightness")},
+    {
+        name: f"{__name__}:{name}"
+        for name in ("agreement", "projection", "tightness", "support", "push")
+    },
     expected="a function of a Judged or a Step",
     accepts=lambda it: takes(it, 1),
 )

@@ -28,11 +28,9 @@ from stancekit.planners.search.batch import stands, unsupported
 from stancekit.planners.search.cuts import CutSearch
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.verify import check_certificates, check_postures
-from stancekit.planners.verify.margins import least_margins
+from stancekit.planners.verify.margins import MARGINS, stance_margins, verdict_yields_m
 
 from .distributions.postures import Distribution, Repeatable, distribution_of
-
-NAMES = "push_n", "support_m", "friction_left"
 
 
 def margin_info(plan: Plan | None, prefix: str = "") -> dict[str, float]:
@@ -42,10 +40,10 @@ def margin_info(plan: Plan | None, prefix: str = "") -> dict[str, float]:
     Arguments:
         prefix: prefix of the keys.
     """
-    least = {} if plan is None else least_margins(plan)
-    return {
-        f"{prefix}{name}": float(getattr(least[name], name)) if least else 0.0 for name in NAMES
-    }
+    if plan is None:
+        return {f"{prefix}{name}": 0.0 for name in MARGINS}
+    found = stance_margins(plan, yields_m=verdict_yields_m(plan))
+    return {f"{prefix}{name}": float(values.min()) for name, values in found.items()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -350,13 +350,13 @@ def _check_to_run(motion: Motion, source: str) -> Report[Any]:
 
 
 def judged(motion: Motion) -> Report[Any]:
-    """The verifier on a motion without margins; of a plan on joints and bodies, too, where it has
+    """The verifier on a motion; of a plan on joints and bodies, too, where it has
     angles or the robot has legs of its own.
     """
     known = not isinstance(motion, Plan) or (
         motion.joints_rad is not None or motion.robot.source.own
     )
-    return judge(motion, joints=known, margins=False)
+    return judge(motion, joints=known)
 
 
 def check_joints(source: str, robot: Robot, world: SafeWorld, gravity_m_s2: float) -> None:

@@ -14,7 +14,7 @@ print(answer.report.message)
 # %%
 # What every stance bears beyond the weight, and how much of the friction is spare.
 
-print(stancekit.verify(answer.solution).remark)
+print(stancekit.verify(answer.solution, margins=True).remark)
 
 # %%
 # Each foothold says which limb stands there, and from which key frame on.

@@ -443,6 +443,7 @@ def check_file(
     course: Callable[[int], Problem] | None = None,
     why: bool = False,
     exact: bool = False,
+    margins: bool = False,
 ) -> FileCheck:
     """Verify a motion or a proof in a file anew, whatever it says of itself.
 
@@ -455,6 +456,7 @@ def check_file(
         course: of so many key frames, the one that a plan has to be of.
         why: ask for a reason, which only proofs have.
         exact: replay a proof in exact arithmetic, too (``verify.exact``).
+        margins: of a plan, measure what its stances bear.
 
     Raises:
         InvalidInput: for a file that cannot be read, one of another robot or course, and options
@@ -467,6 +469,7 @@ def check_file(
         ("robot", robot is not None, takes_robot),
         ("course", course is not None, of_plan),
         ("tolerance", tolerance is not None, of_plan),
+        ("margins", margins, of_plan),
         ("explain", why, isinstance(evidence, Certificate)),
         ("exact", exact, isinstance(evidence, Certificate)),
     ):
@@ -476,7 +479,7 @@ def check_file(
         check = _check_proof(str(path), evidence, why)
         return _replayed(check, evidence) if exact else check
     _check_asked(str(path), evidence, robot, course)
-    report = judge(evidence, tolerance=tolerance, joints=joints)
+    report = judge(evidence, tolerance=tolerance, joints=joints, margins=margins)
     claimed = content["verdict"].get("checked", ())
     listed = {
         name: report.group(name).verdict for name in WHOLE_BODY if of_plan and name in claimed

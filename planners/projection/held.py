@@ -19,8 +19,7 @@ from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Moments, objective
 from ..files.arrays import Array, cross
 from ..problem import Problem
-from ..verify.margins import borne_share
-from .force_distribution import ForceDistribution
+from ..verify.margins import borne_share, stances_of
 
 PUSHES = (0.05, 0.025)
 """Shares of the weight: horizontal pushes at the body that every stance bears, the most cautious
@@ -70,11 +69,7 @@ def steady(plan: Plan, share: float) -> bool:
     """
     if plan.problem.has_soles:
         return True
-    distribution = ForceDistribution(len(plan.problem.robot.limbs))
-    return all(
-        distribution.solve(plan, index, reserves=(1.0,), least=share) is not None
-        for index in range(len(plan.problem.stances))
-    )
+    return bool(stances_of(plan, share).hold().all())
 
 
 MOMENT_PRICE = 30.0

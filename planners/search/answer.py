@@ -523,7 +523,7 @@ class PlanSettings:
         body: limits of joints and bodies; a plan that breaks them is bent until it keeps them.
         push_n: horizontal push at the centre of mass, in any direction, that every stance has to
             bear [N]; a course of its own may ask for more. Without one a plan that bears 5 % of the
-            weight is sought, then 2.5 %, and the report says what it bears. "two-stage" alone, and
+            weight is sought, then 2.5 %. "two-stage" alone, and
             *infeasible* is not said with it.
         wrench: force [N] at the centre of mass, or that and a moment about it [Nm], on the body in
             addition to its weight at every key frame, such as those of a payload, wind or a rope;
@@ -532,6 +532,8 @@ class PlanSettings:
         standing: with a start and a goal, a map of where the robot can stand, as ``map`` makes it,
             or its file: the way costs more where the robot, facing along x and as it stands, is not
             likely to, and most where it is proved not to.
+        margins: measure what every stance of the plan bears beyond its weight, and say the least: a
+            push, a shift of the centre of mass, less friction.
         leaps: with a start and a goal, whether a robot that was named may leap where key frames have
             no plan. Where it may, a proof that no balanced motion leads to the goal leaves the
             answer undecided; where it may not, the answer is infeasible.
@@ -554,6 +556,7 @@ class PlanSettings:
     push_n: float = 0.0
     wrench: Array | Sequence[float] | None = None
     standing: StandingMap | str | Path | None = None
+    margins: bool = False
     leaps: bool = True
     checkpoint: str | Path | None = None
 

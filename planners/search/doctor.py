@@ -164,20 +164,20 @@ def _off_ground(rows: Rows, off_m: Array) -> Iterator[Group]:
 
 def _held(plan: Plan) -> list[Group]:
     """The stances of a plan that holds, with what each bears beyond its weight."""
-    margins = zip(plan.problem.stances, stance_margins(plan), strict=True)
-    return [_holds(_called(plan.problem, stance), stance, margin) for stance, margin in margins]
-
-
-def _holds(name: str, stance: Stance, margin: Any) -> Group:
-    push_n, support_m = margin.push_n, margin.support_m
-    return Group(
-        name,
-        unit="m",
-        when=float(stance.frame // 2),
-        message=f"bears a push of {push_n:.3g} N, the centre of mass {1e3 * support_m:.0f} mm inside",
-        verdict="holds",
-        figures={"push_n": push_n, "support_m": support_m},
-    )
+    found = stance_margins(plan, ("push_n", "support_m"))
+    return [
+        Group(
+            _called(plan.problem, stance),
+            unit="m",
+            when=float(stance.frame // 2),
+            message=f"bears a push of {push_n:.3g} N, the centre of mass {1e3 * support_m:.0f} mm inside",
+            verdict="holds",
+            figures={"push_n": push_n, "support_m": support_m},
+        )
+        for stance, push_n, support_m in zip(
+            plan.problem.stances, *(values.tolist() for values in found.values()), strict=True
+        )
+    ]
 
 
 def _called(course: Problem, stance: Stance) -> str:
@@ -195,7 +195,7 @@ def _judged(lay: Lay, stance: Stance) -> tuple[Group, Certificate | None]:
     name = _called(course, stance)
     found = TwoStage().solve(_posture(course, stance))
     if found.solution is not None:
-        return _holds(name, stance, stance_margins(found.solution)[0]), None
+        return replace(_held(found.solution)[0], name=name, when=step), None
     proof, proved = found.certificate, True
     if course.robot.source.own:
         outer = TwoStage().solve(_posture(lay("outer"), stance)).certificate

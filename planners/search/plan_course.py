@@ -284,7 +284,7 @@ class _CourseSearch:
         if outcome.certificate is not None:  # of this piece from this posture, and of nothing else
             outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
         assert self.limits is not None
-        return with_whole_body(outcome, self.limits, angles, margins=False, deadline=end)
+        return with_whole_body(outcome, self.limits, angles, deadline=end)
 
     def _striding(self, course: Problem, outcome: Answer[Plan], end: float) -> Answer[Plan]:
         """The answer over a course, from a plan of contacts: where legs go through walls contacts are

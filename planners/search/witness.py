@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.answer import Answer, Status
-from ..answer.plan import MARGIN, Plan
+from ..answer.plan import Plan
 from ..answer.report import LATE
 from ..arguments import cached_property
 from ..equilibrium.batch import PointBatch, ScaledBatch
@@ -40,7 +40,6 @@ from ..projection.whole_body import WholeBodyLimits, whole_body
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
 from ..verify.geometry import LEAST_PUSH, tipping
-from ..verify.margins import with_margins
 from .answer import objective_of
 
 LOG = logging.getLogger(__name__)
@@ -51,7 +50,6 @@ def with_whole_body(
     limits: WholeBodyLimits = WholeBodyLimits(),
     start_rad: Array | None = None,
     *,
-    margins: bool = True,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
     """The outcome with joint angles in its plan, with torques within the limits where such a plan
@@ -65,7 +63,6 @@ def with_whole_body(
     Arguments:
         start_rad: those of a robot that stands already where the plan begins, as for
             ``plan_angles``, shape (J,).
-        margins: as of ``judged``.
         deadline: when it is wanted (``time.perf_counter()``).
 
     Raises:
@@ -100,7 +97,6 @@ def with_whole_body(
         replace(outcome, solution=plan, details=details),
         report,
         bent=bent,
-        margins=margins,
         deadline=deadline,
     )
 
@@ -110,7 +106,6 @@ def judged(
     report: Report[Plan] | None = None,
     *,
     bent: bool = True,
-    margins: bool = True,
     deadline: float = math.inf,
 ) -> Answer[Plan]:
     """The outcome with the verifier's report on all of its plan, which decides its status.
@@ -118,21 +113,15 @@ def judged(
     Arguments:
         report: what the verifier said of the plan already, if it was asked.
         bent: whether there was time to bend the plan.
-        margins: measure how far stances are from tipping; else it is only made sure that the plan
-            does not tip.
     """
     plan = outcome.solution
     assert plan is not None
     report = report or check_plan(
         plan, joints=True, deadline=deadline
     )  # which nothing was asked of yet
-    known = any(group.name == MARGIN for group in report.groups)
-    if margins and not known and not report.defect and not report.late:
-        report = with_margins(report)
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
-    group = next((group for group in report.groups if group.name == MARGIN), None)
-    tips = "" if undecided or _on_a_line(plan) else tipping(plan, LEAST_PUSH, group)
+    tips = "" if undecided or _on_a_line(plan) else tipping(plan, LEAST_PUSH)
     return replace(
         outcome,
         status=Status.UNDECIDED if undecided or tips else outcome.status,

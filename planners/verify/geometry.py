@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.plan import Plan
-from ..answer.report import Group
 from ..files.arrays import Array
 from ..problem.contact import Contact
 from ..robot.model import Limb
 from ..terrain.certainty import Certainty
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
+from .margins import borne_share, stance_margins, verdict_yields_m
 
 _FLAT = 1e-12
 """A polygon whose corners leave its plane by less than this share of its size is the fan of its
@@ -397,30 +397,27 @@ LEAST_PUSH = 0.01
 it is not accepted: simulated, plans below it fall, and most of those above stand."""
 
 
-def tipping(plan: Plan, share: float = LEAST_PUSH, group: Group | None = None) -> str:
+def tipping(plan: Plan, share: float = LEAST_PUSH) -> str:
     """Why a plan for a robot's own legs is about to tip though the verifier accepts it; empty where
     it is not.
 
     Arguments:
         plan: of any robot; of those whose legs are not their file's nothing is said.
         share: push that every stance has to bear, as a share of the weight; 0 for none.
-        group: the verifier's word on the plan's margins, where it is known.
     """
     course = plan.problem
     if not course.robot.source.own or course.uncarried or share <= 0.0:
         return ""
-    if group is None:
-        from .margins import borne_share, margin_group, verdict_yields_m  # Clarabel, of this alone
-
-        if borne_share(plan, (share,), verdict_yields_m(plan)):
-            return ""
-        group = margin_group(plan)
-    least_n = share * course.weight_n
-    push_n = group.figures["push_n"]
+    yields_m, least_n = verdict_yields_m(plan), share * course.weight_n
+    if borne_share(plan, (share,), yields_m):
+        return ""
+    pushes_n = stance_margins(plan, ("push_n",), yields_m=yields_m)["push_n"]
+    weakest, push_n = course.stances[int(pushes_n.argmin())], float(pushes_n.min())
     if push_n >= least_n:
         return ""
+    limbs = " ".join(course.robot.limb_names[limb] for limb in weakest.limbs)
     return (
-        f"margin: {group.where} at frame {group.figures['push_frame']} bear a push of "
+        f"margin: {limbs} at frame {weakest.frame} bear a push of "
         f"{round(push_n, 2):g} N, "
         f"expected {round(least_n, 2):g} N or more, {100.0 * share:.2g} % of the weight"
     )

@@ -21,14 +21,14 @@ def judge(
     *,
     tolerance: float | None = None,
     joints: bool = True,
-    margins: bool | None = None,
+    margins: bool = False,
 ) -> Report[Any]:
     """Check a motion or a proof anew, whoever made it.
 
     Arguments:
         tolerance: largest violation of a plan; the rest have limits of their own.
         joints: of a plan, judge the whole body, too.
-        margins: of a plan, measure what its stances bear; as ``joints`` where None.
+        margins: of a plan, measure what its stances bear.
     """
     match evidence:
         case Plan():
@@ -36,7 +36,7 @@ def judge(
                 evidence,
                 tolerance=TOLERANCE if tolerance is None else tolerance,
                 joints=joints,
-                margins=joints if margins is None else margins,
+                margins=margins,
             )
         case Certificate():
             return check_certificate(evidence)

@@ -47,6 +47,7 @@ from .geometry import (
     sole_points,
 )
 from .half_spaces import beyond, bowed, reach_rows, relative_rows
+from .margins import margin_group, with_margins
 from .postures import (
     check_whole_body,
     plan_defect,
@@ -162,27 +163,27 @@ def check_plan(
             a posture contacts alone are judged.
         between: recompute points between the frames; without them, what convexity proves of the way
             is taken as proved.
-        margins: measure what every stance bears beyond its weight; where a push is asked for they
-            always are, and those of a rejected posture never.
+        margins: measure what every stance bears beyond its weight, but for a rejected posture's;
+            where a push is asked for it is always judged.
         deadline: of the whole body, when to stop (``time.perf_counter()``); what was not looked at
             by then is not checked.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan, tolerance, defect, frame=frame, limb=limb)
-    margins |= plan.problem.push_n > 0.0
+    pushed = plan.problem.push_n > 0.0
     if plan.problem.is_posture:
         report = posture_report(plan, tolerance)
-        margins &= report.accepted
+        margins, pushed = margins and report.accepted, pushed and report.accepted
     else:
         body = check_whole_body(plan, deadline=deadline) if joints else _NOT_ASKED
         with np.errstate(all="ignore"):
             report = _Sweep(plan, tolerance).report(body, BETWEEN if between else ())
-    if not margins:
+    if not (margins or pushed):
         return report
-    from .margins import with_margins  # Clarabel, of this alone
-
-    return with_margins(report)
+    if margins:
+        return with_margins(report)
+    return replace(report, groups=(*report.groups, margin_group(plan, measured=False)))
 
 
 class _Sweep:

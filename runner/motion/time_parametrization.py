@@ -726,10 +726,10 @@ def _steady_pace(plan: Plan, timing: Timing) -> float:
     """Pace at which the weight of the body, c − h/g c̈ on the ground, stays on the soles: 1 where that
     of the timing does.
     """
-    from stancekit.planners.verify.margins import margin_group  # Clarabel, of soles alone
+    from stancekit.planners.verify.margins import stance_margins  # of soles alone
 
     model = plan.problem.robot.source.own_model()
-    support_m = float(margin_group(plan).figures["support_m"])
+    support_m = float(stance_margins(plan, ("support_m",))["support_m"].min())
     ways = np.linalg.norm(np.diff(plan.com_m[:, :2], axis=0), axis=1)
     seconds = np.maximum(timing.swing_s, ways / timing.body_m_s)
     room = np.maximum(_SUPPORT * support_m + _PASSED * ways, _LEAST_ROOM_M)

@@ -185,19 +185,17 @@ def test_clocks_are_seen_only_when_asked_for():
 
 def test_margins_of_a_window_are_told_when_asked_for():
     for margins in (False, True):
-        env = made("walls", margins=margins)
+        env = made("walls", margins=margins, weights={"support": 1.0})
         before, info = (step[-1] for step in played(env, 0, [LIFT]))
         assert info["feasible"] == 1
         assert (before["push_n"], before["support_m"], before["friction_left"]) == (0.0, 0.0, 0.0)
         found = info["push_n"], info["support_m"], info["friction_left"]
         plan = env._walked[-1]
         measured = stance_margins(plan, yields_m=verdict_yields_m(plan))
-        least = [
-            min(getattr(margin, name) for margin in measured)
-            for name in ("push_n", "support_m", "friction_left")
-        ]
+        least = [values.min() for values in measured.values()]
         assert found == (tuple(least) if margins else (0.0, 0.0, 0.0))
         assert min(least) > 0.0
+        assert info["reward_support"] == pytest.approx(least[1])
 
 
 def test_a_window_without_a_plan_by_proof_ends_the_episode():

@@ -226,7 +226,7 @@ def test_no_reader_ignores_a_field(kind: str, field: str) -> None:
 
 def test_a_push_is_borne_or_the_posture_is_refused() -> None:
     problem, posture = asked("posture")
-    least_n = stance_margins(posture, pushes_alone=True)[0].push_n
+    least_n = float(stance_margins(posture)["push_n"][0])
     for share in (0.9, 1.1):
         pushed = replace(problem, push_n=share * least_n)
         assert stancekit.verify(replace(posture, problem=pushed)).accepted == (share < 1.0)

@@ -16,6 +16,7 @@ from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.margins import with_margins
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
@@ -38,7 +39,7 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(
     assert planned.solution is not None
     assert said is not None
     assert outcome.status is Status.FEASIBLE
-    report = check_plan(outcome.solution, joints=True, margins=True)
+    report = check_plan(outcome.solution, joints=True)
     assert report.accepted
     assert said.answer is outcome.solution
     assert said.to_json() == report.to_json()
@@ -122,7 +123,7 @@ def test_a_plan_for_own_legs_that_is_about_to_tip_is_undecided_and_says_where(
     planned = plan_with_reserve(TwoStage(), read_course(tmp_path / "flat.yaml"))
     stands = with_whole_body(planned)
     assert stands.report is not None
-    least = stands.report.group("margin").figures["push_n"] / planned.problem.weight_n
+    least = with_margins(stands.report).group("margin").figures["push_n"] / planned.problem.weight_n
     assert stands.status is Status.FEASIBLE
     assert least > 0.01
     monkeypatch.setattr(witness, "LEAST_PUSH", least + 0.01)

@@ -11,16 +11,16 @@ import stancekit
 from stancekit.planners.answer.plan import MARGIN, Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.contact import Contact
-from stancekit.planners.problem.problem import Problem, Stance
-from stancekit.planners.projection.force_distribution import ForceDistribution
+from stancekit.planners.problem.problem import Problem
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan, margins
 from stancekit.planners.verify.margins import (
     YIELDS,
     borne_share,
-    least_margins,
     margin_group,
+    pushes,
     stance_margins,
+    stances_of,
     support_region,
 )
 from tests.refusals import assert_names, refuses
@@ -71,26 +71,21 @@ def table(com_m: tuple[float, float], friction: float) -> Plan:
     )
 
 
+def only(plan: Plan, yields_m: float = 0.0) -> dict[str, float]:
+    """The margins of a plan's one stance."""
+    return {
+        name: float(value) for name, (value,) in stance_margins(plan, yields_m=yields_m).items()
+    }
+
+
 @pytest.mark.parametrize("com_m", [(0.0, 0.0), (0.05, 0.0), (0.03, -0.12)])
 def test_a_table_tips_about_its_nearest_side(com_m: tuple[float, float]) -> None:
-    (margin,) = stance_margins(table(com_m, friction=5.0))
+    margin = only(table(com_m, friction=5.0))
     inside = HALF_M - max(abs(x) for x in com_m)
-    assert margin.support_m == pytest.approx(inside, rel=0.02)
-    assert margin.support_m <= inside + 1e-6
-    assert margin.push_n == pytest.approx(WEIGHT_N * inside / HEIGHT_M, rel=0.02)  # F h = w d
-    assert margin.push_n <= WEIGHT_N * inside / HEIGHT_M + 1e-4
-
-
-@pytest.mark.parametrize("yields_m", [0.05, 0.2])
-def test_a_table_that_gives_way_tips_earlier(yields_m: float) -> None:
-    """F h = w (d − y F / w): the weight bears nearer to the side, the more the harder the push
-    is.
-    """
-    (margin,) = stance_margins(table((0.05, 0.0), friction=5.0), yields_m=yields_m)
-    assert margin.push_n == pytest.approx(
-        WEIGHT_N * (HALF_M - 0.05) / (HEIGHT_M + yields_m), rel=0.02
-    )
-    assert margin.support_m == pytest.approx(HALF_M - 0.05, rel=0.02)
+    assert margin["support_m"] == pytest.approx(inside, rel=0.02)
+    assert margin["support_m"] <= inside + 1e-6
+    assert margin["push_n"] == pytest.approx(WEIGHT_N * inside / HEIGHT_M, rel=0.02)  # F h = w d
+    assert margin["push_n"] <= WEIGHT_N * inside / HEIGHT_M + 1e-4
 
 
 def test_the_verdict_is_on_a_body_that_gives_way_and_a_push_that_is_asked_for_is_balanced() -> None:
@@ -107,15 +102,15 @@ def test_the_verdict_is_on_a_body_that_gives_way_and_a_push_that_is_asked_for_is
 
 
 def test_a_table_on_ice_slides_before_it_tips() -> None:
-    (margin,) = stance_margins(table((0.0, 0.0), friction=0.1))
-    assert margin.push_n == pytest.approx(0.1 * WEIGHT_N, rel=0.02)
-    assert margin.support_m == pytest.approx(HALF_M, rel=0.02)
-    assert margin.friction_left > 0.9  # nothing pushes
+    margin = only(table((0.0, 0.0), friction=0.1))
+    assert margin["push_n"] == pytest.approx(0.1 * WEIGHT_N, rel=0.02)
+    assert margin["support_m"] == pytest.approx(HALF_M, rel=0.02)
+    assert margin["friction_left"] > 0.9  # nothing pushes
 
 
 def test_a_centre_beyond_the_feet_has_no_margin() -> None:
-    (margin,) = stance_margins(table((0.21, 0.0), friction=1.0))
-    assert (margin.push_n, margin.support_m) == (0.0, 0.0)
+    margin = only(table((0.21, 0.0), friction=1.0))
+    assert (margin["push_n"], margin["support_m"]) == (0.0, 0.0)
 
 
 def test_the_region_of_a_table_is_the_square_of_its_feet() -> None:
@@ -133,70 +128,26 @@ def climb() -> Plan:
     return found
 
 
-def held(plan: Plan, stance: Stance, push_n: float, turn: float) -> bool:
-    """Whether a stance bears a push, by the program that distributes forces, which has other
-    rows.
-    """
-    course = plan.problem
-    arms = plan.toes_at(stance.frame) - plan.com_m[stance.frame]
-    patches = [course.patch(int(index), plan.choice) for index in course.holds[stance.frame]]
-    bears = np.isin(np.arange(6), stance.limbs)
-    push = push_n / course.weight_n * np.array([np.cos(turn), np.sin(turn), 0.0, 0.0, 0.0, 0.0])
-    distribution = ForceDistribution(6)
-    return (
-        distribution.forces(course, arms, patches, bears, reserves=(1.0,), least=0.0, wrench=push)
-        is not None
-    )
-
-
-def test_a_push_that_is_said_to_be_borne_has_forces_in_all_directions(climb: Plan) -> None:
-    turns = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
-    for margin, stance in zip(stance_margins(climb), climb.problem.stances, strict=True):
-        assert all(held(climb, stance, 0.99 * margin.push_n, turn) for turn in turns)
-        assert not all(held(climb, stance, 1.05 * margin.push_n, turn) for turn in turns)
-
-
-@pytest.mark.parametrize("scatter", [0.0, 0.02, 0.1, 0.5, 2.0])
+@pytest.mark.parametrize("scatter", [0.0, 0.1, 2.0])
 def test_what_forces_near_the_plans_show_is_never_more_than_there_is(
     climb: Plan, scatter: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Least margins and borne pushes are those of every stance looked at, also of forces that are
-    none.
-    """
+    """Borne pushes are those of every stance looked at, also of forces that are none."""
     rng = np.random.default_rng(int(100 * scatter))
-    asked, spared = [], 0
-    for _ in range(6):
-        noise = scatter * climb.problem.weight_n * rng.standard_normal(climb.forces_n.shape)
-        plan = replace(climb, forces_n=np.where(climb.forces_n == 0.0, 0.0, climb.forces_n + noise))
-        every = stance_margins(plan, yields_m=0.05)
-        contacts = [margins._contacts(plan, index) for index in range(len(every))]
-        shifts = [margins.PUSH + 0.05 * margins._shift(at.borne) for at in contacts]
-        sure = margins._sure_distances(contacts, shifts)
-        assert all(sure * plan.problem.weight_n <= [margin.push_n for margin in every])
-        spared += int(np.sum(sure > 0.02))
-        asked.append(plan)
-    assert spared > 0 or scatter >= 0.5
-    found = [
-        (
-            least_margins(plan),
-            borne_share(plan, (0.14, 0.06, 0.03)),
-            borne_share(plan, (0.01,), 0.05),
-        )
-        for plan in asked
-    ]
-    monkeypatch.setattr(margins, "_sure_distances", lambda every, _: np.zeros(len(every)))
-    assert found == [
-        (
-            least_margins(plan),
-            borne_share(plan, (0.14, 0.06, 0.03)),
-            borne_share(plan, (0.01,), 0.05),
-        )
-        for plan in asked
-    ]
+    noise = scatter * climb.problem.weight_n * rng.standard_normal(climb.forces_n.shape)
+    plan = replace(climb, forces_n=np.where(climb.forces_n == 0.0, 0.0, climb.forces_n + noise))
+    at = stances_of(plan)
+    shifts = pushes(at.borne, 0.05)
+    sure = margins._sure_distances(plan, at, shifts)
+    assert (sure <= at.margins(shifts).lower).all()
+    assert (sure > 0.02).any() or scatter > 1.0
+    found = borne_share(plan, (0.14, 0.06, 0.03)), borne_share(plan, (0.01,), 0.05)
+    monkeypatch.setattr(margins, "_sure_distances", lambda *_: np.zeros(len(sure)))
+    assert found == (borne_share(plan, (0.14, 0.06, 0.03)), borne_share(plan, (0.01,), 0.05))
 
 
 def test_a_plan_bears_the_push_that_is_asked_for() -> None:
-    plain = stancekit.plan("stairs", frames=6)
+    plain = stancekit.plan("stairs", frames=6, settings=stancekit.PlanSettings(margins=True))
     assert plain.report is not None
     least_n = plain.report.group(MARGIN).figures["push_n"]
     wanted_n = 1.5 * least_n
@@ -204,7 +155,7 @@ def test_a_plan_bears_the_push_that_is_asked_for() -> None:
     assert found.status is stancekit.Status.FEASIBLE
     assert found.solution is not None
     assert found.solution.problem.push_n == wanted_n
-    assert min(margin.push_n for margin in stance_margins(found.solution)) >= wanted_n
+    assert stance_margins(found.solution)["push_n"].min() >= wanted_n
     assert plain.solution is not None
     asked = replace(plain.solution, problem=replace(plain.solution.problem, push_n=wanted_n))
     report = check_plan(asked)
@@ -228,7 +179,7 @@ def test_verify_measures_the_margins_of_a_posture_and_none_of_a_refused_one() ->
     """Toes on patches of 1 mm: w d = F (h + y) about the nearest side, d and h of the posture."""
     problem = four_feet(np.array([0.06, 0.0, HEIGHT_M]), friction=5.0, patch_m=0.0005)
     posture = stancekit.solve(problem).solution
-    report = stancekit.verify(posture)
+    report = stancekit.verify(posture, margins=True)
     (com,), figures = posture.com_m, report.group(MARGIN).figures
     inside = HALF_M - np.abs(com[:2]).max()
     assert figures["support_m"] == pytest.approx(inside, rel=0.02, abs=0.001)
@@ -238,5 +189,6 @@ def test_verify_measures_the_margins_of_a_posture_and_none_of_a_refused_one() ->
     assert report.worst < 1e-6  # of contacts
     assert report.group("margin").to_json()["figures"]["push_n"] == figures["push_n"]
 
-    refused = stancekit.verify(replace(posture, com_m=posture.com_m + np.array([0.0, 0.0, 0.9])))
+    away = replace(posture, com_m=posture.com_m + np.array([0.0, 0.0, 0.9]))
+    refused = stancekit.verify(away, margins=True)
     assert (refused.accepted, refused.remark) == (False, "")

@@ -255,19 +255,6 @@ def test_no_change_of_a_force_or_of_level_com_goes_unseen(walk, seed):
     )
 
 
-def test_the_digest_speaks_of_course_plan_tolerance_and_verdict(walk):
-    plan = walk()
-    digests = {
-        check_plan(plan).digest,
-        check_plan(plan, tolerance=1e-5).digest,
-        check_plan(changed(plan, "com_m", (0, 0), 1e-9)).digest,
-        check_plan(replace(plan, problem=replace(plan.problem, goal_m=[1.0, 0.0, 0.0]))).digest,
-    }
-    assert len(digests) == 4
-    assert check_plan(walk()).digest in digests
-    assert all(len(digest) == 64 for digest in digests)
-
-
 def test_joints_that_cannot_be_asked_are_said_to_be_unchecked(walk, monkeypatch):
     def missing():
         raise InvalidInput("pinocchio is missing")

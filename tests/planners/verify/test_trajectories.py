@@ -780,33 +780,6 @@ def test_no_values_make_it_raise_or_accept(name, value, share, seed):
 # the report
 
 
-def test_the_digest_speaks_of_trajectory_limits_and_verdict():
-    still = standing()
-    report = check_trajectory(still)
-    assert report.digest == check_trajectory(standing()).digest
-    others = [
-        check_trajectory(still, WalkLimits(reach_m=4e-3)),
-        check_trajectory(replace(still, friction=0.76)),
-        check_trajectory(moved(still, "forces_n", 1e-12, (5, 1, 2))),
-        check_trajectory(replace(still, provenance={})),
-    ]
-    assert len({report.digest, *(other.digest for other in others)}) == 5
-
-
-def test_json_holds_every_group_with_its_limit():
-    report = check_trajectory(moved(standing(), "feet_m", [0.0, 0.0, 0.01], np.s_[:, 2]))
-    record = json.loads(json.dumps(report.to_json(), allow_nan=False))
-    assert [group["group"] for group in record["groups"]] == list(GROUPS)
-    assert {group["group"]: group["unit"] for group in record["groups"]} == GROUPS
-    gap = next(group for group in record["groups"] if group["group"] == "contact_gap")
-    assert (gap["where"], gap["limit"]) == ("LH", 1e-3)
-    assert gap["value"] == pytest.approx(0.01)
-    assert record["accepted"] is False
-    assert record["message"].startswith(
-        "rejected: contact_gap (at 0.000 s, LH): 0.01 m, limit 0.001 m"
-    )
-
-
 def test_scales_follow_the_robot():
     """Forces are judged in units of m·g, so a robot of twice the mass with twice the forces is
     judged the same.

@@ -283,16 +283,6 @@ def on_patch(patch, toe):
     return next(g for g in report.groups if g.name == "patch").value
 
 
-@given(SEEDS, st.sampled_from([0.0, 1e-6, 1.5e-3]))
-@settings(max_examples=80, deadline=None)
-def test_every_convex_combination_of_the_vertices_is_on_the_patch(seed, bend):
-    rng = np.random.default_rng(seed)
-    patch = polygon_patch(rng, bend=bend)
-    for sparse in (0.05, 1.0):
-        shares = rng.dirichlet(np.full(len(patch.vertices_m), sparse))
-        assert on_patch(patch, shares @ patch.vertices_m) < 1e-9
-
-
 @given(SEEDS, st.sampled_from([0.0, 1.5e-3]))
 @settings(max_examples=60, deadline=None)
 def test_the_patch_distance_is_that_from_the_convex_hull(seed, bend):
@@ -531,17 +521,6 @@ def test_a_foot_beside_the_com_leaves_the_moment_of_its_distance():
     needs = explain(proof.of(problem))
     assert needs.relaxations[0].parameter == "com_radius"
     assert needs.relaxations[0].needed == pytest.approx(0.2 - 1e-4 * 0.6, abs=1e-5)
-
-
-def test_a_leaf_whose_force_box_misses_the_cone_is_empty():
-    problem = problem_of(ground(friction=0.5, most=1.0))
-    tree = [[3, 0, 0, 0.3, 0], [3, 0, 1, 0.2, 0], *LEAF, *LEAF, *LEAF]
-    report = check_certificate(certificate(tree=tree, leaves=3).of(problem))
-    assert report.figures["lower_bound"] == 0.0
-    assert (
-        report.figures["weakest"] == 0
-    )  # leaf 1, f_n ≤ 0.3 and f_y ≥ 0.2, holds no force of the cone: bound inf
-    assert not report.accepted
 
 
 def test_a_leaf_is_called_empty_just_where_no_force_is_in_box_and_cone():

@@ -20,7 +20,6 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.certificate import Forest
-from stancekit.planners.verify.margins import stance_margins
 from stancekit.planners.verify.wrench_held import least_held
 from tests.refusals import assert_names
 
@@ -205,33 +204,6 @@ def test_what_is_not_the_wrenchs_fault_is_not_said_of_it() -> None:
     answer = stancekit.solve(short)
     assert answer.certificate is not None
     assert "holds" not in explain(answer.certificate).message
-
-
-def loaded_margin(wrench: Array | list[float] | None, friction: float = 5.0) -> tuple[float, float]:
-    """Push and support of the table with its feet in the middle of the squares; forces do not
-    matter.
-    """
-    problem = table(friction).posture_with(wrench=wrench)
-    plan = standing(problem.course(), np.zeros((4, 3)))
-    (margin,) = stance_margins(plan)
-    return margin.push_n, margin.support_m
-
-
-def test_margins_are_those_of_the_loaded_robot() -> None:
-    """A load at the centre of mass weighs the table down; one at a corner takes of what is left; a
-    wind pushes, too.
-    """
-    plain_n, plain_m = loaded_margin(None)
-    below_n, below_m = loaded_margin(at_point((0, 0, -0.2 * WEIGHT_N), (0, 0, 0), (0, 0, 0)))
-    assert below_n == pytest.approx(1.2 * plain_n, rel=0.03)
-    assert below_m == pytest.approx(plain_m, rel=0.03)
-    _, aside_m = loaded_margin(at_point((0, 0, -0.2 * WEIGHT_N), (0, 0, 0), (0.12, 0, 0)))
-    assert aside_m == pytest.approx(
-        HALF_M - 0.2 / 1.2 * 0.12, rel=0.03
-    )  # of all that weighs, a sixth is .12 m away
-    windy_n, windy_m = loaded_margin([0.1 * WEIGHT_N, 0, 0, 0, 0, 0])
-    assert windy_n == pytest.approx(plain_n - 0.1 * WEIGHT_N, rel=0.03)
-    assert windy_m == pytest.approx(HALF_M - 0.1 * HEIGHT_M, rel=0.03)
 
 
 @pytest.fixture
