@@ -30,13 +30,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1424, 16190),
+    "api": (1424, 16188),
     "cli": (3610, 40383),
     "configs": (3, 30),
     "envs": (3128, 42836),
     "learners": (5323, 77983),
-    "planners": (36047, 581235),
-    "runner": (6857, 92475),
+    "planners": (36025, 581072),
+    "runner": (6852, 92453),
     "views": (4413, 68808),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
