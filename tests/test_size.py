@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1424, 16188),
+    "api": (1419, 16099),
     "cli": (3610, 40383),
     "configs": (3, 30),
     "envs": (3128, 42836),
     "learners": (5323, 77983),
-    "planners": (36025, 581072),
-    "runner": (6852, 92453),
-    "views": (4413, 68808),
+    "planners": (35911, 579705),
+    "runner": (6796, 91444),
+    "views": (4417, 68809),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
