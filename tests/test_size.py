@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3128, 42836),
     "learners": (5323, 77983),
-    "planners": (35911, 579705),
+    "planners": (35902, 579527),
     "runner": (6796, 91444),
     "views": (4417, 68809),
 }
