@@ -57,7 +57,7 @@ def plan(
 ) -> Answer[Plan]: ...
 @overload
 def plan(
-    course: Leap, method: LeapFinder = LeapFinder(), *, time_limit_s: float = 60.0
+    course: Leap, method: LeapFinder = ..., *, time_limit_s: float = 60.0
 ) -> Answer[LeapPlan]: ...
 @overload
 def plan(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
@@ -218,12 +219,8 @@ def accepted_of(motion: _Motion | Problem | str | Path) -> Accepted[Any]:
     """
     if isinstance(motion, Accepted):
         return motion
-    if isinstance(motion, Crossing):
+    if isinstance(motion, Motion):
         return Accepted.verified(motion, motion.name)
-    if isinstance(motion, Plan | LeapPlan):
-        return Accepted.verified(motion, motion.problem.name)
-    if isinstance(motion, Trajectory):
-        return Accepted.verified(motion, motion.terrain.name or "gait")
     if isinstance(motion, Problem):
         raise InvalidInput(
             f"motion: expected a plan or a walk; the course {motion.name} is walked by a policy"
@@ -283,8 +280,7 @@ def _is_timed(asked: Accepted[Any] | Problem) -> bool:
 
 def _called(asked: Accepted[Any] | Problem) -> str:
     """Kind of a motion, in words."""
-    kinds = {Crossing: "crossing", LeapPlan: "leap", Trajectory: "gait"}
-    return "plan" if isinstance(asked, Problem) else kinds.get(type(asked.plan), "plan")
+    return "plan" if isinstance(asked, Problem) else str(asked.plan.WORD)
 
 
 def _json_of(path: str | Path) -> object:

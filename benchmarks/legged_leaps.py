@@ -30,8 +30,8 @@ from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.formats.question_file import read_leap
 from stancekit.planners.leap.bend import judged_answer
 from stancekit.planners.leap.finder import LeapFinder, find_leap
-from stancekit.planners.motion.gait_motion import CrossingMotion
-from stancekit.planners.motion.leap_motion import REST_S, LeapRun
+from stancekit.planners.motion.gait_motion import crossing_motion
+from stancekit.planners.motion.leap_motion import REST_S, SETTLE_S, leap_motion
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds.drives import Imperfections
@@ -141,11 +141,13 @@ def stop(asked: Asked, path: Path) -> None:
     """
     accepted = Accepted.from_file(path)
     leaps = isinstance(accepted.plan, LeapPlan)
-    motion = LeapRun(accepted.plan) if leaps else CrossingMotion(accepted.plan)
-    plan = next(p for p in (motion.parts if not leaps else [motion]) if isinstance(p, LeapRun))
-    begin = motion.committed_s[0][0] - plan.committed_s[0][0] + plan.settle_s
+    plan = next(
+        p for p in getattr(accepted.plan, "parts", [accepted.plan]) if isinstance(p, LeapPlan)
+    )
+    whole, alone = leap_motion(plan) if leaps else crossing_motion(accepted.plan), leap_motion(plan)
+    begin = whole.committed_s[0][0] - alone.committed_s[0][0] + SETTLE_S
     lines = Lines(path.with_suffix(".stops.jsonl"), "instant")
-    for k, at in enumerate(np.linspace(0.0, float(plan.plan.times_s[-1]), asked.instants)):
+    for k, at in enumerate(np.linspace(0.0, float(plan.times_s[-1]), asked.instants)):
         if k not in lines.rows:
             lines.add(k, {"leap_s": round(float(at), 3)} | stopped(accepted, begin + float(at)))
     rows = list(lines.rows.values())

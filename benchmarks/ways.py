@@ -422,7 +422,7 @@ def judged(scene: Scene, path: Path) -> dict[str, Any]:
     worst: tuple[float, str, float] = (-np.inf, "", 0.0)
     for number, angles in enumerate(postures.angles):
         base = np.eye(4)
-        base[:3, :3], base[:3, 3] = postures.rotations[number], postures.origins_m[number]
+        base[:3, :3], base[:3, 3] = postures.rotation[number], postures.origin_m[number]
         frames = robot.placed(base, dict(zip(known.joints, angles, strict=True)))
         about = boxes[
             np.all(

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,11 +15,10 @@ from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion, plans_of
-from stancekit.planners.motion.leap_motion import LeapRun
+from stancekit.planners.motion.gait_motion import crossing_motion, gait_motion, plans_of
+from stancekit.planners.motion.leap_motion import leap_motion
 from stancekit.planners.motion.motion import Played
-from stancekit.planners.motion.path import LIFT_M, touch_downs_m
-from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.motion.path import LIFT_M
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .acceptance import Accepted, check_fits, check_joints, check_stands
@@ -27,19 +26,18 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .log import Record
 from .motion.bodies import motion_bodies
-from .motion.redundancy import LoadTransfer, MeanForces, RedundancyResolution, resolved
+from .motion.redundancy import RedundancyResolution, load_transfer, mean_forces, resolved
 from .motion.time_parametrization import (
     BLIND,
     LIMIT_SHARE,
     RATE_HZ,
     STEADY,
     JointProfile,
-    TimedMotion,
     check_actuators,
     check_at_rest,
     expected,
+    parametrize,
     timed_gait,
-    timed_plan,
     unhurried_plan,
 )
 from .safety.guard import SafeWorld
@@ -48,19 +46,15 @@ from .worlds.drives import Drives
 from .worlds.world import Ground, Solids, State, Terrain
 
 LOG = logging.getLogger(__name__)
-PlannedMotion = PlanMotion | GaitMotion | LeapRun | CrossingMotion
 BodyFrom = Literal["the world", "leg odometry", "nothing"]
 _WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
 _LEAPING: dict[str, Any] = {**_WALKING, "settle_hz": 5.0}
 """So is one that lands, which slides as it does; where it came to rest it stands."""
-M_co = TypeVar("M_co", bound=Played, covariant=True)
-P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
-P = TypeVar("P", bound=PlannedMotion)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tracked(Generic[M_co]):
+class Tracked:
     """A motion with a tracker that has not begun.
 
     Arguments:
@@ -68,7 +62,7 @@ class Tracked(Generic[M_co]):
         sees: feet are felt.
     """
 
-    motion: M_co
+    motion: Played
     tracker: Tracker
     first: Target
     sees: bool
@@ -91,15 +85,13 @@ class Tracked(Generic[M_co]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Prepared(Tracked[P_co]):
+class Prepared(Tracked):
     """A plan, or a gait, that a run begins with.
 
     Arguments:
         accepted: the motion as it was accepted.
         terrain: what it was made for.
         surfaces: what feet stay out of.
-        pace: of that asked for, 1 where it was slow enough.
-        bound_by: what slowed it down.
         clearance_m: how far feet are lifted where the path to the first pose is not clear.
         touch_downs_m: how far beyond its place the ground of each foothold may be, 0 of what is
             exact, shape (P,).
@@ -110,13 +102,37 @@ class Prepared(Tracked[P_co]):
     terrain: Terrain
     surfaces: Solids
     clearance_m: float
-    pace: float = 1.0
-    bound_by: str = ""
     touch_downs_m: Array | None = None
+
+    @property
+    def counted(self) -> str:
+        """What its progress counts."""
+        return "key frames" if isinstance(self.accepted.plan, Plan) else "seconds"
+
+    @property
+    def last_frame(self) -> float:
+        """Progress at its end."""
+        plan = self.accepted.plan
+        return plan.problem.frames - 1 if isinstance(plan, Plan) else self.motion.duration_s
+
+    @property
+    def ends_m(self) -> tuple[Array, Array]:
+        """Places at which the centre of mass begins and ends, shape (3,) each [m]."""
+        match self.accepted.plan:
+            case Trajectory() as walk:
+                return walk.torso_m[0], walk.torso_m[-1]
+            case Crossing(parts=parts):
+                return parts[0].com_m[0], parts[-1].com_m[-1]
+            case plan:
+                return plan.com_m[0], plan.com_m[-1]
 
     def entry(self, world: SafeWorld) -> dict[str, Any]:
         """Entry of a log before the run."""
         limbs = {leg.name: list(leg.joint_names) for leg in self.kinematics.model.legs}
+        plan, (start_m, goal_m) = self.accepted.plan, self.ends_m
+        path: dict[str, Any] = {"start_m": start_m, "goal_m": goal_m}
+        if isinstance(plan, Plan):
+            path = {"com_m": plan.com_m, "toes_m": plan.toes_m, "holds": plan.problem.holds}
         return {
             "digest": self.accepted.digest,
             "course": self.accepted.name,
@@ -126,12 +142,12 @@ class Prepared(Tracked[P_co]):
             "rate_hz": world.rate_hz,
             "world": world.name,
             "dry": world.dry,
-            "pace": self.pace,
-            "bound_by": self.bound_by,
+            "pace": self.motion.pace,
+            "bound_by": self.motion.bound_by,
             "seconds": self.motion.duration_s,
             "sees": self.sees,
-            "frames": self.motion.last_frame + 1,
-            **self.motion.entry(),
+            "frames": self.last_frame + 1,
+            **path,
             **world.drives.entry(),
         }
 
@@ -143,7 +159,7 @@ class Prepared(Tracked[P_co]):
             record,
             self.kinematics,
             world,
-            goal_m=self.motion.goal_m,
+            goal_m=self.ends_m[1],
             stances=self.motion.stances,
             tolerance=settings.tolerance,
             wall_s=wall_s,
@@ -167,7 +183,7 @@ def prepare(
     world: SafeWorld,
     settings: RunSettings,
     resumption: Resumption | None = None,
-) -> Prepared[Any]:
+) -> Prepared:
     """A motion for a world that it fits, with its tracker.
 
     A plan is timed and slowed down to what joints can do, and so are the climbs of a crossing. A
@@ -195,7 +211,7 @@ def _of_plan(
     world: SafeWorld,
     settings: RunSettings,
     resumption: Resumption | None,
-) -> Prepared[PlanMotion]:
+) -> Prepared:
     plan, sees = accepted.plan, _sees_feet(world, settings)
     if settings.check_limits:
         if resumption is None and not settings.hung:
@@ -214,25 +230,24 @@ def _of_plan(
     motion, wished = unhurried_plan(
         plan, kinematics, world.capabilities, settings.timing, shared=settings.forces == "shared"
     )
-    pace = steady = motion.timing.foot_m_s / settings.timing.foot_m_s
-    bound_by = "the support of its soles" if pace < 1.0 else ""
     if settings.check_limits:
         if not settings.hung:
             check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
-        timed = timed_plan(
-            motion, wished, kinematics, world.capabilities, world.drives, hung=settings.hung
+        profile = parametrize(
+            motion,
+            kinematics,
+            world.capabilities,
+            hung=settings.hung,
+            drives=world.drives,
+            wished=wished,
         )
-        motion, pace, bound_by, wished = (
-            timed.motion,
-            steady * timed.pace,
-            timed.bound_by or bound_by,
-            timed.profile.wished,
-        )
-        _check_heat(accepted.source, timed.profile, world.drives)
-        _check_bodies(accepted, timed, kinematics)
-    followed: Played = LoadTransfer(motion) if settings.hung else motion
+        motion, wished = profile.motion, profile.wished
+        _check_heat(accepted.source, profile, world.drives)
+        _check_bodies(accepted, profile, kinematics)
+    assert motion.rest_s is not None
+    followed = load_transfer(motion) if settings.hung else motion
     if resumption is not None and not settings.hung:
-        followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
+        followed = load_transfer(motion, resumption.carried_n, motion.rest_s)
     tracker = Tracker(
         followed,
         kinematics,
@@ -241,7 +256,7 @@ def _of_plan(
         settings.body,
         wished,
         world.drives,
-        touch_downs_m(plan),
+        plan.path.touch_downs_m,
     )
     first = tracker.start()
     if resumption is not None:
@@ -253,25 +268,21 @@ def _of_plan(
         tracker=tracker,
         first=first,
         sees=sees,
-        pace=pace,
-        bound_by=bound_by,
-        clearance_m=motion.path.lift_m,
+        clearance_m=plan.path.lift_m,
         terrain=course.terrain,
         surfaces=motion.solids,
-        touch_downs_m=touch_downs_m(plan),
+        touch_downs_m=plan.path.touch_downs_m,
     )
 
 
-def _of_gait(
-    accepted: Accepted[Trajectory], world: SafeWorld, settings: RunSettings
-) -> Prepared[GaitMotion]:
+def _of_gait(accepted: Accepted[Trajectory], world: SafeWorld, settings: RunSettings) -> Prepared:
     if settings.odometry:
         raise InvalidInput(
             "odometry: expected a plan, got a gait: two standing feet do not determine the body's "
             "rotation"
         )
     trajectory, kinematics = accepted.plan, _kinematics(accepted, world)
-    motion = GaitMotion(trajectory, accepted.robot.source.foot_radii_m)
+    motion = gait_motion(trajectory, accepted.robot.source.foot_radii_m)
     wished = (
         _check_gait(motion, kinematics, world, hung=settings.hung)
         if settings.check_limits
@@ -288,35 +299,33 @@ def _of_gait(
         replace(settings, body=stepping),
         kinematics,
         motion,
-        LoadTransfer(motion) if settings.hung else motion,
+        load_transfer(motion) if settings.hung else motion,
         wished,
         ground,
         (ground,),
     )
 
 
-def _of_leaps(
-    accepted: Accepted[Any], world: SafeWorld, settings: RunSettings
-) -> Prepared[LeapRun | CrossingMotion]:
+def _of_leaps(accepted: Accepted[Any], world: SafeWorld, settings: RunSettings) -> Prepared:
     _check_leaps(settings, world)
     kinematics, subject = _kinematics(accepted, world), accepted.plan
     ground = accepted.plan.ground()
     if isinstance(subject, LeapPlan):
         assert isinstance(ground, tuple)
-        motion: LeapRun | CrossingMotion = LeapRun(subject)
+        motion = leap_motion(subject)
         surfaces: Solids = tuple(patch.solid for patch in ground)
     else:
-        motion = CrossingMotion(subject, _climbs(accepted, world, settings, kinematics))
+        motion = crossing_motion(subject, _climbs(accepted, world, settings, kinematics))
         surfaces = motion.solids
-    followed = MeanForces(motion, 1.0 / world.rate_hz)
+    followed = mean_forces(motion, 1.0 / world.rate_hz)
     return _paced(accepted, world, settings, kinematics, motion, followed, None, ground, surfaces)
 
 
 def _climbs(
     accepted: Accepted[Crossing], world: SafeWorld, settings: RunSettings, kinematics: Kinematics
-) -> list[PlanMotion]:
+) -> list[Played]:
     """The climbs of a crossing, timed as any plan's."""
-    climbs = list[PlanMotion]()
+    climbs = list[Played]()
     for plan in plans_of(accepted.plan):
         motion, wished = unhurried_plan(
             plan,
@@ -327,7 +336,8 @@ def _climbs(
         )
         if settings.check_limits:
             check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
-            motion = timed_plan(motion, wished, kinematics, world.capabilities, world.drives).motion
+            can, drives = world.capabilities, world.drives
+            motion = parametrize(motion, kinematics, can, drives=drives, wished=wished).motion
         climbs.append(motion)
     return climbs
 
@@ -343,12 +353,12 @@ def _paced(
     world: SafeWorld,
     settings: RunSettings,
     kinematics: Kinematics,
-    motion: P,
+    motion: Played,
     followed: Played,
     wished: RedundancyResolution | None,
     terrain: Terrain,
     surfaces: Solids,
-) -> Prepared[P]:
+) -> Prepared:
     """A motion that runs at its own pace.
 
     Arguments:
@@ -356,7 +366,7 @@ def _paced(
     """
     sees, feet = (
         _sees_feet(world, settings),
-        _WALKING if isinstance(motion, GaitMotion) else _LEAPING,
+        _WALKING if isinstance(accepted.plan, Trajectory) else _LEAPING,
     )
     tracker = Tracker(
         followed,
@@ -423,13 +433,11 @@ def _check_settings(settings: RunSettings, world: SafeWorld) -> None:
         )
 
 
-def _check_bodies(
-    accepted: Accepted[Plan], timed: TimedMotion[PlanMotion], kinematics: Kinematics
-) -> None:
+def _check_bodies(accepted: Accepted[Plan], profile: JointProfile, kinematics: Kinematics) -> None:
     """Raise InvalidInput where a link goes through another one or the terrain on the way; log what
     has no shape.
     """
-    report = motion_bodies(accepted.plan, timed.profile.targets, kinematics)
+    report = motion_bodies(accepted.plan, profile.rows, kinematics)
     if report.message:
         raise InvalidInput(
             f"{accepted.source}: expected a motion in which no bodies collide: {report.message}"
@@ -443,7 +451,7 @@ def _check_bodies(
 
 
 def _check_gait(
-    motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool
+    motion: Played, kinematics: Kinematics, world: SafeWorld, *, hung: bool
 ) -> RedundancyResolution:
     """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down.
 
@@ -452,9 +460,7 @@ def _check_gait(
     wished = resolved(motion, kinematics)
     if not hung:
         check_at_rest("gait", motion, kinematics, wished, world.drives, LIMIT_SHARE)
-    profile = timed_gait(
-        motion, wished, kinematics, world.capabilities, world.drives, hung=hung
-    ).profile
+    profile = timed_gait(motion, wished, kinematics, world.capabilities, world.drives, hung=hung)
     _check_heat("gait", profile, world.drives)
     return profile.wished
 

@@ -13,7 +13,7 @@ from .control.estimation import odometry_error_m
 from .control.friction import FrictionInterval, estimated
 from .execution import Execution
 from .log import Record
-from .prepared import BodyFrom, PlannedMotion, Prepared, body_from
+from .prepared import BodyFrom, Prepared, body_from
 from .safety.ending import Ended
 from .safety.guard import SafeWorld
 from .settings import RunSettings
@@ -104,7 +104,7 @@ class RunReport:
     def of(
         cls,
         record: Record,
-        prepared: Prepared[PlannedMotion],
+        prepared: Prepared,
         world: SafeWorld,
         settings: RunSettings,
         *,
@@ -138,12 +138,12 @@ class RunReport:
             succeeded=not message,
             message=message,
             ended=ended,
-            counted=prepared.motion.counted,
-            frames=prepared.motion.last_frame + 1,
+            counted=prepared.counted,
+            frames=prepared.last_frame + 1,
             frames_done=0.0 if last is None else float(last[0].sample.frame),
             seconds=0.0 if last is None else float(last[1].time_s - record.pairs[0][1].time_s),
-            pace=prepared.pace,
-            bound_by=prepared.bound_by,
+            pace=prepared.motion.pace,
+            bound_by=prepared.motion.bound_by,
             sent=world.sent,
             clipped=world.clipped,
             refused=world.refused,
@@ -193,7 +193,7 @@ _NESTED = ("ended", "execution", "cycle_s", "needs", "loads", "friction")
 
 
 def _by_odometry(
-    record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings
+    record: Record, prepared: Prepared, world: SafeWorld, settings: RunSettings
 ) -> float:
     """Largest distance of the body from the plan, where joints alone measure it
     [m].

@@ -3,7 +3,7 @@ came of it.
 
 Before the first motion: the plan's verdict, its robot, and inverse kinematics of the whole motion,
 slowed down to what the joints can do. Then the soft start from the pose that was measured, then the
-motion; limbs are unloaded before they lift and loaded after they land, as ``PlanMotion`` has it.
+motion; limbs are unloaded before they lift and loaded after they land, as ``plan_motion`` has it.
 Whatever happens, it ends as was asked for.
 """
 
@@ -12,19 +12,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from math import acos, sqrt
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
 from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion
-from stancekit.planners.motion.leap_motion import LeapRun
-from stancekit.planners.motion.motion import Played
-from stancekit.planners.motion.plan_motion import PlanMotion
 from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
@@ -36,7 +31,6 @@ from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, Record, state_json
 from .motion.time_parametrization import rise_m, soft_motion, soft_start
 from .prepared import (
-    PlannedMotion,
     Prepared,
     Resumption,
     Tracked,
@@ -85,7 +79,7 @@ class Runner:
             world, limits=settings.limits, dry=dry, sources=sources, monitor=monitor
         )
         self._found: Array | None = None
-        self._prepared: Prepared[PlannedMotion] | None = None
+        self._prepared: Prepared | None = None
         self.state: State | None = None
 
     def run(
@@ -126,7 +120,7 @@ class Runner:
 
     def perform(
         self,
-        prepared: Prepared[PlannedMotion],
+        prepared: Prepared,
         motion: Callable[[], str],
         terrain: Terrain | None = None,
     ) -> tuple[Ended, str]:
@@ -153,23 +147,11 @@ class Runner:
                 ended = self._finish(message)
         return ended, message
 
-    @overload
-    def prepare(
-        self, accepted: Accepted[Plan], resumption: Resumption | None = None
-    ) -> Prepared[PlanMotion]: ...
-    @overload
-    def prepare(self, accepted: Accepted[Trajectory]) -> Prepared[GaitMotion]: ...
-    @overload
-    def prepare(self, accepted: Accepted[LeapPlan]) -> Prepared[LeapRun]: ...
-    @overload
-    def prepare(self, accepted: Accepted[Crossing]) -> Prepared[CrossingMotion]: ...
-    @overload
-    def prepare(self, accepted: Accepted[Any]) -> Prepared[PlannedMotion]: ...
     def prepare(
         self,
         accepted: Accepted[Any],
         resumption: Resumption | None = None,
-    ) -> Prepared[PlannedMotion]:
+    ) -> Prepared:
         """Check that a plan, or a gait, fits the world, and time it.
 
         Raises InvalidInput.
@@ -182,7 +164,7 @@ class Runner:
         self.log.write("plan", {"format": FORMAT, **prepared.entry(self.world)})
         return prepared
 
-    def _begin(self, prepared: Prepared[PlannedMotion], terrain: Terrain | None) -> None:
+    def _begin(self, prepared: Prepared, terrain: Terrain | None) -> None:
         """Measure, arm, and go softly to the first pose.
 
         Raises InvalidInput where there is no clear path to it.
@@ -225,7 +207,7 @@ class Runner:
             self.go([first.targets_rad], first.angles_rad)
         self.decide(
             "motion",
-            f"{prepared.motion.duration_s:.1f} s at pace {prepared.pace:.2f} {prepared.bound_by}",
+            f"{prepared.motion.duration_s:.1f} s at pace {prepared.motion.pace:.2f} {prepared.motion.bound_by}",
         )
 
     def go(self, path: Sequence[Array], stays: Array | None = None) -> None:
@@ -241,15 +223,15 @@ class Runner:
                 self.send(targets, pose, None if stays is None else targets - stays)
 
     def follow(
-        self, tracked: Tracked[Played], record: Record, until: Until = lambda target, state: False
+        self, tracked: Tracked, record: Record, until: Until = lambda target, state: False
     ) -> bool:
         """The motion to its end, or to where ``until`` says so.
 
         Returns whether it ended.
         """
         assert self.state is not None
-        motion = None if self._prepared is None else self._prepared.motion
-        self.world.leaps = isinstance(motion, LeapRun | CrossingMotion)
+        plan = None if self._prepared is None else self._prepared.accepted.plan
+        self.world.leaps = isinstance(plan, LeapPlan | Crossing)
         source = body_from(self.world, self.settings)
         kinematics, rate_hz = tracked.tracker.kinematics, self.world.rate_hz
         odometry = LegOdometry(kinematics, tracked.first, rate_hz, felt=tracked.sees)
@@ -258,7 +240,7 @@ class Runner:
         seen = self.state if source == "the world" else None
         felt, total = (
             tracked.first.sample.forces_n,
-            0.0 if self._prepared is None else self._prepared.motion.last_frame,
+            0.0 if self._prepared is None else self._prepared.last_frame,
         )
         while (target := tracked.next(felt, seen)) is not None:
             began = time.perf_counter()
@@ -284,9 +266,9 @@ class Runner:
         """Tell the latch whether a leap is under way that ends on its feet or not at all: a robot
         that holds its joints in the air falls, so a stop lands it first.
         """
-        motion = None if self._prepared is None else self._prepared.motion
-        if isinstance(motion, LeapRun | CrossingMotion):
-            self.latch.lands = any(begin < time_s < end for begin, end in motion.committed_s)
+        if self.world.leaps and self._prepared is not None:
+            committed_s = self._prepared.motion.committed_s
+            self.latch.lands = any(begin < time_s < end for begin, end in committed_s)
 
     def _carry(self, frame: float) -> Array | None:
         """Let a simulated body bear what is on it beside its weight at a key frame, or between two,
@@ -295,8 +277,8 @@ class Runner:
         wrench: Array | None = None
         if self.settings.wrench is not None:
             wrench = np.array(self.settings.wrench)
-        elif self._prepared is not None and isinstance(self._prepared.motion, PlanMotion):
-            wrench = self._prepared.motion.plan.problem.wrench_at(frame)
+        elif self._prepared is not None and isinstance(self._prepared.accepted.plan, Plan):
+            wrench = self._prepared.accepted.plan.problem.wrench_at(frame)
         if wrench is not None:
             self.world.carry(wrench)
         return wrench
@@ -361,9 +343,7 @@ class Runner:
         )
         return ended
 
-    def _path(
-        self, prepared: Prepared[PlannedMotion], state: State, goal_rad: Array
-    ) -> list[Array]:
+    def _path(self, prepared: Prepared, state: State, goal_rad: Array) -> list[Array]:
         """A clear path from the measured pose to this one."""
         sample = prepared.first.sample
         return soft_start(
@@ -386,7 +366,7 @@ class Runner:
         turned = acos(min(max((trace - 1.0) / 2.0, -1.0), 1.0))
         limits, counted = (
             self.settings.tolerance,
-            "" if self._prepared is None else self._prepared.motion.counted,
+            "" if self._prepared is None else self._prepared.counted,
         )
         if away > limits.body_m or turned > limits.body_rad:
             self.world.trip(

@@ -247,7 +247,6 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
     """Runs of one plan, on one kind of world, at one pace, share its postures, its time
     parametrisation and whether its bodies collide, most of a run's work.
     """
-    from stancekit.planners.motion.plan_motion import PlanMotion
     from stancekit.runner import prepared
     from stancekit.runner.motion import time_parametrization
 
@@ -269,29 +268,36 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
         return timed[asked]
 
     def postures(motion: Any, kinematics: Any) -> Any:
-        if not isinstance(motion, PlanMotion):
+        if motion.path is None:
             return resolve(motion, kinematics)
-        key = (motion.plan, motion.timing, motion.phases, body(kinematics))
+        key = (motion.path.plan.digest, motion.seconds, body(kinematics))
         return once(resolve, key, motion, kinematics)
 
-    def paced(plan: Any, kinematics: Any, can: Any, *how: Any, **options: Any) -> Any:
+    def paced(motion: Any, kinematics: Any, can: Any, **options: Any) -> Any:
         return once(
             parametrize,
-            (plan, body(kinematics), can, how, options),
-            plan,
+            (
+                motion.path.plan.digest,
+                (motion.pace, motion.bound_by, motion.seconds),
+                motion.at(motion.knots_s),
+                body(kinematics),
+                can,
+                options,
+            ),
+            motion,
             kinematics,
             can,
-            *how,
             **options,
         )
 
-    def collision(plan: Any, targets: Any, kinematics: Any) -> Any:
-        key = (plan, np.array([target.angles_rad for target in targets]), body(kinematics))
-        return once(collide, key, plan, targets, kinematics)
+    def collision(plan: Any, rows: Any, kinematics: Any) -> Any:
+        key = (plan.digest, rows.angles_rad, body(kinematics))
+        return once(collide, key, plan, rows, kinematics)
 
     for module, name, kept in (
         (time_parametrization, "resolved", postures),
         (time_parametrization, "parametrize", paced),
+        (prepared, "parametrize", paced),
         (prepared, "motion_bodies", collision),
     ):
         monkeypatch.setattr(module, name, kept)

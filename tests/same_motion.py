@@ -11,7 +11,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
-from stancekit.planners.motion.motion import Played, Samples, stacked
+from stancekit.planners.motion.motion import Samples, stacked
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.body_feedback import BodyFeedback
 from stancekit.runner.control.tracker import Target
@@ -42,7 +42,7 @@ class Kept(Runner):
     streamed: tuple[Target, ...] = ()
 
     def follow(
-        self, tracked: Tracked[Played], record: Record, until: Until = lambda target, state: False
+        self, tracked: Tracked, record: Record, until: Until = lambda target, state: False
     ) -> bool:
         """As of ``Runner``."""
         ended = super().follow(tracked, record, until)

@@ -73,14 +73,12 @@ class LeapView(View):
     @property
     def robot(self) -> Robot:
         """The robot that leaps."""
-        subject = self.subject
-        return subject.robot if isinstance(subject, Crossing) else subject.problem.robot
+        return self.subject.robot
 
     @property
     def name(self) -> str:
         """Name of the leap, or of the course."""
-        subject = self.subject
-        return subject.name if isinstance(subject, Crossing) else subject.problem.name
+        return self.subject.name
 
     @property
     def parts(self) -> Sequence[Plan | LeapPlan]:

@@ -15,7 +15,8 @@ from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Played, Samples
-from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.motion.path import PlanPath
+from stancekit.planners.motion.plan_motion import key_sample, plan_motion, reached_s
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify.margins import support_region
@@ -80,9 +81,19 @@ class PlanView(View):
         return streamed(self.plan)
 
     @cached_property
-    def keys(self) -> PlanMotion:
+    def keys(self) -> Played:
         """The key frames as they are planned, and the path of body and feet through them."""
-        return PlanMotion(self.plan, uncarried=True)
+        return plan_motion(self.plan, uncarried=True)
+
+    @property
+    def path(self) -> PlanPath:
+        """The path of body and feet through the key frames."""
+        assert self.keys.path is not None
+        return self.keys.path
+
+    def key(self, frame: int) -> Samples:
+        """A key frame as it is planned."""
+        return key_sample(self.path, frame)
 
     @cached_property
     def friction(self) -> ScalarMappable:
@@ -301,7 +312,7 @@ class PlanView(View):
         course, paths = self.plan.problem, list[Path]()
         for p, foothold in enumerate(course.footholds):
             if foothold.frame:
-                line = self.keys.path.swing(p, np.linspace(0.0, 1.0, 26))
+                line = self.path.swing(p, np.linspace(0.0, 1.0, 26))
                 paths.append(Path(pieces_m=dashed(line), colour=self.colours[p], opacity=0.55))
         return Scene(paths=paths)
 
@@ -317,10 +328,10 @@ class PlanView(View):
 
     def scene(self, frame: int) -> Scene:
         """The whole picture, the robot in full at one key frame and as ghosts at some others."""
-        now = self.keys.key(frame)
+        now = self.key(frame)
         result = self.fixed + self.tracks + self.at(now) + self.names(now)
         for k in ghosts(self.plan, frame):
-            result += self.ghost(self.keys.key(k))
+            result += self.ghost(self.key(k))
         return result
 
     def film(
@@ -369,7 +380,7 @@ class PlanView(View):
         """Body and feet at a fractional key frame: at 1.5 half of the time between key frames 1 and
         2 is over.
         """
-        reached = self.keys.reached_s
+        reached = reached_s(self.keys)
         return self.keys.at(float(np.interp(progress, np.arange(len(reached)), reached)))
 
     def shown_s(self, count: int) -> Array:

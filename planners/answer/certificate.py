@@ -77,10 +77,7 @@ class Certificate(Evidence):
     problem: Problem | Leap | Passage | None = None
 
     def __post_init__(self) -> None:
-        for name in ("tree", "multipliers"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        self._hold(np.float64, "tree", "multipliers")
 
     @property
     def sets(self) -> Sets | None:

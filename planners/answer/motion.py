@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import cached_property
+from ..errors import InvalidInput
 from ..files.codec import embedded
+from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -32,6 +34,20 @@ class Evidence:
     """The verifier's groups of the whole body, beside those of contacts."""
     MOMENT: ClassVar[str] = ""
     """What its moments count: "frame" or "interval"; seconds where empty."""
+
+    def _hold(self, kind: type, *names: str) -> None:
+        """Keep read-only copies of arrays of this type.
+
+        Raises InvalidInput for what is no array of numbers.
+        """
+        for name in names:
+            try:
+                array: NDArray[Any] = np.array(getattr(self, name), dtype=kind)
+            except (TypeError, ValueError, OverflowError):
+                came = shown(getattr(self, name))
+                raise InvalidInput(f"{name}: expected an array of numbers, got {came}") from None
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
     @property
     def question(self) -> dict[str, Any]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_name, grain
-from ..files.documents import shown
 from ..problem import Problem
 from ..problem.leap import Leap
 from ..robot.model import Robot
@@ -19,6 +19,10 @@ from ..robot.robot_file import joint_names
 from ..terrain.frame import Frame
 from ..terrain.patch import Patch
 from .motion import Evidence, Motion, dulled
+
+if TYPE_CHECKING:
+    from ..motion.leap_motion import LeapBody
+    from ..motion.path import PlanPath
 
 FORMAT = "stancekit/motion/1"
 OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
@@ -190,6 +194,8 @@ MARGIN = "margin"
 """The group of a plan that measures what its stances bear beyond the weight."""
 LEAP_BODY = ("joints", "joint_speed", "torque", "legs_turn", "take_off", "landing", "bodies")
 """Groups of a leap that ask for a model of the robot's legs."""
+LEAP_ARRAYS = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")
+"""The arrays of numbers that every leap has."""
 LATER = ("legs_turn_rad", "gather")
 """The arrays that a leap may be without."""
 LEAST_GATHER, MOST_GATHER = np.array([0.05, 0.1]), np.array([0.49, 1.0])
@@ -247,17 +253,9 @@ class LeapPlan(Motion):
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in leap_shapes(self.problem):
-            if name == "timing" or (name in LATER and getattr(self, name) is None):
-                continue
-            try:
-                kind = np.int_ if name == "choice" else np.float64
-                array: NDArray[Any] = np.array(getattr(self, name), dtype=kind)
-            except (TypeError, ValueError, OverflowError):
-                came = shown(getattr(self, name))
-                raise InvalidInput(f"{name}: expected an array of numbers, got {came}") from None
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        known = {name for name in LATER if getattr(self, name) is not None}
+        self._hold(np.int_, "choice")
+        self._hold(np.float64, *LEAP_ARRAYS, *known)
 
     def __repr__(self) -> str:
         count, legs = len(self.forces_n), ", ".join(self.problem.robot.limb_names)
@@ -296,6 +294,16 @@ class LeapPlan(Motion):
         known = {name: getattr(self, name) for name in leap_shapes(self.problem)}
         return {name: np.asarray(value) for name, value in known.items() if value is not None}
 
+    @cached_property
+    def body(self) -> LeapBody:
+        """The leap with its legs, at samples; made once for whoever judges, runs or shows it.
+
+        Raises InvalidInput for a robot without legs of its own, and without pinocchio.
+        """
+        from ..motion.leap_motion import LeapBody
+
+        return LeapBody(self)
+
     @property
     def turned_rad(self) -> Array:
         """``legs_turn_rad``, 0 where it is not known, shape (M, 3) [rad]."""
@@ -327,6 +335,16 @@ def leap_shapes(leap: Leap) -> dict[str, tuple[int, ...]]:
     }
 
 
+_NUMBERS = (
+    "com_m",
+    "rotation_rad",
+    "toes_m",
+    "forces_n",
+    "points_m",
+    "point_forces_n",
+    "joints_rad",
+)
+"""Arrays of real numbers of a plan."""
 OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
 PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
@@ -416,21 +434,8 @@ class Plan(Motion):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, kind in (
-            ("com_m", np.float64),
-            ("rotation_rad", np.float64),
-            ("toes_m", np.float64),
-            ("forces_n", np.float64),
-            ("choice", np.int_),
-            ("modes", np.int_),
-            ("points_m", np.float64),
-            ("point_forces_n", np.float64),
-            ("joints_rad", np.float64),
-        ):
-            if getattr(self, name) is not None:
-                array = np.array(getattr(self, name), dtype=kind)
-                array.setflags(write=False)
-                object.__setattr__(self, name, array)
+        for kind, names in ((np.float64, _NUMBERS), (np.int_, ("choice", "modes"))):
+            self._hold(kind, *(name for name in names if getattr(self, name) is not None))
 
     def __repr__(self) -> str:
         name, frames, limbs = (
@@ -545,6 +550,17 @@ class Plan(Motion):
             points_m=None if points_m is None else np.asarray(points_m),
             point_forces_n=None if point_forces_n is None else np.asarray(point_forces_n)[None],
         )
+
+    @cached_property
+    def path(self) -> PlanPath:
+        """The path of body and feet through its key frames; made once for whoever judges, runs or
+        shows it.
+
+        Raises InvalidInput where all limbs lift at once.
+        """
+        from ..motion.path import PlanPath
+
+        return PlanPath(self)
 
     def toes_at(self, frame: int) -> Array:
         """Places where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""

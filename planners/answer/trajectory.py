@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.documents import shown
 from ..files.writing import first_difference
 from .motion import Motion, left_unchecked
 
@@ -96,18 +95,10 @@ class Trajectory(Motion):
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in (
-            "times_s",
-            "torso_m",
-            "rotation",
-            "feet_m",
-            "forces_n",
-            "start",
-            "goal",
-        ):
-            object.__setattr__(self, name, _held(getattr(self, name), np.float64, name))
-        for name in ("contact", "adhesive"):
-            object.__setattr__(self, name, _held(getattr(self, name), np.bool_, name))
+        self._hold(
+            np.float64, "times_s", "torso_m", "rotation", "feet_m", "forces_n", "start", "goal"
+        )
+        self._hold(np.bool_, "contact", "adhesive")
         for name in ("heading_rad", "heading_end_rad", "suction_n"):
             value = getattr(self, name)
             object.__setattr__(self, name, None if value is None else float(value))
@@ -224,13 +215,3 @@ def _check_built_in(robot: Robot) -> None:
             raise InvalidInput(
                 f"expected the numbers of the built-in {robot.name}, got others: {other}"
             )
-
-
-def _held(value: Any, kind: type, where: str) -> NDArray[Any]:
-    """A read-only copy as an array of this type."""
-    try:
-        array: NDArray[Any] = np.array(value, dtype=kind)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(f"{where}: expected an array of numbers, got {shown(value)}") from None
-    array.setflags(write=False)
-    return array

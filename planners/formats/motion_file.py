@@ -57,21 +57,15 @@ Shapes = Mapping[str, tuple[int | None, ...]]
 M = TypeVar("M", bound=Motion)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Kind:
-    """The motions that answer one kind of question.
-
-    Arguments:
-        asked: the question of its JSON-ready values.
-        shapes: of the arrays, of a question and the arrays that there are; None for any length.
-        made: the motion of question, arrays and provenance.
-        optional: arrays that may lack.
-    """
-
-    asked: Callable[[Any, str], Any]
-    shapes: Callable[[Any, Mapping[str, NDArray[Any]]], Shapes]
-    made: Callable[..., Motion]
-    optional: tuple[str, ...] = ()
+_Kind = tuple[
+    Callable[[Any, str], Any],
+    Callable[[Any, Mapping[str, NDArray[Any]]], Shapes],
+    Callable[..., Motion],
+    tuple[str, ...],
+]
+"""The motions that answer one kind of question: the question of its JSON-ready values; the shapes of
+the arrays, of a question and the arrays that there are, None for any length; the motion of question,
+arrays and provenance; and the arrays that may lack."""
 
 
 class _WalkKeys(BaseModel):
@@ -155,26 +149,22 @@ def _part(data: Any, where: str) -> Motion:
     return motion_from(data, where)
 
 
-_PLAN = _Kind(
-    asked=lambda data, where: Problem.from_json(data),
-    shapes=lambda problem, arrays: plan_shapes(problem),
-    made=lambda problem, arrays, told: Plan(problem=problem, **arrays, provenance=told),
-    optional=OPTIONAL,
+_PLAN: _Kind = (
+    lambda data, where: Problem.from_json(data),
+    lambda problem, arrays: plan_shapes(problem),
+    lambda problem, arrays, told: Plan(problem=problem, **arrays, provenance=told),
+    OPTIONAL,
 )
 _KINDS: Mapping[str, _Kind] = {
     Problem.FORMAT: _PLAN,
     POSTURE: _PLAN,
-    Trajectory.FORMAT: _Kind(asked=_walk, shapes=_walk_shapes, made=_walked),
-    LEAP: _Kind(
-        asked=_leap,
-        shapes=lambda leap, arrays: leap_shapes(leap),
-        made=_leapt,
-        optional=LATER,
-    ),
-    Crossing.FORMAT: _Kind(
-        asked=_crossing,
-        shapes=lambda asked, arrays: {},
-        made=lambda asked, arrays, told: Crossing(**asked, provenance=told),
+    Trajectory.FORMAT: (_walk, _walk_shapes, _walked, ()),
+    LEAP: (_leap, lambda leap, arrays: leap_shapes(leap), _leapt, LATER),
+    Crossing.FORMAT: (
+        _crossing,
+        lambda asked, arrays: {},
+        lambda asked, arrays, told: Crossing(**asked, provenance=told),
+        (),
     ),
 }
 """By the format of the question."""
@@ -280,19 +270,20 @@ def evidence_from(data: Any, where: str) -> tuple[Evidence, dict[str, Any]]:
 
 def motion_from(data: Mapping[str, Any], where: str) -> Motion:
     """The motion of a file's content, whose keys are there."""
-    kind = _KINDS.get(str(data["question"].get("format")))
-    if kind is None:
+    found = _KINDS.get(str(data["question"].get("format")))
+    if found is None:
         came, known = shown(data["question"].get("format")), ", ".join(_KINDS)
         raise InvalidInput(f"{where}: question: expected a format of {known}, got {came}")
+    asked_of, shapes_of, made, optional = found
     try:
-        asked = kind.asked(data["question"], f"{where}: question")
+        asked = asked_of(data["question"], f"{where}: question")
     except InvalidInput as error:
         raise _located(error, f"{where}: question") from None
     place = f"{where}: columns"
     arrays = _arrays(data["columns"], place)
-    _check_arrays(place, arrays, kind.shapes(asked, arrays), kind.optional)
+    _check_arrays(place, arrays, shapes_of(asked, arrays), optional)
     try:
-        motion = kind.made(asked, arrays, data["provenance"])
+        motion = made(asked, arrays, data["provenance"])
     except InvalidInput as error:
         raise _located(error, place) from None
     labels = motion.labels()

@@ -28,7 +28,7 @@ from ..motion.leap_motion import GATHER, LeapBody
 from ..problem.leap import MOST_INTERVALS, Leap, Phase
 from ..robot.leg_limits import no_motors
 from ..terrain.obstacles import Obstacles
-from ..verify.leaps import LeapBodyLimits, LeapBodyMeasurements, check_leap
+from ..verify.leaps import JOINT_SPEED, JOINTS_M, TORQUE, LeapBodyMeasurements, check_leap
 from .numbers import JointRows, LeapGiven, LeapNumbers, LeapPoint
 from .scp import (
     FRICTION_SHARE,
@@ -162,12 +162,11 @@ class LeapBender:
         self,
         programs: Programs,
         *,
-        limits: LeapBodyLimits = LeapBodyLimits(),
         share: float = FRICTION_SHARE,
         deadline: float = np.inf,
         obstacles: Obstacles | None = None,
     ) -> None:
-        self._programs, self._limits, self._share = programs, limits, share
+        self._programs, self._share = programs, share
         self._deadline, self._obstacles = deadline, obstacles
         self._body: MovingBody | None = None
         self.rounds = 0
@@ -195,7 +194,7 @@ class LeapBender:
         if found is not None and len(ways) == 1 and _violated(found[1]) == {"bodies"}:
             others = [self._said(way) for way in self._gathered(measured)[:_WAYS]]
             found = self._whole([*others, measured])
-        measured, groups = found or (measured, tuple(measured.groups(self._limits, bodies=False)))
+        measured, groups = found or (measured, tuple(measured.groups(bodies=False)))
         plan = measured.leap_body.plan
         none = np.zeros(len(plan.problem.robot.limbs))
         return _JudgedLeap(
@@ -215,12 +214,12 @@ class LeapBender:
         """
         found: tuple[LeapBodyMeasurements, tuple[Group, ...]] | None = None
         for way in ways:
-            wrong = _violated(way.groups(self._limits, bodies=False))
+            wrong = _violated(way.groups(bodies=False))
             if wrong - {"joint_speed", "torque"} or self._hard(way) > _NEARLY:
                 continue
             measured = LeapBodyMeasurements(LeapBody(way.leap_body.plan, body=self._body))
             measured = self._finer(measured)
-            found = measured, tuple(measured.groups(self._limits, obstacles=self._obstacles))
+            found = measured, tuple(measured.groups(obstacles=self._obstacles))
             if not _violated(found[1]):
                 break
         return found
@@ -230,7 +229,7 @@ class LeapBender:
         violated beside it.
         """
         for _ in range(_SAID):
-            wrong = _violated(measured.groups(self._limits, bodies=False))
+            wrong = _violated(measured.groups(bodies=False))
             if "legs_turn" not in wrong or wrong - {"legs_turn", "joint_speed", "torque"}:
                 break
             measured = self._measured(_as_turned(measured))
@@ -288,9 +287,9 @@ class LeapBender:
         flies = np.logical_not(measured.path.contact.any(axis=1))
         rows = (flies if air else ~flies)[1:-1]
         off = measured.off_toes().values[1:-1][rows].max(initial=0.0)
-        fast = np.abs(measured.shares[0][rows]).max(initial=0.0) / self._limits.joint_speed
-        line = measured.line[rows].max(initial=0.0) / self._limits.torque
-        return float(max(fast, line) + 100.0 * off * (off > self._limits.joints_m))
+        fast = np.abs(measured.shares[0][rows]).max(initial=0.0) / JOINT_SPEED
+        line = measured.line[rows].max(initial=0.0) / TORQUE
+        return float(max(fast, line) + 100.0 * off * (off > JOINTS_M))
 
     def bent(self, plan: LeapPlan) -> tuple[_JudgedLeap, _JudgedLeap]:
         """The plan as it was judged, and the best that bending finds: the first that is accepted,
@@ -577,7 +576,7 @@ def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = 
     halves = _halves(body.times_s, plan.times_s)
     ends = np.concatenate([at, at + 1])
     fast, strong = measured.shares
-    worst = np.maximum(np.abs(fast) / LeapBodyLimits().joint_speed, measured.line)
+    worst = np.maximum(np.abs(fast) / JOINT_SPEED, measured.line)
     inner = len(body.times_s) - 2
     weight = plan.problem.weight_n
     shape = (2 * count, most)

@@ -23,7 +23,6 @@ from ..answer.plan import LeapPlan, Plan
 from ..equilibrium.programs import programs_of_this_thread
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
-from ..motion.leap_motion import LeapBody
 from ..problem.candidates import CandidatePatches
 from ..problem.contact import Foothold
 from ..problem.course_between import LaidBetween
@@ -143,7 +142,6 @@ def cross(
     refusal: str,
     proof: Certificate | None = None,
     limits: WholeBodyLimits = WholeBodyLimits(),
-    finder: LeapFinder = LeapFinder(solves=50, proof=0),
     deadline: float = np.inf,
 ) -> Answer[Plan] | Answer[Crossing] | None:
     """Cross a course with leaps where key frames alone do not; None where no gap is in the way, or
@@ -156,7 +154,6 @@ def cross(
         refusal: what key frames alone came to.
         proof: that no balanced motion crosses it, where there is one.
         limits: of joints and bodies of climbs.
-        finder: of leaps.
         deadline: when the answer is wanted (``time.perf_counter()``).
 
     Returns:
@@ -185,7 +182,7 @@ def cross(
         question=question,
         planner=planner,
         limits=limits,
-        finder=finder,
+        finder=LeapFinder(solves=50, proof=0),
         deadline=deadline,
         leaper=leaper,
         toes_m=toes,
@@ -487,7 +484,7 @@ def surface_of(terrain: Terrain, piece: Patch) -> Patch:
 
 def landed(plan: LeapPlan) -> Standing:
     """Pose of a robot where it has landed, its body turned as its legs turn it."""
-    body, leap = LeapBody(plan), plan.problem
+    body, leap = plan.body, plan.problem
     last = leap.holds[-1]
     return Standing(
         com_m=plan.com_m[-1],

@@ -206,7 +206,7 @@ class LeapFinder:
 
 def find_leap(
     leap: Leap,
-    method: LeapFinder = LeapFinder(),
+    method: LeapFinder | None = None,
     *,
     programs: Programs | None = None,
     time_limit_s: float = 60.0,
@@ -216,7 +216,7 @@ def find_leap(
     Returns an outcome that is feasible with a plan that ``check_leap`` accepted, infeasible with a
     certificate that ``check_certificate`` accepted, or undecided.
     """
-    begin = time.perf_counter()
+    begin, method = time.perf_counter(), method or LeapFinder()
     deadline = begin + time_limit_s
     search = LeapSearch(leap, method, programs or programs_of_this_thread())
     for leap_attempt in search.attempts():

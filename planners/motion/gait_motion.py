@@ -1,14 +1,14 @@
-"""A gait's trajectory as a motion that the tracker follows: at rest before and after, at its own
-pace in between.
+"""Walks, leaps and crossings as motions that the tracker follows: at rest before and after, at
+their own pace in between.
 
-A gait is dynamic: at another pace its forces balance no longer, so it is run as planned or not at
-all.
+They are dynamic: at another pace their forces balance no longer, so they are run as planned or not
+at all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -18,21 +18,19 @@ from ..answer.certificate import Crossing
 from ..answer.motion import Motion
 from ..answer.plan import LeapPlan, Plan
 from ..answer.trajectory import Trajectory
-from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.robot_file import FOOT_RADIUS_M
-from ..terrain.patch import Solid
-from .leap_motion import SETTLE_S, LeapMotion, LeapRun
-from .motion import Samples, rotation_rate, smooth, smooth_rate, stacked
-from .plan_motion import PlanMotion
+from .leap_motion import SETTLE_S, feet_of_leap, leap_motion
+from .motion import Played, Samples, rotation_rate, smooth, smooth_rate
+from .plan_motion import plan_motion
 
 BLEND_S = 1.0
 """From the end of one part to the beginning of the next."""
 _BLEND_KNOTS = 10
 
 
-class CrossingMotion:
+def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) -> Played:
     """A crossing over time; ``Samples.frame`` counts seconds.
 
     Arguments:
@@ -43,135 +41,110 @@ class CrossingMotion:
     Raises:
         InvalidInput: for a robot without legs of its own.
     """
+    timed = iter(climbs or map(plan_motion, plans_of(crossing)))
+    parts = [
+        leap_motion(part, rest_s=SETTLE_S) if isinstance(part, LeapPlan) else next(timed)
+        for part in crossing.parts
+    ]
+    begins = part_begins_s(parts)
+    ends = begins + [part.duration_s for part in parts]
+    numbers, stances = _numbered(crossing, parts)
 
-    counted = "seconds"
+    def of(k: int, within_s: Array, time_s: Array) -> Samples:
+        """The samples of a part at times of its own, by the numbers of the whole."""
+        sample = parts[k].at(within_s)
+        held = numbers[k][np.maximum(sample.foothold, 0)]
+        foothold = np.where(sample.foothold >= 0, held, -1)
+        return replace(sample, foothold=foothold, frame=np.clip(time_s, 0.0, ends[-1]))
 
-    def __init__(self, crossing: Crossing, climbs: Sequence[PlanMotion] | None = None) -> None:
-        self.crossing = crossing
-        timed = iter(climbs or [])
-        self.parts: list[PlanMotion | LeapRun] = []
-        for part in crossing.parts:
-            if isinstance(part, LeapPlan):
-                self.parts.append(LeapRun(part, rest_s=SETTLE_S))
-            else:
-                self.parts.append(next(timed) if climbs is not None else PlanMotion(part))
-        lasts = [part.duration_s for part in self.parts]
-        self._begins = np.concatenate([[0.0], np.cumsum(np.array(lasts[:-1]) + BLEND_S)])
-        self._ends = self._begins + lasts
-        self._numbers, self.stances = self._numbered()
-        self.solids: tuple[Solid, ...] = tuple(self.parts[0].solids)
-
-    def _numbered(self) -> tuple[list[NDArray[np.int_]], Sequence[str]]:
-        """Number of every foothold of every part in the whole, those that stand when a part begins
-        being those of the one before; and what each is called.
-        """
-        numbers, names, standing = list[NDArray[np.int_]](), list[str](), None
-        for k, (part, motion) in enumerate(zip(self.crossing.parts, self.parts, strict=True), 1):
-            holds, mine = part.problem.holds, np.zeros(len(part.problem.footholds), dtype=int)
-            for j, foothold in enumerate(part.problem.footholds):
-                if standing is not None and foothold.frame == 0:
-                    limb = part.problem.robot.limb_names.index(foothold.limb)
-                    mine[j] = standing[limb]
-                    continue
-                mine[j] = len(names)
-                names.append(f"part {k}: {motion.stances[j]}")
-            numbers.append(mine)
-            standing = mine[holds[-1]]
-        return numbers, tuple(names)
-
-    @property
-    def duration_s(self) -> float:
-        """Duration [s]."""
-        return float(self._ends[-1])
-
-    @property
-    def last_frame(self) -> float:
-        """The end [s]."""
-        return self.duration_s
-
-    @property
-    def goal_m(self) -> Array:
-        """Place at which the centre of mass ends, shape (3,) [m]."""
-        return np.asarray(self.crossing.parts[-1].com_m[-1])
-
-    def entry(self) -> dict[str, Any]:
-        """Start and goal, and when every part begins, for a log."""
-        first = self.crossing.parts[0]
-        return {"start_m": first.com_m[0], "goal_m": self.goal_m, "begins_s": self._begins}
-
-    @property
-    def committed_s(self) -> tuple[tuple[float, float], ...]:
-        """From when to when the body is on its way through the air whatever its legs do, per leap
-        [s].
-        """
-        spans = list[tuple[float, float]]()
-        for begin, part in zip(self._begins, self.parts, strict=True):
-            if isinstance(part, LeapRun):
-                spans += [(begin + first, begin + last) for first, last in part.committed_s]
-        return tuple(spans)
-
-    @property
-    def knots_s(self) -> Array:
-        """Times at which postures are chosen, shape (K,) [s]."""
-        knots = [self._begins[0] + self.parts[0].knots_s]
-        for k in range(1, len(self.parts)):
-            between = np.linspace(self._ends[k - 1], self._begins[k], _BLEND_KNOTS + 1)
-            knots += [between[1:-1], self._begins[k] + self.parts[k].knots_s]
-        return np.concatenate(knots)
-
-    def part_at(self, time_s: float) -> int:
-        """Number of the part that is under way, or that comes next."""
-        return int(np.searchsorted(self._ends, time_s).clip(0, len(self.parts) - 1))
-
-    def at(self, times_s: float | Array) -> Samples:
-        """The samples at times; the ends are held."""
-        times = np.asarray(times_s, dtype=np.float64)
-        if times.ndim == 0:
-            return self._one(float(times))
-        when, rows = times.ravel(), dict[int, Samples]()
-        part = np.array([self.part_at(float(time)) for time in when])
-        within = when - self._begins[part]
-        for k in range(len(self.parts)):
-            here = np.flatnonzero((part == k) & ((within >= 0.0) | (k == 0)))
-            if len(here):
-                samples = self._of(k, within[here], when[here]).rows()
-                rows.update(zip(here.tolist(), samples, strict=True))
-        return stacked([rows.get(i) or self._one(float(time)) for i, time in enumerate(when)])
-
-    def _one(self, time_s: float) -> Samples:
-        """The sample at one time."""
-        k = self.part_at(time_s)
-        if k == 0 or time_s >= self._begins[k]:
-            return self._of(k, time_s - float(self._begins[k]), time_s)
-        s = (time_s - float(self._ends[k - 1])) / BLEND_S
-        share, rate = smooth(s), smooth_rate(s) / BLEND_S
-        before = self._of(k - 1, self.parts[k - 1].duration_s, time_s)
-        after = self._of(k, 0.0, time_s)
-
-        def mixed(name: str) -> Array:
-            a, b = getattr(before, name), getattr(after, name)
-            return np.asarray(a + share * (b - a))
-
-        def moving(name: str) -> Array:
-            return np.asarray(rate * (getattr(after, name) - getattr(before, name)))
-
+    def blended(k: int, when: Array) -> Samples:
+        """Samples on the way from the end of the part before to the beginning of this one."""
+        s = (when - ends[k - 1]) / BLEND_S
+        last = np.full_like(when, parts[k - 1].duration_s)
+        before, after = of(k - 1, last, when), of(k, np.zeros_like(when), when)
+        share, rate = smooth(s)[:, None], (smooth_rate(s) / BLEND_S)[:, None]
+        com, turn = (
+            getattr(after, name) - getattr(before, name) for name in ("com_m", "rotation_rad")
+        )
         return replace(
             after,
-            com_m=mixed("com_m"),
-            velocity_m_s=moving("com_m"),
-            rotation_rad=mixed("rotation_rad"),
-            rotation_rate_rad_s=moving("rotation_rad"),
-            feet_m=mixed("feet_m"),
-            forces_n=mixed("forces_n"),
+            com_m=before.com_m + share * com,
+            velocity_m_s=rate * com,
+            rotation_rad=before.rotation_rad + share * turn,
+            rotation_rate_rad_s=rate * turn,
+            feet_m=before.feet_m + share[..., None] * (after.feet_m - before.feet_m),
+            forces_n=before.forces_n + share[..., None] * (after.forces_n - before.forces_n),
         )
 
-    def _of(self, k: int, within_s: float | Array, time_s: float | Array) -> Samples:
-        """The samples of a part at times of its own, by the numbers of the whole."""
-        sample = self.parts[k].at(within_s)
-        held = self._numbers[k][np.maximum(sample.foothold, 0)]
-        foothold = np.where(sample.foothold >= 0, held, -1)
-        frame = np.clip(np.asarray(time_s), 0.0, self.duration_s)
-        return replace(sample, foothold=foothold, frame=frame)
+    def at(times_s: float | Array) -> Samples:
+        times = np.asarray(times_s, dtype=np.float64)
+        when = times.ravel()
+        part = ends.searchsorted(when).clip(0, len(parts) - 1)
+        within, pieces = when - begins[part], list[tuple[NDArray[np.int_], Samples]]()
+        for k in range(len(parts)):
+            begun = (within >= 0.0) | (k == 0)
+            if len(here := np.flatnonzero((part == k) & begun)):
+                pieces.append((here, of(k, within[here], when[here])))
+            if len(here := np.flatnonzero((part == k) & ~begun)):
+                pieces.append((here, blended(k, when[here])))
+        rows = _in_order(pieces)
+        return rows if times.ndim else rows.rows()[0]
+
+    between = [np.linspace(ends[k - 1], begins[k], _BLEND_KNOTS + 1) for k in range(1, len(parts))]
+    knots = [parts[0].knots_s]
+    for k, blend in enumerate(between, 1):
+        knots += [blend[1:-1], begins[k] + parts[k].knots_s]
+    committed = [
+        (begin + first, begin + last)
+        for begin, part in zip(begins.tolist(), parts, strict=True)
+        for first, last in part.committed_s
+    ]
+    return Played(
+        at=at,
+        knots_s=np.concatenate(knots),
+        solids=parts[0].solids,
+        stances=stances,
+        committed_s=tuple(committed),
+    )
+
+
+def part_begins_s(parts: Sequence[Played]) -> Array:
+    """When every part of a crossing begins, shape (K,) [s]."""
+    lasts = [part.duration_s + BLEND_S for part in parts[:-1]]
+    return np.concatenate([[0.0], np.cumsum(lasts)])
+
+
+def _in_order(pieces: Sequence[tuple[NDArray[np.int_], Samples]]) -> Samples:
+    """Samples of some rows each, as one value with all rows in order."""
+    order = np.argsort(np.concatenate([rows for rows, _ in pieces]))
+    samples = [sample for _, sample in pieces]
+    known = dict[str, Any]()
+    for name in (field.name for field in fields(Samples) if field.name != "radii_m"):
+        tables = [getattr(sample, name) for sample in samples]
+        unknown = any(table is None for table in tables)
+        known[name] = None if unknown else np.concatenate(tables)[order]
+    return Samples(**known, radii_m=samples[0].radii_m)
+
+
+def _numbered(
+    crossing: Crossing, parts: Sequence[Played]
+) -> tuple[list[NDArray[np.int_]], tuple[str, ...]]:
+    """Number of every foothold of every part in the whole, those that stand when a part begins
+    being those of the one before; and what each is called.
+    """
+    numbers, names, standing = list[NDArray[np.int_]](), list[str](), None
+    for k, (part, motion) in enumerate(zip(crossing.parts, parts, strict=True), 1):
+        holds, mine = part.problem.holds, np.zeros(len(part.problem.footholds), dtype=int)
+        for j, foothold in enumerate(part.problem.footholds):
+            if standing is not None and foothold.frame == 0:
+                limb = part.problem.robot.limb_names.index(foothold.limb)
+                mine[j] = standing[limb]
+                continue
+            mine[j] = len(names)
+            names.append(f"part {k}: {motion.stances[j]}")
+        numbers.append(mine)
+        standing = mine[holds[-1]]
+    return numbers, tuple(names)
 
 
 def plans_of(crossing: Crossing) -> list[Plan]:
@@ -194,62 +167,25 @@ _KNOT_S = 0.05
 """Comfortable postures are looked for so often."""
 
 
-class GaitMotion:
-    """A trajectory over time.
+def gait_motion(trajectory: Trajectory, radii_m: Array | float = FOOT_RADIUS_M) -> Played:
+    """A walk over time; ``Samples.frame`` counts seconds, and ``foothold`` the stances of all feet.
 
-    Feet are spheres: a radius above what they touch. ``Samples.frame`` counts seconds.
+    Feet are spheres: a radius above what they touch.
 
     Arguments:
-        radii_m: of the feet, shape (N,), or of all of them. stances: what every stance is called,
-            of all feet; ``Samples.foothold`` counts them.
+        radii_m: of the feet, shape (N,), or of all of them.
     """
+    from scipy.spatial.transform import Rotation, Slerp  # slow to import
 
-    counted = "seconds"
-    solids: tuple[Solid, ...] = ()
+    times, torso, contact = trajectory.times_s, trajectory.torso_m, trajectory.contact
+    radii = np.broadcast_to(radii_m, (len(trajectory.robot.feet),))
+    rotations = Rotation.from_matrix(trajectory.rotation)
+    turned, turns = Slerp(times, rotations), (rotations[1:] * rotations[:-1].inv()).as_rotvec()
+    facing, foothold = trajectory.terrain.normal(trajectory.feet_m[..., :2]), footholds(contact)
+    duration_s = trajectory.duration_s + 2.0 * WALK_SETTLE_S
 
-    def __init__(self, trajectory: Trajectory, radii_m: Array | float = FOOT_RADIUS_M) -> None:
-        from scipy.spatial.transform import Rotation, Slerp  # slow to import
-
-        self.trajectory = trajectory
-        self._radii = np.broadcast_to(radii_m, (len(trajectory.robot.feet),))
-        self._friction = np.full(len(self._radii), trajectory.friction)
-        self._turned = Slerp(trajectory.times_s, Rotation.from_matrix(trajectory.rotation))
-        self._normals = trajectory.terrain.normal(trajectory.feet_m[..., :2])
-        self._foothold = footholds(trajectory.contact)
-        self.stances: Sequence[str] = tuple(
-            f"{trajectory.robot.limb_names[foot]}, put down at {trajectory.times_s[row]:.2f} s,"
-            for row, foot in (
-                np.argwhere(self._foothold == k)[0] for k in range(int(self._foothold.max()) + 1)
-            )
-        )
-
-    @property
-    def last_frame(self) -> float:
-        """The end [s]."""
-        return self.duration_s
-
-    @property
-    def goal_m(self) -> Array:
-        """Goal of the torso, shape (3,) [m]."""
-        return np.asarray(self.trajectory.torso_m[-1])
-
-    def entry(self) -> dict[str, Any]:
-        """Start and goal, for a log."""
-        return {"start_m": self.trajectory.torso_m[0], "goal_m": self.trajectory.torso_m[-1]}
-
-    @property
-    def duration_s(self) -> float:
-        """Duration [s]."""
-        return self.trajectory.duration_s + 2.0 * WALK_SETTLE_S
-
-    @property
-    def knots_s(self) -> Array:
-        """Times at which postures are chosen, shape (T,) [s]."""
-        return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / _KNOT_S)) + 1)
-
-    def at(self, times_s: float | Array) -> Samples:
-        """The samples at times; the ends are held."""
-        when, times = np.asarray(times_s, dtype=np.float64), self.trajectory.times_s
+    def at(times_s: float | Array) -> Samples:
+        when = np.asarray(times_s, dtype=np.float64)
         now = np.clip(times[0] + when - WALK_SETTLE_S, times[0], times[-1])
         k = np.clip(np.searchsorted(times, now, side="right") - 1, 0, len(times) - 2)
         last = times[k + 1] - times[k]
@@ -259,33 +195,33 @@ class GaitMotion:
             share = s.reshape(s.shape + (1,) * (table.ndim - 1))
             return np.asarray(table[k] + share * (table[k + 1] - table[k]))
 
-        normals = between(self._normals)
+        normals = between(facing)
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         walks = (now == times[0] + when - WALK_SETTLE_S)[..., None] / last[..., None]
-        torso, rotation = self.trajectory.torso_m, np.asarray(self._turned(now).as_rotvec())
+        rotation = np.asarray(turned(now).as_rotvec())
         return Samples(
             com_m=between(torso),
             velocity_m_s=walks * (torso[k + 1] - torso[k]),
             rotation_rad=rotation,
-            rotation_rate_rad_s=rotation_rate(rotation, walks * self._turns[k]),
-            frame=np.clip(when, 0.0, self.duration_s),
-            feet_m=between(self.trajectory.feet_m) + self._radii[:, None] * normals,
-            radii_m=self._radii,
-            forces_n=between(self.trajectory.forces_n),
-            foothold=self._foothold[k + (s >= 1.0)],
+            rotation_rate_rad_s=rotation_rate(rotation, walks * turns[k]),
+            frame=np.clip(when, 0.0, duration_s),
+            feet_m=between(trajectory.feet_m) + radii[:, None] * normals,
+            radii_m=radii,
+            forces_n=between(trajectory.forces_n),
+            foothold=foothold[k + (s >= 1.0)],
             normals=normals,
-            friction=np.broadcast_to(self._friction, (*when.shape, len(self._friction))),
+            friction=np.full((*when.shape, len(radii)), trajectory.friction),
         )
 
-    @cached_property
-    def _turns(self) -> Array:
-        """Rotation vectors of the body from each sample to the next, world frame, shape (K − 1, 3)
-        [rad].
-        """
-        from scipy.spatial.transform import Rotation
-
-        turns = Rotation.from_matrix(self.trajectory.rotation)
-        return np.asarray((turns[1:] * turns[:-1].inv()).as_rotvec())
+    begins = (np.argwhere(foothold == k)[0] for k in range(int(foothold.max()) + 1))
+    return Played(
+        at=at,
+        knots_s=np.linspace(0.0, duration_s, int(np.ceil(duration_s / _KNOT_S)) + 1),
+        stances=tuple(
+            f"{trajectory.robot.limb_names[foot]}, put down at {times[row]:.2f} s,"
+            for row, foot in begins
+        ),
+    )
 
 
 def footholds(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -298,21 +234,19 @@ def footholds(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.where(contact, before + count - 1, -1)
 
 
-def feet_motion(
-    subject: Motion,
-) -> PlanMotion | GaitMotion | LeapMotion | CrossingMotion:
-    """The motion of a plan, a walk, a leap or a crossing, timed as ``run`` times it where no joint asks for
-    more time.
+def feet_motion(subject: Motion) -> Played:
+    """The motion of a plan, a walk, a leap or a crossing, timed as ``run`` times it where no joint
+    asks for more time.
 
     A plan may also lift all limbs at once; the runner refuses such a plan.
     """
     match subject:
         case Plan():
-            return PlanMotion(subject, uncarried=True)
+            return plan_motion(subject, uncarried=True)
         case Trajectory():
-            return GaitMotion(subject, subject.robot.source.foot_radii_m)
+            return gait_motion(subject, subject.robot.source.foot_radii_m)
         case LeapPlan():
-            return LeapMotion(subject)
+            return feet_of_leap(subject)
         case Crossing():
-            return CrossingMotion(subject)
+            return crossing_motion(subject)
     raise TypeError(f"expected a motion, got a {type(subject).__name__}")

@@ -212,22 +212,6 @@ _ROUNDS = 2
 them."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PathPostures:
-    """A robot at T moments, J joints, N limbs.
-
-    Arguments:
-        rotations, origins_m: R_WB and p_WB of the base's frame, shape (T, 3, 3), (T, 3) [m].
-        angles: shape (T, J) [rad].
-        error_m: how far feet stay from where they should be, shape (T, N).
-    """
-
-    rotations: Array
-    origins_m: Array
-    angles: Array
-    error_m: Array
-
-
 class JointPath:
     """The joints of a robot along the path of a plan that has joint angles.
 
@@ -247,7 +231,7 @@ class JointPath:
 
     def judged(
         self, turn_rad: float = TURN_RAD, *, deadline: float = math.inf
-    ) -> tuple[PathMoments, PathPostures]:
+    ) -> tuple[PathMoments, WholeBody]:
         """Moments so near to each other, nearer where joints turn by more than ``turn_rad`` in
         between, and the postures there.
 
@@ -257,6 +241,7 @@ class JointPath:
         counts = self.path.counts(self._apart_m)
         moments = self.path.divided(counts)
         postures = self._postures(moments)
+        assert postures.error_m is not None
         if postures.error_m.max() > STRAY_M:
             self._turn(moments, postures, deadline)
             postures = self._postures(moments)
@@ -268,7 +253,7 @@ class JointPath:
             postures = self._postures(moments)
         return moments, postures
 
-    def postures(self, moments: PathMoments) -> PathPostures:
+    def postures(self, moments: PathMoments) -> WholeBody:
         """The postures at moments that follow each other."""
         _ = self._turned
         return self._postures(moments)
@@ -279,8 +264,9 @@ class JointPath:
         self.judged()
         return True
 
-    def _turn(self, moments: PathMoments, postures: PathPostures, deadline: float) -> None:
+    def _turn(self, moments: PathMoments, postures: WholeBody, deadline: float) -> None:
         """Find postures for the corners of swings that limbs do not follow."""
+        assert postures.error_m is not None
         steps, missed = moments.step, postures.error_m > STRAY_M
         for t, limb in np.argwhere(missed & (moments.foothold < 0)).tolist():
             step = int(steps[t])
@@ -294,9 +280,7 @@ class JointPath:
                 [self._comfortable(moments, postures, int(end), limb) for end in ends]
             )
 
-    def _comfortable(
-        self, moments: PathMoments, postures: PathPostures, t: int, limb: int
-    ) -> Array:
+    def _comfortable(self, moments: PathMoments, postures: WholeBody, t: int, limb: int) -> Array:
         """A comfortable posture of a limb at a moment, near to where it is drawn."""
         normals = moments.ups[t]
         answer = self._kinematics.solve(
@@ -324,7 +308,7 @@ class JointPath:
             angles[np.ix_(on, joints)] = line[part] + passed * (line[part + 1] - line[part])
         return np.asarray(angles)
 
-    def _postures(self, moments: PathMoments) -> PathPostures:
+    def _postures(self, moments: PathMoments) -> WholeBody:
         kinematics, angles = self._kinematics, self._drawn(moments)
         rotations = rotations_of(moments.rotation_rad)
         normals, feet, wished = moments.ups, moments.feet_m, angles
@@ -339,20 +323,15 @@ class JointPath:
                 wished,
                 np.einsum("tij,tni->tnj", rotations, normals),
             )
-        return PathPostures(rotations=rotations, origins_m=origins, angles=angles, error_m=error)
-
-
-def path_bodies(path: PlanPath, moments: PathMoments, postures: PathPostures) -> WholeBody:
-    """Postures as ``Bodies`` takes them."""
-    normals = moments.ups
-    return WholeBody(
-        rotation=postures.rotations,
-        origin_m=postures.origins_m,
-        angles=postures.angles,
-        toes_m=moments.feet_m - path.radii_m[:, None] * normals,
-        normals=normals,
-        stands=moments.foothold >= 0,
-    )
+        return WholeBody(
+            rotation=rotations,
+            origin_m=origins,
+            angles=angles,
+            toes_m=moments.feet_m - self.path.radii_m[:, None] * normals,
+            normals=normals,
+            stands=moments.foothold >= 0,
+            error_m=error,
+        )
 
 
 def key_postures(plan: Plan, angles: Array) -> WholeBody:
@@ -370,6 +349,7 @@ def key_postures(plan: Plan, angles: Array) -> WholeBody:
         toes_m=np.array([plan.toes_at(k) for k in frames]),
         normals=np.array([normals_at(plan, k) for k in frames]),
         stands=np.ones((len(angles), len(robot.limbs)), dtype=bool),
+        error_m=np.zeros((len(angles), len(robot.limbs))),
     )
 
 
@@ -426,7 +406,7 @@ def path_torques(
 
     Raises TimeEnded after the deadline (``time.perf_counter()``).
     """
-    path, forces_n = PlanPath(plan), plan.forces_n
+    path, forces_n = plan.path, plan.forces_n
     if plan.moments_nm is not None:
         forces_n = np.concatenate([forces_n, plan.moments_nm], axis=2)
     moments, postures = JointPath(path, solver).judged(deadline=deadline)
@@ -440,7 +420,7 @@ def path_torques(
         torques.append(
             solver.torques(
                 postures.angles[t],
-                postures.rotations[t],
+                postures.rotation[t],
                 forces[:, :3],
                 forces[:, 3:] if forces.shape[1] > 3 else None,
             )

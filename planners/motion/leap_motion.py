@@ -4,8 +4,7 @@ foothold.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
 from ..robot.chain import rotations_of
-from ..terrain.patch import Solid, solids_of
+from ..terrain.patch import solids_of
 from .joints import MovingBody, WalkPostures
-from .motion import Samples
+from .motion import Played, Samples
 
 _STEP_S = 0.005
 """Spacing of the samples, at most."""
@@ -286,123 +285,100 @@ def gaps(stands: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(begins.tolist(), ends.tolist(), strict=True))
 
 
-class LeapMotion:
+def feet_of_leap(plan: LeapPlan) -> Played:
     """A leap over time; ``Samples.frame`` counts seconds, and joints are not known.
 
     c and v are exact, Θ is a cubic between the ends of an interval, and forces are constant within
     one. A foot in the air goes straight in the frame of the body, from where it left to where it
     lands.
     """
+    leap, ends = plan.problem, plan.times_s
+    patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
+    facing = np.array([patch.normal for patch in patches])
+    friction = np.array([patch.friction for patch in patches])
+    radii, holds = leap.robot.source.foot_radii_m, leap.holds[leap.interval_phases]
+    surfaces, (left, lands), legs = _surfaces(holds), _flights(holds), np.arange(holds.shape[1])
+    from_body = _from_body(plan, holds, surfaces)
 
-    def __init__(self, plan: LeapPlan) -> None:
-        self.plan, leap = plan, plan.problem
-        patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
-        self.solids = solids_of(patches)
-        self._normals = np.array([patch.normal for patch in patches])
-        self._friction = np.array([patch.friction for patch in patches])
-        self._radii = leap.robot.source.foot_radii_m
-        self._holds = leap.holds[leap.interval_phases]
+    def toes(k: NDArray[np.int_], when: Array, com: Array, rotation: Array) -> Array:
+        """Places of all toes, shape (…, N, 3) [m]."""
+        begin, end = ends[left[k]], ends[lands[k]]
+        share = (when[..., None] - begin) / np.maximum(end - begin, 1e-12)
+        first, second = from_body[left[k], legs, 0], from_body[lands[k], legs, 1]
+        aside = first + share[..., None] * (second - first)
+        flying = com[..., None, :] + np.einsum("...ij,...nj->...ni", rotations_of(rotation), aside)
+        on = plan.toes_m[np.maximum(holds[k], 0)]
+        return np.where((holds[k] >= 0)[..., None], on, flying)
 
-    @property
-    def duration_s(self) -> float:
-        """Duration [s]."""
-        return float(self.plan.times_s[-1])
-
-    @property
-    def knots_s(self) -> Array:
-        """Ends of the intervals, shape (M + 1,) [s]."""
-        return self.plan.times_s
-
-    def at(self, times_s: float | Array) -> Samples:
-        """The samples at times; the ends are held."""
-        plan, leap = self.plan, self.plan.problem
-        ends = plan.times_s
+    def at(times_s: float | Array) -> Samples:
         when = np.clip(np.asarray(times_s, dtype=np.float64), ends[0], ends[-1])
         k = np.clip(np.searchsorted(ends, when, side="right") - 1, 0, len(ends) - 2)
         t, last = (when - ends[k])[..., None], (ends[k + 1] - ends[k])[..., None]
         push = plan.forces_n[k].sum(axis=-2) / leap.robot.mass_kg - [0.0, 0.0, GRAVITY_M_S2]
         com = plan.com_m[k] + t * plan.velocity_m_s[k] + 0.5 * t**2 * push
-        rotation, rate = self._turned(k, t / last, last)
-        surface, normals = self._surface[k], self._normals[self._surface[k]]
+        rotation, rate = _turned(plan, k, t / last, last)
+        surface = surfaces[k]
         return Samples(
             com_m=com,
             velocity_m_s=plan.velocity_m_s[k] + t * push,
             rotation_rad=rotation,
             rotation_rate_rad_s=rate,
             frame=when,
-            feet_m=self._toes(k, when, com, rotation) + self._radii[:, None] * normals,
-            radii_m=self._radii,
+            feet_m=toes(k, when, com, rotation) + radii[:, None] * facing[surface],
+            radii_m=radii,
             forces_n=plan.forces_n[k],
-            foothold=self._holds[k],
-            normals=normals,
-            friction=self._friction[surface],
+            foothold=holds[k],
+            normals=facing[surface],
+            friction=friction[surface],
         )
 
-    def _turned(self, k: NDArray[np.int_], s: Array, last: Array) -> tuple[Array, Array]:
-        """Θ and its rate a share s into interval k, which lasts so long, shape (…, 3) each."""
-        robot = self.plan.problem.robot
-        assert robot.inertia is not None
-        rates = self.plan.momentum_m2_s @ np.linalg.inv(robot.inertia / robot.mass_kg).T
-        first, second = self.plan.rotation_rad[k], self.plan.rotation_rad[k + 1]
-        rotation = (2 * s**3 - 3 * s**2 + 1) * first + (3 * s**2 - 2 * s**3) * second
-        rotation += last * ((s**3 - 2 * s**2 + s) * rates[k] + (s**3 - s**2) * rates[k + 1])
-        rate = 6 * (s**2 - s) * (first - second) / last
-        rate += (3 * s**2 - 4 * s + 1) * rates[k] + (3 * s**2 - 2 * s) * rates[k + 1]
-        return np.asarray(rotation), np.asarray(rate)
+    return Played(at=at, knots_s=ends, solids=solids_of(patches))
 
-    def _toes(self, k: NDArray[np.int_], when: Array, com: Array, rotation: Array) -> Array:
-        """Places of all toes, shape (…, N, 3) [m]."""
-        left, lands = self._flights
-        ends = self.plan.times_s
-        begin, end = ends[left[k]], ends[lands[k]]
-        share = (when[..., None] - begin) / np.maximum(end - begin, 1e-12)
-        legs = np.arange(self._holds.shape[1])
-        first, second = self._from_body[left[k], legs, 0], self._from_body[lands[k], legs, 1]
-        aside = first + share[..., None] * (second - first)
-        flying = com[..., None, :] + np.einsum("...ij,...nj->...ni", rotations_of(rotation), aside)
-        holds = self._holds[k]
-        return np.where((holds >= 0)[..., None], self.plan.toes_m[np.maximum(holds, 0)], flying)
 
-    @cached_property
-    def _surface(self) -> NDArray[np.int_]:
-        """The foothold that every limb has, comes to, or else had last, in every interval, shape
-        (M, N).
-        """
-        surface = self._holds.copy()
-        for i in range(surface.shape[1]):
-            stands = np.flatnonzero(surface[:, i] >= 0)
-            after = np.searchsorted(stands, np.arange(len(surface)))
-            surface[:, i] = surface[stands[np.minimum(after, len(stands) - 1)], i]
-        return surface
+def _turned(plan: LeapPlan, k: NDArray[np.int_], s: Array, last: Array) -> tuple[Array, Array]:
+    """Θ and its rate a share s into interval k, which lasts so long, shape (…, 3) each."""
+    robot = plan.problem.robot
+    assert robot.inertia is not None
+    rates = plan.momentum_m2_s @ np.linalg.inv(robot.inertia / robot.mass_kg).T
+    first, second = plan.rotation_rad[k], plan.rotation_rad[k + 1]
+    rotation = (2 * s**3 - 3 * s**2 + 1) * first + (3 * s**2 - 2 * s**3) * second
+    rotation += last * ((s**3 - 2 * s**2 + s) * rates[k] + (s**3 - s**2) * rates[k + 1])
+    rate = 6 * (s**2 - s) * (first - second) / last
+    rate += (3 * s**2 - 4 * s + 1) * rates[k] + (3 * s**2 - 2 * s) * rates[k + 1]
+    return np.asarray(rotation), np.asarray(rate)
 
-    @cached_property
-    def _flights(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Ends of intervals at which each limb left last and lands next, itself where it stands,
-        shape (M, N) each.
-        """
-        left, lands = np.zeros_like(self._holds), np.full_like(self._holds, len(self._holds))
-        for k in range(len(left)):
-            before = left[k - 1] if k else np.zeros(left.shape[1], dtype=int)
-            left[k] = np.where(self._holds[k] >= 0, k + 1, before)
-        for k in reversed(range(len(lands))):
-            after = lands[k + 1] if k + 1 < len(lands) else np.full(lands.shape[1], len(lands))
-            lands[k] = np.where(self._holds[k] >= 0, k, after)
-        return left, lands
 
-    @cached_property
-    def _from_body(self) -> Array:
-        """Toes seen from the body at the ends of intervals, of the foothold before and after each
-        of them, shape (M + 1, N, 2, 3) [m]; where a limb has none on one side the other one's.
-        """
-        none = np.full((1, self._holds.shape[1]), -1)
-        before = np.concatenate([none, self._holds])
-        after = np.concatenate([self._holds, none])
-        last = np.concatenate([self._surface[:1], self._surface])
-        around = np.stack(
-            [np.where(before >= 0, before, last), np.where(after >= 0, after, last)], axis=2
-        )
-        toes = self.plan.toes_m[around] - self.plan.com_m[:, None, None]
-        return np.asarray(np.einsum("mji,mnsj->mnsi", rotations_of(self.plan.rotation_rad), toes))
+def _surfaces(holds: NDArray[np.int_]) -> NDArray[np.int_]:
+    """The foothold that every limb has, comes to, or else had last, in every interval, shape (M,
+    N); holds: −1 in the air.
+    """
+    surface = holds.copy()
+    for i in range(surface.shape[1]):
+        stands = np.flatnonzero(surface[:, i] >= 0)
+        after = np.searchsorted(stands, np.arange(len(surface)))
+        surface[:, i] = surface[stands[np.minimum(after, len(stands) - 1)], i]
+    return surface
+
+
+def _flights(holds: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Ends of intervals at which each limb left last and lands next, itself where it stands, shape
+    (M, N) each.
+    """
+    rows = np.arange(len(holds))[:, None]
+    left = np.maximum.accumulate(np.where(holds >= 0, rows + 1, 0))
+    lands = np.minimum.accumulate(np.where(holds >= 0, rows, len(holds))[::-1])[::-1]
+    return left, lands
+
+
+def _from_body(plan: LeapPlan, holds: NDArray[np.int_], surfaces: NDArray[np.int_]) -> Array:
+    """Toes seen from the body at the ends of intervals, of the foothold before and after each of
+    them, shape (M + 1, N, 2, 3) [m]; where a limb has none on one side the other one's.
+    """
+    none = np.full((1, holds.shape[1]), -1)
+    around = np.stack([np.concatenate([none, holds]), np.concatenate([holds, none])], axis=2)
+    last = np.concatenate([surfaces[:1], surfaces])[..., None]
+    toes = plan.toes_m[np.where(around >= 0, around, last)] - plan.com_m[:, None, None]
+    return np.asarray(np.einsum("mji,mnsj->mnsi", rotations_of(plan.rotation_rad), toes))
 
 
 SETTLE_S, REST_S = 0.5, 2.0
@@ -415,7 +391,7 @@ _KNOT_S = 0.02
 """Postures are looked for so often."""
 
 
-class LeapRun:
+def leap_motion(plan: LeapPlan, settle_s: float = SETTLE_S, rest_s: float = REST_S) -> Played:
     """A leap of a robot whose legs are known, over time; ``Samples.frame`` counts seconds.
 
     Arguments:
@@ -425,92 +401,52 @@ class LeapRun:
     Raises:
         InvalidInput: for a robot without legs of its own.
     """
+    from scipy.interpolate import CubicSpline, make_interp_spline  # slow to import
 
-    counted = "seconds"
+    body, feet = plan.body, feet_of_leap(plan)
+    vectors = CubicSpline(body.times_s, body.rotation_rad, bc_type="clamped")
+    centres = CubicSpline(body.times_s, body.centres_m, bc_type="clamped")
+    normals, rates = make_interp_spline(body.times_s, body.normals, k=1), vectors.derivative()
+    duration_s = float(plan.times_s[-1]) + settle_s + rest_s
 
-    def __init__(self, plan: LeapPlan, settle_s: float = SETTLE_S, rest_s: float = REST_S) -> None:
-        self.plan, self.body = plan, LeapBody(plan)
-        self.settle_s, self.rest_s = settle_s, rest_s
-        self._feet_alone = LeapMotion(plan)
-        self.solids: tuple[Solid, ...] = ()
-        leap = plan.problem
-        self.stances: Sequence[str] = tuple(
-            f"{foothold.limb}, put down in phase {foothold.frame}," for foothold in leap.footholds
-        )
-
-    @property
-    def duration_s(self) -> float:
-        """Duration [s]."""
-        return float(self.plan.times_s[-1]) + self.settle_s + self.rest_s
-
-    @property
-    def last_frame(self) -> float:
-        """The end [s]."""
-        return self.duration_s
-
-    @property
-    def goal_m(self) -> Array:
-        """Place at which the centre of mass ends, shape (3,) [m]."""
-        return np.asarray(self.plan.com_m[-1])
-
-    def entry(self) -> dict[str, Any]:
-        """Start and goal, for a log."""
-        return {"start_m": self.plan.com_m[0], "goal_m": self.plan.com_m[-1]}
-
-    @property
-    def knots_s(self) -> Array:
-        """Times at which postures are chosen, shape (K,) [s]."""
-        return np.linspace(0.0, self.duration_s, int(np.ceil(self.duration_s / _KNOT_S)) + 1)
-
-    @cached_property
-    def committed_s(self) -> tuple[tuple[float, float], ...]:
-        """From when the body goes into the air whatever its legs do, and when it rests again [s]:
-        from the beginning of the last but one interval that pushes before the first flight to the
-        end; none where some limb always stands. Legs that are held while they push throw a robot
-        off its feet from there on.
-        """
-        leap, ends = self.plan.problem, self.plan.times_s
-        air = (leap.holds[leap.interval_phases] < 0).all(axis=1)
-        if not air.any():
-            return ()
-        pushes = np.linalg.norm(self.plan.forces_n.sum(axis=1), axis=1) > _LIGHT * leap.weight_n
-        lifts = np.flatnonzero(pushes[: int(np.argmax(air))])
-        first = max(int(lifts[-1]) + 1 - _PUSHES, 0) if len(lifts) else 0
-        begin, rests = float(ends[first]) + self.settle_s, float(ends[-1]) + self.settle_s
-        return ((begin, rests + SETTLE_S if self.rest_s > SETTLE_S else self.duration_s),)
-
-    def at(self, times_s: float | Array) -> Samples:
-        """The samples at times; the ends are held."""
-        body = self.body
+    def at(times_s: float | Array) -> Samples:
         times = np.asarray(times_s, dtype=np.float64)
-        when = np.clip(times - self.settle_s, body.times_s[0], body.times_s[-1])
-        moves = (when == times - self.settle_s)[..., None]
-        base = self._feet_alone.at(when)
-        vectors, rates, centres, normals = self._tables
+        when = np.clip(times - settle_s, body.times_s[0], body.times_s[-1])
+        moves = (when == times - settle_s)[..., None]
+        base, facing = feet.at(when), normals(when)
         stands = base.stands[..., None]
-        facing = normals(when)
         facing = facing / np.linalg.norm(facing, axis=-1, keepdims=True)
-        return Samples(
-            com_m=base.com_m,
+        return replace(
+            base,
             velocity_m_s=np.where(moves, base.velocity_m_s, 0.0),
             rotation_rad=vectors(when),
             rotation_rate_rad_s=np.where(moves, rates(when), 0.0),
-            frame=np.clip(times, 0.0, self.duration_s),
+            frame=np.clip(times, 0.0, duration_s),
             feet_m=np.where(stands, base.feet_m, centres(when)),
-            radii_m=base.radii_m,
-            forces_n=base.forces_n,
-            foothold=base.foothold,
             normals=np.where(stands, base.normals, facing),
-            friction=base.friction,
         )
 
-    @cached_property
-    def _tables(self) -> tuple[Any, Any, Any, Any]:
-        """Rotation vectors and their rates, centres of the feet and normals, over time."""
-        from scipy.interpolate import CubicSpline, make_interp_spline  # slow to import
+    rests = float(plan.times_s[-1]) + settle_s + SETTLE_S if rest_s > SETTLE_S else duration_s
+    return Played(
+        at=at,
+        knots_s=np.linspace(0.0, duration_s, int(np.ceil(duration_s / _KNOT_S)) + 1),
+        stances=tuple(
+            f"{foothold.limb}, put down in phase {foothold.frame},"
+            for foothold in plan.problem.footholds
+        ),
+        committed_s=tuple((begin + settle_s, rests) for begin in _committed_s(plan)),
+    )
 
-        body = self.body
-        vectors = CubicSpline(body.times_s, body.rotation_rad, bc_type="clamped")
-        centres = CubicSpline(body.times_s, body.centres_m, bc_type="clamped")
-        normals = make_interp_spline(body.times_s, body.normals, k=1)
-        return vectors, vectors.derivative(), centres, normals
+
+def _committed_s(plan: LeapPlan) -> list[float]:
+    """When the body goes into the air whatever its legs do [s]: at the beginning of the last but
+    one interval that pushes before the first flight; never where some limb always stands. Legs that
+    are held while they push throw a robot off its feet from there to the end.
+    """
+    leap = plan.problem
+    air = (leap.holds[leap.interval_phases] < 0).all(axis=1)
+    if not air.any():
+        return []
+    pushes = np.linalg.norm(plan.forces_n.sum(axis=1), axis=1) > _LIGHT * leap.weight_n
+    lifts = np.flatnonzero(pushes[: int(np.argmax(air))])
+    return [float(plan.times_s[max(int(lifts[-1]) + 1 - _PUSHES, 0) if len(lifts) else 0])]

@@ -4,9 +4,9 @@ times.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from ..answer.plan import MotionTable
 from ..files.arrays import Array, cached_arrays, checked, cross
 from ..robot.chain import rotations_of
 from ..terrain.patch import Solid, contact_frames
+
+if TYPE_CHECKING:
+    from .path import PlanPath, Segment
 
 T = TypeVar("T", float, Array)
 _FOLLOWS = ("stands", "steep", "rotation", "along_n", "across_n", "arms_m", "wrench", "frames")
@@ -147,31 +150,45 @@ class Samples:
         return samples
 
 
-class Played(Protocol):
-    """Played that a film shows, a tracker follows and an export writes."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Played:
+    """A motion over time, which a film shows, a tracker follows and an export writes.
 
-    @property
-    def solids(self) -> tuple[Solid, ...]:
-        """Solids that limbs keep off."""
-        ...
+    Arguments:
+        at: the samples at times, shape (T,), or at a single one [s]; before 0 and after the end the
+            ends are held.
+        knots_s: times from 0 to the end at which postures are chosen, the same moments at every pace,
+            shape (K,) [s].
+        solids: solids that limbs keep off.
+        stances: name of every foothold that samples count.
+        rest_s: time at rest before anything moves, load among it [s].
+        committed_s: from when to when the body is on its way through the air whatever its legs do,
+            per leap [s].
+        pace: of that asked for, 1 where joints and soles let it.
+        bound_by: what made it slower, empty at 1.
+        path: of a plan's motion, the path that it follows.
+        segments, seconds: of a plan's motion, the parts of the path in order, and how long each of
+            them lasts, shape (P,).
+        lasting: of a plan's motion, the same one with parts that last so long, shape (P,) [s].
+    """
+
+    at: Callable[[float | Array], Samples]
+    knots_s: Array
+    solids: tuple[Solid, ...] = ()
+    stances: tuple[str, ...] = ()
+    rest_s: float | None = None
+    committed_s: tuple[tuple[float, float], ...] = ()
+    pace: float = 1.0
+    bound_by: str = ""
+    path: PlanPath | None = None
+    segments: tuple[Segment, ...] = ()
+    seconds: Array | None = None
+    lasting: Callable[[Array], Played] | None = None
 
     @property
     def duration_s(self) -> float:
         """Time from the beginning to the end [s]."""
-        ...
-
-    @property
-    def knots_s(self) -> Array:
-        """Times from 0 to the end at which postures are chosen, the same moments at every pace,
-        shape (K,) [s].
-        """
-        ...
-
-    def at(self, times_s: float | Array) -> Samples:
-        """The samples at times, shape (T,), or at a single one [s]; before 0 and after the end the
-        ends are held.
-        """
-        ...
+        return float(self.knots_s[-1])
 
 
 def stacked(samples: Sequence[Samples]) -> Samples:

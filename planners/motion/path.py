@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,31 +75,6 @@ lowest first (36, 2)."""
 _SHARES = np.linspace(0.0, 1.0, 21)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Swing:
-    """The path of a foot in the air.
-
-    Arguments:
-        start, lifted, lowered, end: centres of the foot, shape (3,) [m]; straight lines join them.
-    """
-
-    start: Array
-    lifted: Array
-    lowered: Array
-    end: Array
-
-    @property
-    def lengths_m(self) -> tuple[float, float, float]:
-        """Up, across and down [m]."""
-        up, across, down = (float(np.linalg.norm(b - a)) for a, b in pairwise(self.corners))
-        return up, across, down
-
-    @property
-    def corners(self) -> tuple[Array, Array, Array, Array]:
-        """End points of the three straight lines, in order."""
-        return self.start, self.lifted, self.lowered, self.end
-
-
 def clear_swing(
     ends: tuple[Array, Array],
     normals: tuple[Array, Array],
@@ -109,9 +84,10 @@ def clear_swing(
     kept_m: float = _KEPT_M,
     raises_m: Array = _RAISES_M,
     corners_m: Array | None = None,
-) -> _Swing:
+) -> Array:
     """The lowest swing that stays ``kept_m`` off the terrain on its path across; the clearest one
-    where none does.
+    where none does: where it begins, is lifted to, lowered from and ends, which straight lines join,
+    shape (4, 3) [m].
 
     Arguments:
         ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m].
@@ -136,7 +112,7 @@ def clear_swing(
         gap = np.concatenate([gap, gaps(slice(1, None))])
     clear = gap >= kept_m
     k = int(np.argmax(clear) if clear.any() else np.argmax(gap))
-    return _Swing(start=ends[0], lifted=lifted[k], lowered=lowered[k], end=ends[1])
+    return np.array([ends[0], lifted[k], lowered[k], ends[1]])
 
 
 LIFT_M = 0.05
@@ -236,6 +212,7 @@ class PlanPath:
     """The path of a plan.
 
     normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m];
+    friction: of its patch, shape (P,);
     size: that of the robot, which all lengths of swings follow. lift_m: how far feet are lifted.
     touch_downs_m: how far beyond that it may come down until it feels, shape (P,) [m]. Raises
     InvalidInput where all limbs lift at once unless they may: no limb carries, and no position
@@ -259,6 +236,7 @@ class PlanPath:
         self._around = Solids(self.solids)
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
         self.normals = np.array([patch.normal for patch in patches])
+        self.friction = np.array([patch.friction for patch in patches])
         self.radii_m = course.robot.source.foot_radii_m
         radii = self.radii_m[[self._names.index(each.limb) for each in course.footholds]]
         self.feet_m = plan.toes_m + radii[:, None] * self.normals
@@ -313,7 +291,7 @@ class PlanPath:
                 ups[:, :, i] = np.stack([turned[:-1], turned[1:]], axis=1)
             else:
                 swing = self._swing(i, old[i], new[i])
-            corners[:, i] = swing.corners
+            corners[:, i] = swing
         held = np.isin(np.arange(len(old)), moving, invert=True)
         foothold = tuple(np.where(held, old, -1).tolist())
         parts = tuple(
@@ -336,7 +314,7 @@ class PlanPath:
         new: int,
         drops_m: Array | float = 0.0,
         corners_m: Array | None = None,
-    ) -> _Swing:
+    ) -> Array:
         """The clear swing of a limb from one foothold to another.
 
         Arguments:
@@ -354,7 +332,7 @@ class PlanPath:
             corners_m,
         )
 
-    def _sole_swing(self, k: int, limb: int, old: int, new: int) -> tuple[_Swing, Array]:
+    def _sole_swing(self, k: int, limb: int, old: int, new: int) -> tuple[Array, Array]:
         """The swing to key frame k of a limb with a sole whose toes hang down the least, of those
         that its leg can follow, and directions that the sole has up at its four corners, shape (4,
         3). The one that is followed best where its leg follows none.
@@ -363,7 +341,7 @@ class PlanPath:
         assert sole is not None
         out = sole.points_m * (1.0 + _ROOM_M / np.linalg.norm(sole.points_m, axis=1)[:, None])
         flat = levelled(self.normals[[old, new]])
-        best: tuple[float, _Swing, Array] | None = None
+        best: tuple[float, Array, Array] | None = None
         for tips in _TIPS_RAD:
             sine, cosine = np.sin(tips)[:, None], np.cos(tips)[:, None]
             ups = cosine * flat[:, :, 2] + sine * flat[:, :, 0]
@@ -373,7 +351,7 @@ class PlanPath:
             turned = np.array([flat[0, :, 2], *ups, flat[1, :, 2]])
             if self.plan.joints_rad is None:
                 return swing, turned
-            missed = self._missed_m(k, limb, np.array(swing.corners), turned)
+            missed = self._missed_m(k, limb, swing, turned)
             if best is None or missed < best[0]:
                 best = missed, swing, turned
             if missed <= _FOLLOWED_M:

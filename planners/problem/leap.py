@@ -199,7 +199,7 @@ class Leap:
     start: BodyState
     goal: BodyState
     goal_radius_m: float = 0.06
-    limits: LeapLimits = LeapLimits()
+    limits: LeapLimits = field(default_factory=LeapLimits)
     duration_s: float | None = None
 
     def __post_init__(self) -> None:

@@ -29,12 +29,12 @@ from ..equilibrium.scaled import Scaled, skew
 from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
+from ..motion.joints import STRAY_M, JointPath, key_postures
 from ..motion.path import LIFT_M, PathMoments, PlanPath
 from ..problem import Problem
 from ..robot.bodies import Bodies, link_shapes
 from ..robot.chain import rotations_of
-from ..robot.inverse_kinematics import Near, descend
+from ..robot.inverse_kinematics import Near, WholeBody, descend
 from ..robot.kinematics import Kinematics
 from ..robot.leg import turning
 from ..terrain.obstacles import Obstacles
@@ -95,14 +95,13 @@ class PathClearance:
         """Find the bodies that are nearer than that and a little more, at moments this far apart:
         of every pair of bodies where it is nearest, and wherever it is too near.
         """
-        path = JointPath(PlanPath(plan), self._solver, apart_m)
+        path = JointPath(plan.path, self._solver, apart_m)
         moments, postures = _with_keys(
             path.path, *path.judged(turn_rad=np.inf, deadline=self._deadline)
         )
         check_time(self._deadline)
-        bodies = path_bodies(path.path, moments, postures)
         loose = replace(
-            bodies, stands=np.ones_like(bodies.stands)
+            postures, stands=np.ones_like(postures.stands)
         )  # feet lift off what they stand on
         near = _nearest(self._bodies.near(loose, clearance_m + NEAR_M), clearance_m)
         mounts = [self._solver.model.mounts[link] for link in self._bodies.links]
@@ -127,6 +126,7 @@ class PathClearance:
         feet = _astray(moments, postures)
         for row, (t, leg) in enumerate(feet, len(near)):
             slopes.add_foot(leg, np.array([row]), np.array([t]))
+        assert postures.error_m is not None
         missed = [-float(postures.error_m[t, leg]) for t, leg in feet]
         return Nearness(
             distance_m=np.array([*(each.distance_m for _, each in near), *missed]),
@@ -149,9 +149,10 @@ def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int
     return sorted(nearest, key=lambda each: each[0])
 
 
-def _astray(moments: PathMoments, postures: PathPostures) -> list[tuple[int, int]]:
+def _astray(moments: PathMoments, postures: WholeBody) -> list[tuple[int, int]]:
     """Moment at which each limb that stays from its path in a step does so most, and the limb."""
     worst = dict[tuple[int, int], int]()
+    assert postures.error_m is not None
     for t, limb in np.argwhere(postures.error_m > STRAY_M).tolist():
         key = int(moments.step[t]), limb
         if key not in worst or postures.error_m[t, limb] > postures.error_m[worst[key], limb]:
@@ -198,23 +199,16 @@ def _constant(values: Array) -> Fill[Any]:
 
 
 def _with_keys(
-    path: PlanPath, moments: PathMoments, postures: PathPostures
-) -> tuple[PathMoments, PathPostures]:
+    path: PlanPath, moments: PathMoments, postures: WholeBody
+) -> tuple[PathMoments, WholeBody]:
     """And the key frames as they are drawn, behind them."""
     plan = path.plan
     assert plan.joints_rad is not None
     keys = path.at([(path.standing(k), np.ones(1)) for k in range(plan.problem.frames)])
-    turns = rotations_of(keys.rotation_rad)
-    path_postures = PathPostures(
-        rotations=turns,
-        origins_m=keys.com_m - turns @ plan.problem.robot.origin_m,
-        angles=plan.joints_rad,
-        error_m=np.zeros(keys.foothold.shape),
-    )
-    return _joined(moments, keys), _joined(postures, path_postures)
+    return _joined(moments, keys), _joined(postures, key_postures(plan, plan.joints_rad))
 
 
-J = TypeVar("J", PathMoments, PathPostures)
+J = TypeVar("J", PathMoments, WholeBody)
 
 
 def _joined(one: J, other: J) -> J:
@@ -232,7 +226,7 @@ class _Slopes:
     """
 
     def __init__(
-        self, path: JointPath, solver: Kinematics, moments: PathMoments, postures: PathPostures
+        self, path: JointPath, solver: Kinematics, moments: PathMoments, postures: WholeBody
     ) -> None:
         self._path, self._solver, self._moments, self._postures = path, solver, moments, postures
         plan = path.path.plan
@@ -284,7 +278,7 @@ class _Slopes:
         moments, postures = self._moments, self._postures
         joints, chain = self._solver.joints_of(leg), self._solver.model.legs[leg].chain
         feet = chain.feet(postures.angles[np.ix_(times, joints)])
-        feet = postures.origins_m[times] + np.einsum("kij,kj->ki", postures.rotations[times], feet)
+        feet = postures.origin_m[times] + np.einsum("kij,kj->ki", postures.rotation[times], feet)
         push = moments.feet_m[times, leg] - feet
         push = push / np.linalg.norm(push, axis=1, keepdims=True)
         by_turn = cross(feet - moments.com_m[times], push)
@@ -301,7 +295,7 @@ class _Slopes:
         (K, 3).
         """
         columns_of_leg, chain = self._solver.joints_of(leg), self._solver.model.legs[leg].chain
-        rotations, origins = self._postures.rotations[times], self._postures.origins_m[times]
+        rotations, origins = self._postures.rotation[times], self._postures.origin_m[times]
         turns, places = chain.frames(self._postures.angles[np.ix_(times, columns_of_leg)])
         axes = np.einsum("kij,knj->kni", rotations, np.einsum("knij,nj->kni", turns, chain.axes))
         places = origins[:, None] + np.einsum("kij,knj->kni", rotations, places)
@@ -438,9 +432,9 @@ def _legs(plan: Plan) -> tuple[Array, NDArray[np.int_]]:
     it stands on, lifts off or comes down to, shape (T, N).
     """
     solver = Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
-    moments, at = JointPath(PlanPath(plan), solver).judged()
+    moments, at = JointPath(plan.path, solver).judged()
     chains = np.array([solver.chains(angles) for angles in at.angles])
-    ends = at.origins_m[:, None, None] + np.einsum("tij,tnkj->tnki", at.rotations, chains)
+    ends = at.origin_m[:, None, None] + np.einsum("tij,tnkj->tnki", at.rotation, chains)
     first, last = ends[:, :, :-1, None], ends[:, :, 1:, None]
     points = (first + _SHARES * (last - first)).reshape(*ends.shape[:2], -1, 3)
     comes = (moments.part == 2) | ((moments.part == 1) & (moments.passed > 0.5))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,45 +46,11 @@ LEAST = 0.02
 stays there."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Stance:
-    """Data of one moment for the program.
-
-    Arguments:
-        arms: maps the forces to their sum and moment, (6, 3N).
-        friction: (N,).
-        low, high: on the forces, (N, 3).
-        borne: their sum and its moment about the centre of mass, (6,).
-        rest, levers: torques as shares of their limits are rest − levers · f, (J,), (J, 3); none
-            where nobody asks.
-    """
-
-    arms: Array
-    friction: Array
-    low: Array
-    high: Array
-    borne: Array
-    rest: Array
-    levers: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Loads:
-    """Parts of the torques of a robot at rest; J joints.
-
-    Arguments:
-        weight_nm: of the limbs' own masses, shape (J,).
-        levers_m: τ = weight_nm − levers_m · f, f on the joint's own foot in the world frame, shape
-            (J, 3).
-        limit_nm: of every joint, inf for none, shape (J,).
-    """
-
-    weight_nm: Array
-    levers_m: Array
-    limit_nm: Array
-
-
-_NONE = Loads(weight_nm=np.zeros(0), levers_m=np.zeros((0, 3)), limit_nm=np.zeros(0))
+Loads = tuple[Array, Array, Array]
+"""Parts of the torques of a robot at rest, of J joints: of the limbs' own masses, shape (J,) [Nm];
+levers, shape (J, 3) [m], of which τ = weight − levers · f, f on the joint's own foot in the world
+frame; and limits, shape (J,) [Nm], inf for none."""
+_NONE: Loads = np.zeros(0), np.zeros((0, 3)), np.zeros(0)
 
 
 class ForceDistribution:
@@ -99,8 +66,11 @@ class ForceDistribution:
             foot_of: the contact that every joint leads to, shape (J,): the largest torque as a
                 share of its limit is then minimised, and forces only break ties.
         """
+        # of a stance: arms map forces to their sum and moment, (6, 3N); friction (N,); low and high
+        # bound forces, (N, 3); borne is their sum and moment, (6,); torques as shares of their
+        # limits are rest − levers · f, (J,), (J, 3)
         self._contacts, self._foot_of = contacts, np.array(foot_of, dtype=int)
-        self._rows = rows = Rows[_Stance](keep=True)
+        self._rows = rows = Rows[SimpleNamespace](keep=True)
         forces = rows.variable("forces", contacts, 3)
         balance = rows.equal("balance", 6)
         rows.put(balance[:, None], forces.reshape(1, -1), lambda d: d.arms)
@@ -168,21 +138,23 @@ class ForceDistribution:
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
         low, high = course.common_bounds
+        weight_nm, levers_m, limit_nm = loads
         arms = np.einsum("nij,njk->nik", _skew(arms_m / course.unit_m), frames)
-        stance = _Stance(
+        stance = SimpleNamespace(
             arms=np.concatenate(
                 [frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]
             ),
-            friction=np.array([patch.friction for patch in patches]),
             low=np.where(carries, np.maximum(low, [least, -np.inf, -np.inf]), 0.0),
             high=np.where(carries, high, 0.0),
             borne=_WEIGHT if wrench is None else _WEIGHT - wrench,
-            rest=loads.weight_nm / loads.limit_nm,
-            levers=np.einsum("jk,jki->ji", loads.levers_m, frames[self._foot_of])
-            * (course.weight_n / loads.limit_nm)[:, None],
+            rest=weight_nm / limit_nm,
+            levers=np.einsum("jk,jki->ji", levers_m, frames[self._foot_of])
+            * (course.weight_n / limit_nm)[:, None],
         )
+        friction = np.array([patch.friction for patch in patches])
         for reserve in reserves:
-            solution = self._rows.solve(replace(stance, friction=reserve * stance.friction))
+            stance.friction = reserve * friction
+            solution = self._rows.solve(stance)
             if solution.solved:
                 local = solution.value("forces") * course.weight_n
                 return np.asarray(np.where(carries, np.einsum("nij,nj->ni", frames, local), 0.0))
@@ -464,7 +436,7 @@ class Restoration:
             arms,
             self._patches[frame],
             np.isin(np.arange(scaled.layout.limbs), limbs),
-            loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
+            loads=(weight, levers, self._limit_nm),
             reserves=(self.friction_share,),
             least=float(least),
             wrench=scaled.wrench[stance] / scaled.weight if scaled.layout.loaded else None,

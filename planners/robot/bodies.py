@@ -102,13 +102,11 @@ class Bodies:
             self._middles[:, None]
             + np.where(self._balls, 0.0, 1.0)[:, None, None] * _SIDES * self._halves[:, None]
         )
-        self._solids = [self._hull(each.solid.corners) for each in terrain.convex]
-        spans = [
-            (each.solid.corners.min(axis=0), each.solid.corners.max(axis=0))
-            for each in terrain.convex
-        ]
+        solids = [solid for _, solid in terrain.convex]
+        self._solids = [self._hull(solid.corners) for solid in solids]
+        spans = [(solid.corners.min(axis=0), solid.corners.max(axis=0)) for solid in solids]
         self._spans = np.array(spans).reshape(-1, 2, 3)
-        self._faces = _faces([each.solid for each in terrain.convex])
+        self._faces = _faces(solids)
         self._request, self._here = self._coal.DistanceRequest(), self._coal.Transform3s()
         self._request.enable_signed_distance, self._result = True, self._coal.DistanceResult()
         self._foot = feet_of([shape for shape, _ in shapes], self.model.legs, self.model.mounts)
@@ -281,7 +279,7 @@ class Bodies:
             ),
         )
         for on, (where, (pairs, bounds), limits_m, way) in enumerate(kinds):
-            names = [part.name for part in self._terrain.convex] if on else self.links
+            names = [name for name, _ in self._terrain.convex] if on else self.links
             for t, k, depth_m in self._deep(
                 where, pairs, bounds, limits_m, way if between else None, terrain=bool(on)
             ):
@@ -339,15 +337,15 @@ class Bodies:
         exact = np.zeros(least.shape, dtype=bool)
         bounds = Bounds(least=least, way=ways[:, shape], exact=exact)
         open_ = bounds.nearer(limit_m, between=between)
-        for faces in self._faces:
-            t, k = np.nonzero(open_ & np.isin(part, faces.parts))
+        for parts, faces, offsets_m in self._faces:
+            t, k = np.nonzero(open_ & np.isin(part, parts))
             if not len(t):
                 continue
-            s, of = shape[k], np.searchsorted(faces.parts, part[k])
-            normals, ball = faces.normals[of], self._balls[s]
+            s, of = shape[k], np.searchsorted(parts, part[k])
+            normals, ball = faces[of], self._balls[s]
             supports = (np.abs(normals @ world[0][t, s]) @ self._halves[s][:, :, None])[..., 0]
             supports = np.where(ball[:, None], self._radii[s][:, None], supports)
-            off, over = off_solids(middles[t, s], supports, normals, faces.offsets_m[of])
+            off, over = off_solids(middles[t, s], supports, normals, offsets_m[of])
             least[t, k], exact[t, k] = (
                 np.where(ball & over, off, np.maximum(least[t, k], off)),
                 ball & over,
@@ -480,7 +478,7 @@ class Bodies:
                 points = np.array(
                     [self._result.getNearestPoint1(), self._result.getNearestPoint2()]
                 )
-                name = self._terrain.convex[j].name if terrain else self.links[j]
+                name = self._terrain.convex[j][0] if terrain else self.links[j]
                 near = Near(
                     shape=i,
                     other=-1 if terrain else j,
@@ -504,7 +502,7 @@ class Bodies:
         """
         standing = np.zeros((len(bodies), len(pairs)), dtype=bool)
         for k, (shape, part) in enumerate(pairs.tolist()):
-            limb, solid = self._foot[shape], self._terrain.convex[part].solid
+            limb, solid = self._foot[shape], self._terrain.convex[part][1]
             if limb >= 0:
                 along = bodies.normals[:, limb] @ solid.normals.T > _ALIGNED
                 heights = bodies.toes_m[:, limb] @ solid.normals.T - solid.offsets_m
@@ -657,25 +655,16 @@ class _Parts:
 _NO_PARTS = _Parts.of(())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Faces:
-    """Faces n·x = d of parts of a terrain that have as many of them, F: parts by number; shapes (K,
-    F, 3), (K, F).
+def _faces(solids: Sequence[Solid]) -> list[tuple[NDArray[np.int_], Array, Array]]:
+    """Faces n·x = d of parts of a terrain that have as many of them, F: parts by number, shape (K,),
+    normals, shape (K, F, 3), and offsets, shape (K, F) [m].
     """
-
-    parts: NDArray[np.int_]
-    normals: Array
-    offsets_m: Array
-
-
-def _faces(solids: Sequence[Solid]) -> list[_Faces]:
-    """Faces of all parts."""
     counts = np.array([len(solid.normals) for solid in solids], dtype=int)
     return [
-        _Faces(
-            parts=parts,
-            normals=np.array([solids[k].normals for k in parts.tolist()]),
-            offsets_m=np.array([solids[k].offsets_m for k in parts.tolist()]),
+        (
+            parts,
+            np.array([solids[k].normals for k in parts.tolist()]),
+            np.array([solids[k].offsets_m for k in parts.tolist()]),
         )
         for parts in (np.flatnonzero(counts == count) for count in sorted(set(counts.tolist())))
     ]

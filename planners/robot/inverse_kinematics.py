@@ -10,7 +10,7 @@ seed, or near ``near`` where given.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ class WholeBody:
         toes_m, normals: contact points of the limbs [m] and normals of the surfaces there, shape
             (N, 3).
         stands: truth values, True for limbs that stand, shape (N,).
+        error_m: how far feet stay from where they should be, shape (N,); None where nobody looked.
     """
 
     rotation: Array
@@ -41,6 +42,7 @@ class WholeBody:
     toes_m: Array
     normals: Array
     stands: NDArray[np.bool_]
+    error_m: Array | None = None
 
     @property
     def moments(self) -> WholeBody:
@@ -49,7 +51,8 @@ class WholeBody:
 
     def at(self, rows: slice | NDArray[np.intp] | int | None) -> WholeBody:
         """Some of the moments, by number."""
-        return replace(self, **{item.name: getattr(self, item.name)[rows] for item in fields(self)})
+        known = {name: array for name, array in vars(self).items() if array is not None}
+        return replace(self, **{name: array[rows] for name, array in known.items()})
 
     def __len__(self) -> int:
         return len(self.moments.angles)

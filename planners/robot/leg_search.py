@@ -68,21 +68,16 @@ class Waist(InvalidInput):
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
-    """Legs, what of them was guessed, a line each, and what is hard to believe: of which joint or
-    link, and what.
-
-    Arguments:
-        indices: for every leg the index of the shape that touches, −1 if there is none.
-        gaps: entries that a YAML file has to add before anything can be planned, one line each.
-    """
-
-    legs: tuple[Leg, ...]
-    guesses: tuple[str, ...]
-    doubts: tuple[tuple[str, str], ...]
-    indices: tuple[int, ...]
-    gaps: tuple[str, ...] = ()
+Found = tuple[
+    tuple[Leg, ...],
+    tuple[int, ...],
+    tuple[str, ...],
+    tuple[tuple[str, str], ...],
+    tuple[str, ...],
+]
+"""Legs; for every leg the index of the shape that touches, −1 if there is none; what of them was
+guessed, a line each; what is hard to believe: of which joint or link, and what; and entries that a
+YAML file has to add before anything can be planned, a line each."""
 
 
 def legs_of(
@@ -128,13 +123,7 @@ def legs_of(
         sizes = ", ".join(f"{foot} {long:.3f} × {wide:.3f} m" for foot, long, wide in soles)
         guesses.append(f"soles, by their shapes: {sizes}")
     legs, indices = tuple(leg for leg, _ in result), tuple(index for _, index in result)
-    return Found(
-        legs=legs,
-        guesses=tuple(guesses),
-        doubts=tuple(tree.doubts),
-        indices=indices,
-        gaps=tuple(gaps),
-    )
+    return legs, indices, tuple(guesses), tuple(tree.doubts), tuple(gaps)
 
 
 def _contacts(

@@ -499,29 +499,30 @@ def model_of(
             with_hulls(shapes) if hulls is None else (with_known_hulls(shapes, hulls), [])
         )
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
-        model, legs_found, held = _legs(root, text, shapes, named, contacts)
+        model, found, held = _legs(root, text, shapes, named, contacts)
         text = ElementTree.tostring(root, encoding="unicode") if held else text
-        guesses = [*held, *legs_found.guesses]
-        standing_in = _mounts(model, legs_found.legs, at_rest(model))
-        rounded, balls = with_balls(root, legs_found.legs, shapes, standing_in, legs_found.indices)
+        legs, indices, guessed, doubted, lacks = found
+        guesses = [*held, *guessed]
+        standing_in = _mounts(model, legs, at_rest(model))
+        rounded, balls = with_balls(root, legs, shapes, standing_in, indices)
         if balls:
             text, again = rounded, shapes_of(parsed(rounded, where), folder, packages)[0]
             shapes = with_same_hulls(again, shapes)
             guesses.insert(0, f"balls for {', '.join(balls)}")
-        _check_mimics(root, legs_found.legs)
+        _check_mimics(root, legs)
         semantics = parsed(srdf, "srdf") if srdf else None
-        moved = {name for leg in legs_found.legs for name in leg.joint_names}
-        gaps = (*legs_found.gaps, *rest_gaps(root, legs_found.legs))
+        moved = {name for leg in legs for name in leg.joint_names}
+        gaps = (*lacks, *rest_gaps(root, legs))
         gaps = (*(gap for name, gap in in_degrees.items() if name in moved), *gaps)
         if mjcf is not None:
             guesses, gaps = [*mjcf.guesses, *guesses], (*mjcf.gaps, *gaps)
-        legs, more = _stand(legs_found.legs, posture_rad, semantics)
+        legs, more = _stand(legs, posture_rad, semantics)
         body, rest = _weighed(model, legs, root)
         called = checked_name(name or model.name, "name")
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     mounts = _mounts(model, legs, rest)
-    doubts = [*legs_found.doubts, *_torque_doubts(legs, body), *leg_doubts(legs)]
+    doubts = [*doubted, *_torque_doubts(legs, body), *leg_doubts(legs)]
     doubts += [] if mjcf is None else mjcf.doubts_of(moved)
     doubts += [(f"joint {name}", why) for name, why in limit_doubts(root) if name in moved]
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
@@ -575,7 +576,7 @@ def _legs(
         model = built(text, "urdf")
         try:
             found = legs_of(model, shapes, order, feet, contacts)
-            angles = {} if found.gaps else rest_angles(root, found.legs)
+            angles = {} if found[-1] else rest_angles(root, found[0])
             why = "the angle nearest to 0 that it has"
         except Waist as waist:
             angles, why = dict.fromkeys(waist.joints, 0.0), "since two legs hang below it"

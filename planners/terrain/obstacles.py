@@ -123,19 +123,6 @@ leave out."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Obstacle:
-    """A convex body.
-
-    Arguments:
-        name: for people.
-        solid: where it is.
-    """
-
-    name: str
-    solid: Solid
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _ClosedSurface:
     """A surface around a body that is not convex.
 
@@ -186,7 +173,7 @@ class Obstacles:
         ground: heights that are solid below.
     """
 
-    convex: tuple[_Obstacle, ...]
+    convex: tuple[tuple[str, Solid], ...]
     closed: tuple[_ClosedSurface, ...]
     ground: Ground | None = None
 
@@ -198,7 +185,7 @@ class Obstacles:
     @classmethod
     def of(cls, patches: Sequence[Patch]) -> Obstacles:
         """Obstacles of a course's terrain, named by the patches' numbers in it."""
-        convex, closed = list[_Obstacle](), list[_ClosedSurface]()
+        convex, closed = list[tuple[str, Solid]](), list[_ClosedSurface]()
         for group in _joined(patches):
             members = [patches[i] for i in group]
             name = (
@@ -208,9 +195,9 @@ class Obstacles:
             )
             corners = np.concatenate([patch.vertices_m for patch in members])
             if len(members) > 3 and _is_hull(corners, members):
-                convex.append(_Obstacle(name=name, solid=Solid.of_corners(corners)))
+                convex.append((name, Solid.of_corners(corners)))
                 continue
-            convex += [_Obstacle(name=f"patch {i}", solid=patches[i].solid) for i in group]
+            convex += [(f"patch {i}", patches[i].solid) for i in group]
             if len(members) > 3 and _closes(members):
                 fans = [fan(patch) for patch in members]
                 closed.append(_ClosedSurface(name=name, triangles_m=np.concatenate(fans)))

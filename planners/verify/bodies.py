@@ -231,8 +231,7 @@ def check_bodies(
     Raises:
         InvalidInput: without coal.
     """
-    from ..motion.joints import STRAY_M, JointPath, key_postures, path_bodies  # slow to import
-    from ..motion.path import PlanPath
+    from ..motion.joints import STRAY_M, JointPath, key_postures  # slow to import
     from ..robot.bodies import Bodies
     from ..terrain.obstacles import Obstacles
 
@@ -254,20 +253,19 @@ def check_bodies(
     if unchecked:
         return group, Group("motion", unit="m", message=unchecked, verdict="not checked")
     try:
-        path = PlanPath(plan)
-        moments, postures = JointPath(path, solver).judged(deadline=deadline)
+        moments, postures = JointPath(plan.path, solver).judged(deadline=deadline)
     except TimeEnded:
         return group, Group("motion", unit="m", message=LATE, verdict="not checked")
     except InvalidInput as error:
         return group, Group("motion", unit="m", message=str(error), verdict="not checked")
+    assert postures.error_m is not None
     stray_m = float(postures.error_m.max())
     astray = (
         (_astray(plan, moments.frame, postures.error_m), stray_m)
         if stray_m > STRAY_M
         else ("", 0.0)
     )
-    on_path = path_bodies(path, moments, postures)
-    motion = bodies_report(bodies, moments.frame, on_path, astray, between=True, deadline=deadline)
+    motion = bodies_report(bodies, moments.frame, postures, astray, between=True, deadline=deadline)
     return group, motion.group("motion")
 
 

@@ -4,11 +4,10 @@ all of the terrain, which they alone know nothing of.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Iterator
+from contextlib import suppress
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +26,6 @@ from .geometry import off_terrain
 from .leaps import check_leap
 from .plans import check_plan
 
-if TYPE_CHECKING:
-    from ..motion.leap_motion import LeapBody
-
 _TOES_M = 1e-6
 """Toes are where they were when the next part begins, within this [m]."""
 _BODY_M, TURN_RAD = 2e-3, 0.1
@@ -39,19 +35,12 @@ _JOINTS_RAD = 0.25
 by which key frames go, make of one pose [rad]."""
 _BROKEN = np.inf
 """Value of a part's group whose numbers are none of a plan: nobody asks for its ends."""
-_BodyOf = Callable[[LeapPlan], "LeapBody"]
-"""Legs of a leap; made once for all that is asked of them."""
 _UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _End:
-    """State at an end of a part: body, toes, and joints where they are known."""
-
-    com_m: Array
-    rotation_rad: Array
-    toes_m: Array
-    angles_rad: Array | None
+_End = tuple[Array, Array, Array, Array | None]
+"""State at an end of a part: centre of mass, rotation vector, toes, and angles of the joints where
+they are known."""
 
 
 def check_crossing(crossing: Crossing) -> Report[Crossing]:
@@ -64,10 +53,9 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
     groups = list[Group]()
     defect = _defect(crossing)
     if not defect:
-        body_of = cache(_leap_body)
-        groups = list(_parts(crossing, body_of))
+        groups = list(_parts(crossing))
         if not any(group.value == _BROKEN for group in groups):
-            groups += _seams(crossing, body_of)
+            groups += _seams(crossing)
         groups += _proof(crossing)
     return Report(groups=tuple(groups), answer=crossing, tolerance=0.0, defect=defect)
 
@@ -114,7 +102,7 @@ def differs(mine: Robot, other: Robot) -> str:
     return ""
 
 
-def _parts(crossing: Crossing, body_of: _BodyOf) -> Iterator[Group]:
+def _parts(crossing: Crossing) -> Iterator[Group]:
     for k, part in enumerate(crossing.parts, 1):
         if isinstance(part, Plan):
             report = check_plan(part, joints=True)
@@ -123,7 +111,7 @@ def _parts(crossing: Crossing, body_of: _BodyOf) -> Iterator[Group]:
         leapt = check_leap(part, body=True)
         yield _verdict(f"{k}: leap", leapt)
         if not leapt.defect:
-            yield from _over(crossing, k, part, body_of)
+            yield from _over(crossing, k, part)
 
 
 def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
@@ -137,7 +125,7 @@ def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
     return Group(name, value=worst, limit=report.tolerance, unit="1", verdict="holds")
 
 
-def _over(crossing: Crossing, k: int, plan: LeapPlan, body_of: _BodyOf) -> Iterator[Group]:
+def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     """A leap over the terrain: its toes on it, its whole body off it."""
     leap = plan.problem
     patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
@@ -150,26 +138,29 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan, body_of: _BodyOf) -> Itera
         from .leaps import LeapBodyMeasurements
 
         obstacles = Obstacles.of(crossing.terrain)
-        yield LeapBodyMeasurements(body_of(plan)).bodies(obstacles).group(name)
+        yield LeapBodyMeasurements(plan.body).bodies(obstacles).group(name)
     except InvalidInput as error:  # no legs, no pinocchio, no coal
         yield Group(name, unit="m", message=str(error), verdict="not checked")
 
 
-def _seams(crossing: Crossing, body_of: _BodyOf) -> Iterator[Group]:
+def _seams(crossing: Crossing) -> Iterator[Group]:
     """Gaps between each part and the next."""
     for k, (before, after) in enumerate(pairwise(crossing.parts), 1):
         name = f"{k} to {k + 1}"
-        a, b = _end(before, body_of, last=True), _end(after, body_of, last=False)
+        (com, rotation, toes, angles), (com_then, rotation_then, toes_then, angles_then) = (
+            _end(before, last=True),
+            _end(after, last=False),
+        )
         names = crossing.robot.limb_names
-        yield _seam(f"{name}: toes", np.linalg.norm(a.toes_m - b.toes_m, axis=1), _TOES_M, names)
-        yield _seam(f"{name}: body", np.linalg.norm([a.com_m - b.com_m], axis=1), _BODY_M)
-        turn = np.abs(a.rotation_rad - b.rotation_rad)
+        yield _seam(f"{name}: toes", np.linalg.norm(toes - toes_then, axis=1), _TOES_M, names)
+        yield _seam(f"{name}: body", np.linalg.norm([com - com_then], axis=1), _BODY_M)
+        turn = np.abs(rotation - rotation_then)
         yield _seam(f"{name}: turn", turn, TURN_RAD, ("x", "y", "z"))
-        if a.angles_rad is None or b.angles_rad is None:
+        if angles is None or angles_then is None:
             message = "joints are not known on both sides"
             yield Group(f"{name}: joints", unit="rad", message=message, verdict="not checked")
             continue
-        short = np.mod(a.angles_rad - b.angles_rad + np.pi, 2.0 * np.pi) - np.pi
+        short = np.mod(angles - angles_then + np.pi, 2.0 * np.pi) - np.pi
         yield _seam(f"{name}: joints", np.abs(short), _JOINTS_RAD)
 
 
@@ -181,36 +172,17 @@ def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -
     return Group(name, value=value, limit=limit, unit=unit, where=names[k] if names else "")
 
 
-def _end(part: Plan | LeapPlan, body_of: _BodyOf, *, last: bool) -> _End:
+def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
     """State in which a part begins, or ends."""
     k = -1 if last else 0
+    com, rotation = part.com_m[k], part.rotation_rad[k]
     if isinstance(part, Plan):
-        frame = part.problem.frames - 1 if last else 0
-        return _End(
-            com_m=part.com_m[k],
-            rotation_rad=part.rotation_rad[k],
-            toes_m=part.toes_at(frame),
-            angles_rad=None if part.joints_rad is None else part.joints_rad[k],
-        )
-    leap, rotation, angles = part.problem, part.rotation_rad[k], None
-    try:
-        body = body_of(part)
-        rotation, angles = body.rotation_rad[k], body.postures.angles[k]
-    except InvalidInput:  # no legs, or no pinocchio
-        pass
-    return _End(
-        com_m=part.com_m[k],
-        rotation_rad=rotation,
-        toes_m=part.toes_m[leap.holds[k]],
-        angles_rad=angles,
-    )
-
-
-def _leap_body(plan: LeapPlan) -> LeapBody:
-    """The legs of a leap; raises InvalidInput without legs, or without pinocchio."""
-    from ..motion.leap_motion import LeapBody
-
-    return LeapBody(plan)
+        angles = None if part.joints_rad is None else part.joints_rad[k]
+        return com, rotation, part.toes_at(part.problem.frames - 1 if last else 0), angles
+    toes = part.toes_m[part.problem.holds[k]]
+    with suppress(InvalidInput):  # no legs, or no pinocchio
+        return com, part.body.rotation_rad[k], toes, part.body.postures.angles[k]
+    return com, rotation, toes, None
 
 
 def _proof(crossing: Crossing) -> Iterator[Group]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,24 +38,17 @@ _BODY_UNITS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class LeapBodyLimits:
-    """Limits of a leap's whole body.
-
-    Arguments:
-        joints_m: distance of a foot from where it should be, with all joints within their limits.
-        joint_speed, torque: shares of what the robot's file gives a joint, the torque on the
-            speed–torque line.
-        legs_turn_rad: what legs turn the body by beside what the plan says; joints are judged with
-            all of it.
-        dip_m: how far a foot in the air is below the plane of the surface that it left or comes to.
-    """
-
-    joints_m: float = 1e-4
-    joint_speed: float = 0.95
-    torque: float = 1.0
-    legs_turn_rad: float = 0.05
-    dip_m: float = 2e-3
+JOINTS_M = 1e-4
+"""Distance of a foot from where it should be, with all joints within their limits, at most [m]."""
+JOINT_SPEED, TORQUE = 0.95, 1.0
+"""Shares of what the robot's file gives a joint that may be used, the torque on the speed–torque
+line."""
+LEGS_TURN_RAD = 0.05
+"""Angle by which legs may turn the body beside what the plan says; joints are judged with all of
+it."""
+DIP_M = 2e-3
+"""Depth that a foot in the air may have below the plane of the surface that it left or comes to
+[m]."""
 
 
 class LeapBodyMeasurements(MovingBodyMeasurements):
@@ -141,7 +134,6 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
 
     def groups(
         self,
-        limits: LeapBodyLimits = LeapBodyLimits(),
         *,
         bodies: bool = True,
         obstacles: Obstacles | None = None,
@@ -156,11 +148,11 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         off, left = self.off_toes(), self.dips()
         legs = [self.path.feet[leg] for leg in self.kinematics.legs]
         speed, model = self.speed(), self.kinematics.model
-        bent = _group("joints", off.values, feet, times, limits.joints_m, feet)
+        bent = _group("joints", off.values, feet, times, JOINTS_M, feet)
         yield _as_far_as_known(bent, model.limit_doubts)
         shares = np.where(self._limited, speed.values, 0.0)
-        fast = _group("joint_speed", shares, joints, speed.times_s, limits.joint_speed, legs)
-        torque = _group("torque", self.line, joints, times[1:-1], limits.torque, legs)
+        fast = _group("joint_speed", shares, joints, speed.times_s, JOINT_SPEED, legs)
+        torque = _group("torque", self.line, joints, times[1:-1], TORQUE, legs)
         slow = [name for name, there in zip(joints, self._limited, strict=True) if not there]
         unlimited = [f"no velocity limit of {', '.join(slow)}"] if slow else []
         yield _as_far_as_known(fast, unlimited)
@@ -171,10 +163,10 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
             turned,
             ("x", "y", "z"),
             self.leap_body.plan.times_s,
-            limits.legs_turn_rad,
+            LEGS_TURN_RAD,
         )
-        yield _group("take_off", left[0], feet, times, limits.dip_m, feet)
-        yield _group("landing", left[1], feet, times, limits.dip_m, feet)
+        yield _group("take_off", left[0], feet, times, DIP_M, feet)
+        yield _group("landing", left[1], feet, times, DIP_M, feet)
         if bodies:
             yield self._bodies(obstacles)
 
@@ -220,12 +212,12 @@ def _as_far_as_known(group: Group, unlimited: Sequence[str]) -> Group:
     return replace(group, message="; ".join(unlimited), verdict="not checked")
 
 
-def _body_groups(plan: LeapPlan, limits: LeapBodyLimits = LeapBodyLimits()) -> tuple[Group, ...]:
+def _body_groups(plan: LeapPlan) -> tuple[Group, ...]:
     """The groups of a leap's whole body; none is checked where the robot's legs are not known, or
     without pinocchio.
     """
     try:
-        return tuple(LeapBodyMeasurements(LeapBody(plan)).groups(limits))
+        return tuple(LeapBodyMeasurements(plan.body).groups())
     except InvalidInput as error:
         return _unjudged(str(error))
 
@@ -238,14 +230,12 @@ def _unjudged(why: str) -> tuple[Group, ...]:
     )
 
 
-def with_body(
-    report: Report[LeapPlan], limits: LeapBodyLimits = LeapBodyLimits()
-) -> Report[LeapPlan]:
+def with_body(report: Report[LeapPlan]) -> Report[LeapPlan]:
     """The report of ``check_leap`` with the robot's own body, from one without."""
     if report.defect:
         return report
     others = tuple(group for group in report.groups if group.name not in LEAP_BODY)
-    return replace(report, groups=(*others, *_body_groups(report.answer, limits)))
+    return replace(report, groups=(*others, *_body_groups(report.answer)))
 
 
 _SUBSTEPS = 16

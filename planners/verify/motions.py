@@ -162,22 +162,21 @@ def check_motion(
     for name, unit in _UNITS.items():
         if COLUMNS.get(name, "time_s") not in measured.known:
             continue
-        why, worst = measured.missing.get(name, ""), _Worst()
+        (value, where, when, _), why = _NOWHERE, measured.missing.get(name, "")
         if not why:
             try:
-                worst = getattr(measured, name)()
-                why = worst.why
+                value, where, when, why = getattr(measured, name)()
             except InvalidInput as error:
                 why = str(error)
-        held = worst.value <= most[name]
+        held = value <= most[name]
         groups.append(
             Group(
                 name=name,
-                value=worst.value,
+                value=value,
                 limit=most[name],
                 unit=unit,
-                where=worst.where,
-                when=worst.time_s,
+                where=where,
+                when=when,
                 message=why or ("" if held else rounded),
                 verdict="not checked" if why and held else "",
             )
@@ -192,28 +191,19 @@ def check_motion(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Worst:
-    """The worst of a group: how much, where, when, and what was not looked at."""
+_Worst = tuple[float, str, float | None, str]
+"""The worst of a group: how much, where, when [s], and what was not looked at."""
+_NOWHERE: _Worst = 0.0, "", None, ""
 
-    value: float = 0.0
-    where: str = ""
-    time_s: float | None = None
-    why: str = ""
 
-    @classmethod
-    def of(cls, values: Array, names: Sequence[str], times_s: Array, why: str = "") -> _Worst:
-        """Worst of a series of shape (T, K), or (T,) of the whole robot."""
-        if values.size == 0:
-            return cls(why=why)
-        table = values.reshape(len(values), -1)
-        row, column = np.unravel_index(int(table.argmax()), table.shape)
-        if table[row, column] <= 0.0:
-            return cls(why=why)
-        where = names[int(column)] if names else ""
-        return cls(
-            value=float(table[row, column]), where=where, time_s=float(times_s[row]), why=why
-        )
+def _worst(values: Array, names: Sequence[str], times_s: Array, why: str = "") -> _Worst:
+    """Worst of a series of shape (T, K), or (T,) of the whole robot."""
+    table = values.reshape(len(values), -1)
+    if not table.size or table.max() <= 0.0:  # what is no number is the worst
+        return 0.0, "", None, why
+    row, column = np.unravel_index(int(table.argmax()), table.shape)
+    where = names[int(column)] if names else ""
+    return float(table[row, column]), where, float(times_s[row]), why
 
 
 def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
@@ -333,7 +323,7 @@ class _Measured:
         """Distance of joints beyond their limits, (T, J)."""
         why = "; ".join(self.kinematics.model.limit_doubts)
         beyond = self.kinematics.beyond(self.angles)
-        return _Worst.of(beyond, self.kinematics.joints, self.times_s, why)
+        return _worst(beyond, self.kinematics.joints, self.times_s, why)
 
     def joint_speed(self) -> _Worst:
         """Speed between rows as a share of the limit, (T − 1, J)."""
@@ -344,7 +334,7 @@ class _Measured:
         why = "" if (most > 0.0).all() else "no limit of the joints' speed in the robot's file"
         gaps_s = np.minimum(self.step_s, np.diff(self.times_s))  # the grid's, or the stamps' own
         shares = turned / gaps_s[:, None] / np.where(most > 0.0, most, np.inf)
-        return _Worst.of(shares, self.kinematics.joints, self.times_s[1:], why)
+        return _worst(shares, self.kinematics.joints, self.times_s[1:], why)
 
     def torque(self) -> _Worst:
         """Torques as a share of the limit, the table's and the mean of those that loads and forces
@@ -355,7 +345,7 @@ class _Measured:
         if "effort" not in self.missing:
             shares = np.maximum(shares, np.abs(self._windowed(self._torques)))
         shares = shares / self.kinematics.torque_nm
-        return _Worst.of(shares, self.kinematics.joints, self.times_s, why)
+        return _worst(shares, self.kinematics.joints, self.times_s, why)
 
     def rates(self) -> _Worst:
         """Distance of the joints' rates from what they turn before and after each row, (T, J)."""
@@ -365,24 +355,24 @@ class _Measured:
         turned = np.where(free, (turned + np.pi) % (2.0 * np.pi) - np.pi, turned)
         off = _off(self.known["rates_rad_s"], turned / self.step_s)
         shares = off / np.where(most > 0.0, most, _NO_LIMIT_RAD_S)
-        return _Worst.of(shares, self.kinematics.joints, self.times_s)
+        return _worst(shares, self.kinematics.joints, self.times_s)
 
     def com(self) -> _Worst:
         """Distance of the table's centre of mass from that of the robot, (T,)."""
         away = np.linalg.norm(self.known["com_m"] - self._com, axis=1)
-        return _Worst.of(away, (), self.times_s)
+        return _worst(away, (), self.times_s)
 
     def feet(self) -> _Worst:
         """Distance of the table's feet from where joints and body put them, (T, N)."""
         away = np.linalg.norm(self.known["feet_m"] - self._feet[0], axis=-1)
-        return _Worst.of(away, self.limbs, self.times_s)
+        return _worst(away, self.limbs, self.times_s)
 
     def com_velocity(self) -> _Worst:
         """Distance of its velocity from how it moves between rows, (T, 3)."""
         own = self.known.get("com_m")
         com = self._com if own is None else own
         off = _off(self.known["velocity_m_s"], np.diff(com, axis=0) / self.step_s)
-        return _Worst.of(off, ("x", "y", "z"), self.times_s)
+        return _worst(off, ("x", "y", "z"), self.times_s)
 
     def turning(self) -> _Worst:
         """Distance of the body's angular velocity from how it turns between rows, (T, 3)."""
@@ -391,7 +381,7 @@ class _Measured:
         turns = Rotation.from_matrix(self.table.rotation)
         turned = (turns[1:] * turns[:-1].inv()).as_rotvec() / self.step_s
         off = _off(self.known["turning_rad_s"], turned)
-        return _Worst.of(off, ("x", "y", "z"), self.times_s)
+        return _worst(off, ("x", "y", "z"), self.times_s)
 
     def effort(self) -> _Worst:
         """Distance of the table's torques from those that loads and forces make, mean over
@@ -399,7 +389,7 @@ class _Measured:
         """
         off = np.abs(self._windowed(self.known["torques_nm"] - self._torques))
         shares = off / self.kinematics.torque_nm
-        return _Worst.of(shares, self.kinematics.joints, self.times_s)
+        return _worst(shares, self.kinematics.joints, self.times_s)
 
     @cached_property
     def _torques(self) -> Array:
@@ -416,11 +406,11 @@ class _Measured:
 
     def contact_gap(self) -> _Worst:
         """Distance to the terrain of feet that are said to stand, (T, N)."""
-        return _Worst.of(np.where(self.stands, self.surface[0], 0.0), self.limbs, self.times_s)
+        return _worst(np.where(self.stands, self.surface[0], 0.0), self.limbs, self.times_s)
 
     def penetration(self) -> _Worst:
         """Depth of feet in the terrain, (T, N)."""
-        return _Worst.of(-self.surface[0], self.limbs, self.times_s)
+        return _worst(-self.surface[0], self.limbs, self.times_s)
 
     def slip(self) -> _Worst:
         """Slip of feet along the terrain since they came down, (T, N).
@@ -445,13 +435,13 @@ class _Measured:
         for k in range(both.shape[1]):
             total = np.where(stays[k][:, None], total + both[:, k], 0.0)
             far[:, k + 1] = np.linalg.norm(total, axis=-1)
-        return _Worst.of(min(far, key=np.max), self.limbs, self.times_s)
+        return _worst(min(far, key=np.max), self.limbs, self.times_s)
 
     def balance(self) -> _Worst:
         """Part of the force and moment that the motion needs and that no forces within the cones
         give, (T − 2,).
         """
-        return _Worst.of(self._windowed(self._lacks), (), self.times_s[1:-1])
+        return _worst(self._windowed(self._lacks), (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
         """Part of the force and moment that the motion needs and that the table's forces lack, (T −
@@ -459,7 +449,7 @@ class _Measured:
         """
         table_forces = self.known["forces_n"][1:-1]
         arms = self._points[1:-1] - self._com[1:-1, None]
-        return _Worst.of(self._windowed(self._residual(table_forces, arms)), (), self.times_s[1:-1])
+        return _worst(self._windowed(self._residual(table_forces, arms)), (), self.times_s[1:-1])
 
     def cone(self) -> _Worst:
         """Distance of the table's forces from their cones, the nearer one where a foot touches two
@@ -471,12 +461,12 @@ class _Measured:
             across = np.linalg.norm(forces - along[..., None] * normals, axis=-1)
             lacks = np.maximum(across - friction * along, -along) / self.weight_n
             outside = np.minimum(outside, np.where(np.isinf(gap), np.inf, lacks))
-        return _Worst.of(np.where(self.stands, outside, 0.0), self.limbs, self.times_s)
+        return _worst(np.where(self.stands, outside, 0.0), self.limbs, self.times_s)
 
     def swing_force(self) -> _Worst:
         """The table's forces on feet that do not stand, (T, N)."""
         sizes = np.linalg.norm(self.known["forces_n"], axis=-1) / self.weight_n
-        return _Worst.of(np.where(self.stands, 0.0, sizes), self.limbs, self.times_s)
+        return _worst(np.where(self.stands, 0.0, sizes), self.limbs, self.times_s)
 
     def bodies(self) -> _Worst:
         """The deepest that a link is in another, or in the terrain."""
@@ -503,9 +493,9 @@ class _Measured:
         )
         why = "; ".join(report.missing)
         if report.worst is None:
-            return _Worst(why=why)
+            return 0.0, "", None, why
         where = f"{report.worst.link} in {report.worst.other}"
-        return _Worst(value=report.worst.depth_m, where=where, time_s=float(report.frame), why=why)
+        return report.worst.depth_m, where, float(report.frame), why
 
     @cached_property
     def _feet(self) -> tuple[Array, Array]:

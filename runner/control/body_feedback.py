@@ -19,6 +19,7 @@ is solved where one does.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +98,7 @@ class BodyController:
             weight_n,
             feedback,
         )
-        self._rows: dict[int, Rows[_Asked]] = {}
+        self._rows: dict[int, Rows[SimpleNamespace]] = {}
         self._log = pinocchio().log3
         self._shares: tuple[Samples | None, Array, Array] = None, np.zeros(0), np.zeros(0)
         self._asked: tuple[tuple[bytes, ...], Array] = (), np.zeros((0, 3))
@@ -158,11 +159,12 @@ class BodyController:
         friction, least = (shares[rows] for shares in self._limits(sample))
         force = self._of_no_cone(arms, wanted, planned, friction, least)
         if force is None:
-            asked = _Asked(
+            asked = SimpleNamespace(
                 arms=arms, wanted=wanted, planned=planned, friction=friction, least=least
             )
             solution = self._program(len(frames)).solve(asked)
-            force = _inside(solution.value("forces") if solution.solved else planned, asked)
+            found = solution.value("forces") if solution.solved else planned
+            force = _inside(found, friction, least)
         force_n = np.einsum("nik,nk->ni", frames, self._weight * force)
         if whole:
             return np.asarray(force_n)
@@ -216,7 +218,7 @@ class BodyController:
         does.
 
         y solves (B Bᵀ + ε) y = w − A p, with B = A but zero, and p the least force, in the columns
-        that are held there. Those are found anew until they stay. Arguments as of ``_Asked``.
+        that are held there. Those are found anew until they stay. Arguments as of ``_program``.
         """
         free, start, held = arms, planned, np.zeros(len(planned), dtype=np.bool_)
         for _ in range(_ROUNDS):
@@ -243,10 +245,13 @@ class BodyController:
             self._shares = sample, np.maximum(share, np.minimum(used, most)), least
         return self._shares[1:]
 
-    def _program(self, count: int) -> Rows[_Asked]:
-        """The program for so many feet, in their own frames and units of the weight."""
+    def _program(self, count: int) -> Rows[SimpleNamespace]:
+        """The program for n feet, in their own frames and units of the weight: of arms, the map from
+        forces to their sum and moment, shape (6, 3n), these as wanted, shape (6,), forces as planned,
+        shape (n, 3), and friction and least force of every foot, shape (n,) each.
+        """
         if count not in self._rows:
-            self._rows[count] = rows = Rows[_Asked](keep=True)
+            self._rows[count] = rows = Rows[SimpleNamespace](keep=True)
             forces, lacks = rows.variable("forces", count, 3), rows.variable("lacks", 6)
             balance, least = rows.equal("balance", 6), rows.at_most("least", count)
             cone = rows.cones("cone", count, 3)
@@ -263,30 +268,12 @@ class BodyController:
         return self._rows[count]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Asked:
-    """Wrench on the body that the feet are to make.
-
-    Arguments:
-        arms: maps forces to their sum and moment, (6, 3n).
-        wanted: of these, (6,).
-        planned: (n, 3).
-        friction, least: (n,) each.
-    """
-
-    arms: Array
-    wanted: Array
-    planned: Array
-    friction: Array
-    least: Array
-
-
-def _inside(force: Array, asked: _Asked) -> Array:
+def _inside(force: Array, friction: Array, least: Array) -> Array:
     """Project forces into the cones, and onto the least force, which a solver leaves by its
     tolerance; forces: in their frames, and units of the weight.
     """
-    along = np.maximum(force[:, 0], asked.least)
-    share = np.minimum(1.0, asked.friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
+    along = np.maximum(force[:, 0], least)
+    share = np.minimum(1.0, friction * along / np.maximum(lengths(force[:, 1:]), 1e-9))
     return np.column_stack([along, share[:, None] * force[:, 1:]])
 
 

@@ -24,15 +24,14 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.motion import Samples, smooth, smooth_rate
-from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.motion.motion import Played, Samples, smooth, smooth_rate
+from stancekit.planners.motion.plan_motion import step_s
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.patch import Solid
 
 from ..acceptance import Accepted
 from ..log import Record
@@ -127,46 +126,25 @@ _SLOWER = 2.0
 """The way back takes so many times as long as the way there: then nothing is faster than it was."""
 
 
-class _Retreat:
-    """A ``Motion``: a stretch of a plan's motion backwards, from rest to rest.
+def _retreat(motion: Played, frame: int) -> Played:
+    """The step of a plan's motion to a key frame backwards, from rest to rest."""
+    begin_s, end_s = step_s(motion, frame)
+    duration_s, back_s = _SLOWER * (end_s - begin_s), begin_s - end_s
 
-    Arguments:
-        begin_s, end_s: of that stretch.
-    """
-
-    def __init__(self, motion: PlanMotion, begin_s: float, end_s: float) -> None:
-        self._motion, self._begin_s, self._end_s = motion, begin_s, end_s
-        self.solids: tuple[Solid, ...] = motion.solids
-
-    @classmethod
-    def of_step(cls, motion: PlanMotion, frame: int) -> _Retreat:
-        """Retreat along the step to this frame, all of it."""
-        return cls(motion, *motion.step_s(frame))
-
-    @property
-    def duration_s(self) -> float:
-        """Duration [s]."""
-        return _SLOWER * (self._end_s - self._begin_s)
-
-    @property
-    def knots_s(self) -> Array:
-        """Times of the knots, as in ``Motion`` [s]."""
-        return np.linspace(0.0, self.duration_s, _KNOTS)
-
-    def at(self, times_s: float | Array) -> Samples:
-        """The samples at times; the ends are held."""
-        share = np.clip(np.asarray(times_s) / self.duration_s, 0.0, 1.0)
-        back_s = self._begin_s - self._end_s
-        there = self._motion.at(self._end_s + smooth(share) * back_s)
-        rate = (smooth_rate(share) * back_s / self.duration_s)[..., None]
+    def at(times_s: float | Array) -> Samples:
+        share = np.clip(np.asarray(times_s) / duration_s, 0.0, 1.0)
+        there = motion.at(end_s + smooth(share) * back_s)
+        rate = (smooth_rate(share) * back_s / duration_s)[..., None]
         return replace(
             there,
             velocity_m_s=rate * there.velocity_m_s,
             rotation_rate_rad_s=rate * there.rotation_rate_rad_s,
         )
 
+    return Played(at=at, knots_s=np.linspace(0.0, duration_s, _KNOTS), solids=motion.solids)
 
-def _step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state: State) -> Record:
+
+def _step_back(runner: Runner, prepared: Prepared, frame: int, state: State) -> Record:
     """Undo the step to a key frame of a plan, from where the robot was measured; what was measured
     on the way.
 
@@ -179,7 +157,7 @@ def _step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state
         gravity_m_s2=kinematics.gravity_m_s2,
         near_rad=np.array(state.angles_rad),
     )
-    retreat, record = _Retreat.of_step(prepared.motion, frame), Record()
+    retreat, record = _retreat(prepared.motion, frame), Record()
     tracker = Tracker(retreat, near, world.rate_hz, runner.settings.feedback, drives=world.drives)
     tracked = Tracked(motion=retreat, tracker=tracker, first=tracker.start(), sees=prepared.sees)
     runner.follow(tracked, record)
@@ -249,7 +227,7 @@ class ClosedLoop:
         if runner.state is not None:
             final = float(
                 np.linalg.norm(
-                    measured_com_m(prepared.kinematics, runner.state) - prepared.motion.goal_m
+                    measured_com_m(prepared.kinematics, runner.state) - prepared.ends_m[1]
                 )
             )
         if not message and final > self.settings.goal_m:
@@ -282,7 +260,7 @@ class ClosedLoop:
             return str(error)
         return ""
 
-    def _stretch(self, prepared: Prepared[PlanMotion]) -> bool:
+    def _stretch(self, prepared: Prepared) -> bool:
         """One plan to its end, or to where it is left for another, which is made; whether it was
         the last.
         """
@@ -302,7 +280,7 @@ class ClosedLoop:
             target, state = self._undone(prepared, record, begun)
         elif self._slid:
             target, state, seconds = self._recovery.recover(
-                prepared.motion.plan, record, shares, self._feel
+                prepared.accepted.plan, record, shares, self._feel
             )
             self._seconds += seconds
         left = self._steps_left
@@ -345,13 +323,11 @@ class ClosedLoop:
             for share in dict.fromkeys((interval.planned_on, interval.share))
         )
 
-    def _undone(
-        self, prepared: Prepared[PlanMotion], record: Record, begun: int
-    ) -> tuple[Target, State]:
+    def _undone(self, prepared: Prepared, record: Record, begun: int) -> tuple[Target, State]:
         """The step that came down on nothing is taken back, and its place is forgotten; where that
         leads to.
         """
-        runner, plan = self.runner, prepared.motion.plan
+        runner, plan = self.runner, prepared.accepted.plan
         target, state = record.pairs[-1]
         places = list[tuple[Patch, NDArray[np.float64]]]()
         for limb in np.flatnonzero(self._fell):
@@ -367,13 +343,11 @@ class ClosedLoop:
             self._planning.course = without(self._planning.course, patch, toe_m, self._frame + 1)
         return back.pairs[-1]
 
-    def _next(
-        self, before: Prepared[PlanMotion], target: Target, state: State
-    ) -> Prepared[PlanMotion]:
+    def _next(self, before: Prepared, target: Target, state: State) -> Prepared:
         """The next plan, from where the robot is measured to stand, or else from where it
         should.
         """
-        index, plan = round(float(target.sample.frame)), before.motion.plan
+        index, plan = round(float(target.sample.frame)), before.accepted.plan
         near = np.array(state.angles_rad if before.sees else target.angles_rad)
         held = [plan.problem.patch(int(p), plan.choice) for p in plan.problem.holds[index]]
         patches = tuple(
@@ -417,9 +391,7 @@ class ClosedLoop:
         why = failures[0] if failures else "a foot left its patch"
         raise PlanningFailed(f"frame {self._frame}: no plan from here: {why}")
 
-    def _ready(
-        self, standing: Standing | None, resumption: Resumption | None = None
-    ) -> Prepared[PlanMotion]:
+    def _ready(self, standing: Standing | None, resumption: Resumption | None = None) -> Prepared:
         """A plan from there, prepared.
 
         Where the contacts hold but joints or bodies cannot follow, the plan is bent until they
@@ -428,7 +400,7 @@ class ClosedLoop:
         """
         runner, course = self.runner, self._planning.course
 
-        def made(limits: WholeBodyLimits | None, horizon: int) -> Prepared[PlanMotion]:
+        def made(limits: WholeBodyLimits | None, horizon: int) -> Prepared:
             self._planning.course = (
                 course  # what was put in for a plan that cannot be run is forgotten
             )

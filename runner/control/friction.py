@@ -129,15 +129,9 @@ class FrictionInterval:
         return dict(self.__dict__)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Felt:
-    """Evidence of one stance: its ratio, that of a slide or the largest that held, and its
-    noise.
-    """
-
-    slid: bool
-    ratio: float
-    noise: float
+_Felt = tuple[bool, float, float]
+"""Evidence of one stance: whether it slid, its ratio, that of the slide or the largest that held,
+and its noise."""
 
 
 class FrictionEstimator:
@@ -160,7 +154,7 @@ class FrictionEstimator:
         if len(record.pairs) < 2:
             return
         for felt in _stances(record, self._period_s, unit):
-            if felt.slid:
+            if felt[0]:
                 self._felt = [old for old in self._felt if not _contradicted(old, felt)]
             self._felt.append(felt)
 
@@ -169,13 +163,13 @@ class FrictionEstimator:
         """By all that was added, but for what a later slide contradicts: friction may have
         changed.
         """
-        slides = [felt for felt in self._felt if felt.slid][-_NEWEST:]
-        held = [felt.ratio for felt in self._felt if not felt.slid]
+        slides = np.array([felt[1:] for felt in self._felt if felt[0]][-_NEWEST:])
+        held = [ratio for slid, ratio, _ in self._felt if not slid]
         likelihood = np.zeros(len(_SHARES))
-        if slides:
-            ratios = np.array([felt.ratio for felt in slides])
+        if len(slides):
+            ratios, noises = slides.T
             between = float(np.var(ratios, ddof=1)) if len(slides) > 1 else 0.0
-            each = float(np.mean([felt.noise**2 for felt in slides])) + between
+            each = float(np.mean(noises**2)) + between
             likelihood -= (_SHARES - ratios.mean()) ** 2 / (
                 2.0 * (_SHARED_NOISE**2 + each / len(slides))
             )
@@ -190,7 +184,7 @@ class FrictionEstimator:
         return FrictionInterval(
             share=share,
             low=min(low, share),
-            high=max(high, share) if slides else 1.0,
+            high=max(high, share) if len(slides) else 1.0,
             slides=len(slides),
             held=len(held),
         )
@@ -207,7 +201,8 @@ def _contradicted(old: _Felt, slide: _Felt) -> bool:
     """Tell whether there was more friction then than this slide, which came later, leaves room
     for.
     """
-    return old.ratio - slide.ratio > _CHANGED * float(np.hypot(old.noise, slide.noise))
+    (_, before, one), (_, now, other) = old, slide
+    return before - now > _CHANGED * float(np.hypot(one, other))
 
 
 def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
@@ -263,12 +258,8 @@ def _stance(ratio: Array, moved: Array, counts: NDArray[np.bool_], period_s: flo
         elif speed < _HELD_M_S:
             held = max(held, float(np.median(ratio[rows])))
     if slid:
-        return _Felt(
-            slid=True,
-            ratio=float(np.median(slid)),
-            noise=float(np.hypot(_SLIDE_NOISE, _spread(slid))),
-        )
-    return _Felt(slid=False, ratio=held, noise=_HELD_NOISE) if held > 0.0 else None
+        return True, float(np.median(slid)), float(np.hypot(_SLIDE_NOISE, _spread(slid)))
+    return (False, held, _HELD_NOISE) if held > 0.0 else None
 
 
 def _spread(values: Sequence[float]) -> float:

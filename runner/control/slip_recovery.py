@@ -19,10 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.motion import Samples
+from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.projection.force_distribution import ForceDistribution, wrench_at
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.terrain.patch import Solid
 
 from ..log import Record
 from ..prepared import Tracked
@@ -76,8 +75,18 @@ class SlipDetector:
         return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > _SLID_M))
 
 
-class StandingMotion:
-    """A ``Motion`` that goes nowhere: the body stays, feet in the air are put down.
+def standing_motion(
+    now: Samples,
+    *,
+    com_m: Array,
+    rotation_rad: Array,
+    feet_m: Array,
+    toes_m: Array,
+    normals: Array,
+    forces_n: tuple[Array, Array],
+    foothold: NDArray[np.int_],
+) -> Played:
+    """A motion that goes nowhere: the body stays, feet in the air are put down.
 
     Arguments:
         now: whose feet stand, at which frame.
@@ -87,61 +96,29 @@ class StandingMotion:
         forces_n: before and after feet in the air came down, shape (N, 3) [N] each.
         foothold: after that.
     """
+    goes, air = toes_m + now.radii_m[:, None] * normals - feet_m, ~now.stands
+    land_s = float(np.linalg.norm(goes, axis=1)[air].max(initial=0.0)) / LAND_M_S
 
-    solids: tuple[Solid, ...] = ()
-
-    def __init__(
-        self,
-        now: Samples,
-        *,
-        com_m: Array,
-        rotation_rad: Array,
-        feet_m: Array,
-        toes_m: Array,
-        normals: Array,
-        forces_n: tuple[Array, Array],
-        foothold: NDArray[np.int_],
-    ) -> None:
-        self._now, self._com, self._rotation, self._feet = now, com_m, rotation_rad, feet_m
-        self._down, self._normals, self._forces = (
-            toes_m + now.radii_m[:, None] * normals,
-            normals,
-            forces_n,
-        )
-        self._foothold, self._air = foothold, ~now.stands
-        lengths_m = np.linalg.norm(self._down - feet_m, axis=1)[self._air]
-        self._land_s = float(lengths_m.max(initial=0.0)) / LAND_M_S
-
-    @property
-    def duration_s(self) -> float:
-        """Duration [s]."""
-        return self._land_s + STAND_S
-
-    @property
-    def knots_s(self) -> Array:
-        """Times of the knots, as in ``Motion`` [s]."""
-        return np.linspace(0.0, self.duration_s, _KNOTS)
-
-    def at(self, times_s: float | Array) -> Samples:
-        """The samples at times; the ends are held."""
-        when, limbs = np.asarray(times_s, dtype=np.float64), len(self._feet)
-        down = when >= self._land_s
-        part = np.where(down, 1.0, when / max(self._land_s, 1e-9))[..., None, None]
-        moved = part * (self._down - self._feet)
+    def at(times_s: float | Array) -> Samples:
+        when, limbs = np.asarray(times_s, dtype=np.float64), len(feet_m)
+        down = when >= land_s
+        moved = np.where(down, 1.0, when / max(land_s, 1e-9))[..., None, None] * goes
         landed, still = down[..., None], np.zeros((*when.shape, 3))
         return Samples(
-            com_m=still + self._com,
+            com_m=still + com_m,
             velocity_m_s=still,
-            rotation_rad=still + self._rotation,
+            rotation_rad=still + rotation_rad,
             rotation_rate_rad_s=still,
-            frame=np.broadcast_to(self._now.frame, when.shape),
-            feet_m=self._feet + np.where(self._air[:, None], moved, 0.0),
-            radii_m=self._now.radii_m,
-            forces_n=np.where(landed[..., None], self._forces[1], self._forces[0]),
-            foothold=np.where(landed, self._foothold, self._now.foothold),
-            normals=np.broadcast_to(self._normals, (*when.shape, limbs, 3)),
-            friction=np.broadcast_to(self._now.friction, (*when.shape, limbs)),
+            frame=np.broadcast_to(now.frame, when.shape),
+            feet_m=feet_m + np.where(air[:, None], moved, 0.0),
+            radii_m=now.radii_m,
+            forces_n=np.where(landed[..., None], forces_n[1], forces_n[0]),
+            foothold=np.where(landed, foothold, now.foothold),
+            normals=np.broadcast_to(normals, (*when.shape, limbs, 3)),
+            friction=np.broadcast_to(now.friction, (*when.shape, limbs)),
         )
+
+    return Played(at=at, knots_s=np.linspace(0.0, land_s + STAND_S, _KNOTS))
 
 
 class SlipRecovery:
@@ -184,7 +161,7 @@ class SlipRecovery:
                 break
         return target, state, periods / rate_hz
 
-    def _motion(self, plan: Plan, now: Samples, state: State, shares: Shares) -> StandingMotion:
+    def _motion(self, plan: Plan, now: Samples, state: State, shares: Shares) -> Played:
         """Standing where the robot is, with forces for the first share that has any, else those of
         now.
         """
@@ -212,7 +189,7 @@ class SlipRecovery:
 
         first, then = shared(stands), shared(np.full_like(stands, True))
         first = now.forces_n if first is None else first
-        return StandingMotion(
+        return standing_motion(
             replace(now, frame=np.array(float(index)), friction=shares[0] * friction),
             com_m=com_m,
             rotation_rad=turned,
@@ -223,7 +200,7 @@ class SlipRecovery:
             foothold=holds,
         )
 
-    def _tracked(self, motion: StandingMotion, state: State) -> Tracked[StandingMotion]:
+    def _tracked(self, motion: Played, state: State) -> Tracked:
         """Ready to be followed from where the robot was measured, with the forces that its feet
         feel now.
         """

@@ -355,6 +355,10 @@ class Tracker:
 
     def start(self) -> Target:
         """Pose in which the robot should be before the first period."""
+        return Target(**self.begin())
+
+    def begin(self) -> dict[str, Any]:
+        """``start`` by the names of a target."""
         return self._target(*self._coming.at(0.0))
 
     def take_over(self, off_rad: Array, within_s: float) -> None:
@@ -386,7 +390,12 @@ class Tracker:
         return self._coming.at(self._time_s + self._swing.pace * self._period_s, self._swing.pace)
 
     def next(self, forces_n: Array, state: State | None = None) -> Target | None:
-        """The target of the next period; None at the end.
+        """The target of the next period; None at the end. Arguments as of ``step``."""
+        row = self.step(forces_n, state)
+        return None if row is None else Target(**row)
+
+    def step(self, forces_n: Array, state: State | None = None) -> dict[str, Any] | None:
+        """The target of the next period by its names; None at the end.
 
         Arguments:
             forces_n: felt by the feet just now, shape (N, 3) [N].
@@ -449,7 +458,7 @@ class Tracker:
             self._whole = key, np.linalg.pinv(whole) @ whole
         return self._whole[1]
 
-    def _target(self, sample: Samples, wish: Array) -> Target:
+    def _target(self, sample: Samples, wish: Array) -> dict[str, Any]:
         angles, error, origin = self._solved(sample, wish)
         if self._feedback.waits:
             angles = self._swing.led(self._angles, self._rates, angles, ~sample.stands)
@@ -469,17 +478,17 @@ class Tracker:
         targets = command(self._drives, angles, torques, rates, rising, self._loops.share)
         if self._time_s < self._within_s:
             targets = targets + (1.0 - smooth(self._time_s / self._within_s)) * self._taken_over
-        return Target(
-            targets_rad=targets,
-            sample=sample,
-            origin_m=origin,
-            shift_m=shift,
-            angles_rad=angles,
-            torques_nm=planned,
-            rolled_m=self._rolled,
-            error_m=error,
-            loop_share=self._loops.share,
-        )
+        return {
+            "targets_rad": targets,
+            "sample": sample,
+            "origin_m": origin,
+            "shift_m": shift,
+            "angles_rad": angles,
+            "torques_nm": planned,
+            "rolled_m": self._rolled,
+            "error_m": error,
+            "loop_share": self._loops.share,
+        }
 
     def _given(
         self, sample: Samples, loads: tuple[Array, Array], origin: Array, rotation: Array

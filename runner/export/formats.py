@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import MotionTable
+from stancekit.planners.answer.plan import MotionTable, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, archive_of, checked
@@ -26,7 +26,7 @@ from stancekit.planners.formats.table_file import (
 )
 from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Played, table_of
-from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.motion.plan_motion import reached_s
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.meshes import numbers_of
 from stancekit.planners.robot.model import Robot
@@ -462,16 +462,12 @@ def moved_of(subject: Motion, to: str, rate_hz: float = RATE_HZ, source: str = "
             raise InvalidInput(
                 f"{to}: expected a motion with joints, got one without: {without}"
             ) from None
-    sampled: Played = feet_motion(subject) if motion is None else motion
+    sampled = feet_motion(subject) if motion is None else motion
     robot, limbs, terrain, gravity_m_s2 = scene_of(subject)
     joints = () if motion is None or robot is None else joint_names(robot)
     name = "" if robot is None else robot.name
     table = table_of(sampled, limbs, joints, rate_hz, robot=name, source=source)
-    keys = (
-        motion.motion.reached_s.tolist()
-        if motion is not None and isinstance(motion.motion, PlanMotion)
-        else ()
-    )
+    keys = reached_s(motion).tolist() if motion is not None and isinstance(subject, Plan) else ()
     return Moved(
         table=table,
         motion=sampled,

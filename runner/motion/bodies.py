@@ -4,11 +4,11 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
 import numpy as np
+from numpy.typing import NDArray
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.bodies import Bodies
 from stancekit.planners.robot.chain import rotations_of
 from stancekit.planners.robot.inverse_kinematics import WholeBody
@@ -17,43 +17,40 @@ from stancekit.planners.terrain.obstacles import Obstacles
 from stancekit.planners.verify.bodies import BodyReport, bodies_report
 from stancekit.planners.verify.bodies import spaced as rows_apart
 
-from ..control.tracker import Target
 
-
-def motion_bodies(plan: Plan, targets: Sequence[Target], kinematics: Kinematics) -> BodyReport:
+def motion_bodies(plan: Plan, rows: Samples, kinematics: Kinematics) -> BodyReport:
     """Judge the postures of a plan's motion, ``APART_M`` apart.
 
     Raises InvalidInput without coal.
 
     Arguments:
-        targets: of the whole motion, as ``joint_profile`` has them.
+        rows: of the whole motion, as ``joint_profile`` has them.
     """
-    bodies, some = Bodies(kinematics, Obstacles.of(plan.problem.terrain)), list(spaced(targets))
-    frames = np.array([target.sample.frame for target in some])
-    return bodies_report(bodies, frames, postures(some, kinematics), between=True)
+    bodies, some = Bodies(kinematics, Obstacles.of(plan.problem.terrain)), spaced(rows)
+    found = postures(rows, kinematics).at(some)
+    return bodies_report(bodies, rows.frame[some], found, between=True)
 
 
-def postures(targets: Sequence[Target], kinematics: Kinematics) -> WholeBody:
+def postures(rows: Samples, kinematics: Kinematics) -> WholeBody:
     """Postures that the whole robot should have at the ends of control periods."""
-    samples = [target.sample for target in targets]
-    feet, normals = (
-        np.array([each.feet_m for each in samples]),
-        np.array([each.normals for each in samples]),
-    )
+    assert rows.origin_m is not None
+    assert rows.angles_rad is not None
     return WholeBody(
-        rotation=rotations_of(np.array([each.rotation_rad for each in samples])),
-        origin_m=np.array([target.origin_m for target in targets]),
-        angles=np.array([target.angles_rad for target in targets]),
-        toes_m=feet - kinematics.radii_m[:, None] * normals,
-        normals=normals,
-        stands=np.array([each.foothold for each in samples]) >= 0,
+        rotation=rotations_of(rows.rotation_rad),
+        origin_m=rows.origin_m,
+        angles=rows.angles_rad,
+        toes_m=rows.feet_m - kinematics.radii_m[:, None] * rows.normals,
+        normals=rows.normals,
+        stands=rows.stands,
     )
 
 
-def spaced(targets: Sequence[Target]) -> Iterator[Target]:
-    """Thin out the targets of a motion: yield the first, the last, and as few in between as keep
+def spaced(rows: Samples) -> NDArray[np.intp]:
+    """Numbers of the first row of a motion, of the last, and of as few in between as keep
     neighbours within ``APART_M`` and ``TURN_RAD`` of each other.
     """
-    points = [np.concatenate([target.sample.feet_m, target.origin_m[None]]) for target in targets]
-    for row in rows_apart(np.array(points), np.array([target.angles_rad for target in targets])):
-        yield targets[row]
+    assert rows.origin_m is not None
+    assert rows.angles_rad is not None
+    return rows_apart(
+        np.concatenate([rows.feet_m, rows.origin_m[:, None]], axis=1), rows.angles_rad
+    )

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.motion import Played, Samples, smooth
-from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.motion.plan_motion import moments_at
 from stancekit.planners.robot.actuators import JOINTS
 from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.drawn_legs import link_lengths, outward_rad
@@ -36,7 +36,9 @@ _MIDDLES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Places in a control period at which forces are looked at, as shares of it before its end."""
 
 
-class LoadTransfer:
+def load_transfer(
+    motion: Played, forces_n: Array | float = 0.0, within_s: float = math.inf
+) -> Played:
     """A motion that begins at rest, taken up by a robot whose feet carry other forces.
 
     Their load moves evenly from the feet that carry it now to those that shall: both sets of forces
@@ -48,31 +50,16 @@ class LoadTransfer:
             robot that never carries itself.
     """
 
-    def __init__(
-        self, motion: Played, forces_n: Array | float = 0.0, within_s: float = math.inf
-    ) -> None:
-        self._motion, self.solids = motion, motion.solids
-        self._forces, self._within_s = np.asarray(forces_n), within_s
-
-    @property
-    def duration_s(self) -> float:
-        """Duration [s]."""
-        return self._motion.duration_s
-
-    @property
-    def knots_s(self) -> Array:
-        """Times of the knots, as in ``Played`` [s]."""
-        return self._motion.knots_s
-
-    def at(self, times_s: float | Array) -> Samples:
-        """Sample that should be reached at a time; the ends are held."""
-        sample = self._motion.at(times_s)
-        part = smooth(np.clip(np.asarray(times_s) / self._within_s, 0.0, 1.0))[..., None, None]
-        mixed = self._forces + part * (sample.forces_n - self._forces)
+    def at(times_s: float | Array) -> Samples:
+        sample = motion.at(times_s)
+        part = smooth(np.clip(np.asarray(times_s) / within_s, 0.0, 1.0))[..., None, None]
+        mixed = forces_n + part * (sample.forces_n - forces_n)
         return replace(sample, forces_n=np.where(part < 1.0, mixed, sample.forces_n))
 
+    return replace(motion, at=at)
 
-class MeanForces:
+
+def mean_forces(motion: Played, period_s: float) -> Played:
     """A dynamic motion whose forces are, at every time, their means over the control period that
     ends then, as a tracker commands them: feet lift and land within periods, and at full force. One
     that carries during any part of a period stands in it.
@@ -81,28 +68,16 @@ class MeanForces:
         period_s: of control [s].
     """
 
-    def __init__(self, motion: Played, period_s: float) -> None:
-        self._motion, self._period_s, self.solids = motion, period_s, motion.solids
-
-    @property
-    def duration_s(self) -> float:
-        """Duration [s]."""
-        return self._motion.duration_s
-
-    @property
-    def knots_s(self) -> Array:
-        """Times of the knots, as in ``Played`` [s]."""
-        return self._motion.knots_s
-
-    def at(self, times_s: float | Array) -> Samples:
-        """Sample that should be reached at a time; the ends are held."""
-        sample = self._motion.at(times_s)
+    def at(times_s: float | Array) -> Samples:
+        sample = motion.at(times_s)
         forces, foothold = np.zeros_like(sample.forces_n), np.array(sample.foothold)
         for share in _MIDDLES:
-            within = self._motion.at(np.asarray(times_s) - share * self._period_s)
+            within = motion.at(np.asarray(times_s) - share * period_s)
             forces += within.forces_n / len(_MIDDLES)
             foothold = np.where(foothold < 0, within.foothold, foothold)
         return replace(sample, forces_n=forces, foothold=foothold)
+
+    return replace(motion, at=at)
 
 
 ROUGH = 10
@@ -135,8 +110,10 @@ class RedundancyResolution:
         self, motion: Played, kinematics: Kinematics, near_rad: Array | None = None
     ) -> None:
         times = motion.knots_s
-        if isinstance(motion, PlanMotion) and motion.plan.joints_rad is not None:
-            path = _planned(motion, times, kinematics, near_rad)
+        if motion.path is not None and motion.path.plan.joints_rad is not None:
+            moments = moments_at(motion, times)
+            path = JointPath(motion.path, kinematics).postures(moments).angles
+            path = _from(near_rad, path, motion, times)
             if kinematics.drawn:
                 path = _without_jumps(
                     path, [motion.at(float(t)) for t in times], motion.solids, kinematics
@@ -191,23 +168,13 @@ def resolved(motion: Played, kinematics: Kinematics) -> RedundancyResolution:
     return RedundancyResolution(motion, kinematics, kinematics.near_rad)
 
 
-def _planned(
-    motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad: Array | None
-) -> Array:
-    """Postures of a plan that has joint angles, as the verifier judges them; from where the robot
-    is while it settles, shape (T, J).
-    """
-    path = JointPath(motion.path, kinematics).postures(motion.moments(times)).angles
-    return _from(near_rad, path, motion, times)
-
-
 def _from(near_rad: Array | None, path: Array, motion: Played, times: Array) -> Array:
     """The path from where the robot is, if it is somewhere: what it is off by there fades while the
     motion is at rest. A robot that stands has no other way to the beginning that moves no foot.
     """
     if near_rad is None:
         return path
-    rest_s = motion.timing.settle_s if isinstance(motion, PlanMotion) else motion.duration_s
+    rest_s = motion.rest_s or motion.duration_s
     return np.asarray(
         path + np.clip(1.0 - times / rest_s, 0.0, 1.0)[:, None] * (near_rad - path[0])
     )

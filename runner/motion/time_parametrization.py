@@ -1,7 +1,7 @@
 """Time parametrisation: how slow a motion must be for joints with limits of velocity, acceleration
 and torque.
 
-Every phase of ``PlanMotion`` scales with the pace: at pace p velocities are p times, accelerations
+Every phase of a plan's motion scales with the pace: at pace p velocities are p times, accelerations
 and the torques that they take p² times those at pace 1, and torques at rest are the same. So the
 pace is known after one profile of the motion, which is inverse kinematics of the whole plan; a
 second profile checks it.
@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,25 +22,27 @@ from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.gait_motion import CrossingMotion, GaitMotion, feet_motion, plans_of
+from stancekit.planners.motion.gait_motion import (
+    crossing_motion,
+    feet_motion,
+    gait_motion,
+    plans_of,
+)
 from stancekit.planners.motion.joints import STRAY_M
-from stancekit.planners.motion.leap_motion import LeapRun
+from stancekit.planners.motion.leap_motion import leap_motion
 from stancekit.planners.motion.motion import Played, Samples, between, stacked
-from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
-from stancekit.planners.physics import GRAVITY_M_S2
+from stancekit.planners.motion.plan_motion import KNOTS, Timing, plan_motion
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.actuators import ActuatorModel
 from stancekit.planners.robot.chain import continued
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.legged import walking_robot
-from stancekit.planners.terrain.patch import Solid
 
 from ..acceptance import JointNeeds
 from ..control.foot_placement import ContactFeedback
-from ..control.tracker import Target, Tracker
+from ..control.tracker import Tracker
 from ..worlds.drives import Drives
 from ..worlds.world import Ground, Solids, Terrain, WorldCapabilities
 from .redundancy import RedundancyResolution, resolved
@@ -243,18 +245,20 @@ LINEAR = ("velocity", "torque at speed")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointProfile:
-    """A motion as the joints have it, T times, J joints.
+    """A motion as the joints have it, T times, J joints: what is streamed where nothing disturbs it.
 
     Arguments:
+        motion: the motion.
         time_s: shape (T,).
         angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm: shape (T, J);
             static_nm are torques at rest under the planned forces, dynamic_nm what accelerations,
             damping and friction add.
         error_m: of inverse kinematics, shape (T, N).
-        targets: what a tracker sends where all goes as planned, T of them.
+        rows: samples, with the body's origin, that a tracker follows where all goes as planned.
         wished: what it is drawn to.
     """
 
+    motion: Played
     time_s: Array
     angles_rad: Array
     velocity_rad_s: Array
@@ -262,85 +266,45 @@ class JointProfile:
     static_nm: Array
     dynamic_nm: Array
     error_m: Array
-    targets: tuple[Target, ...]
+    rows: Samples
     wished: RedundancyResolution
 
-
-M_co = TypeVar("M_co", bound=Played, covariant=True)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TimedMotion(Generic[M_co]):
-    """A motion that joints can do, and one itself: what is streamed where nothing disturbs it.
-
-    Arguments:
-        pace: of that asked for, 1 where it was slow enough.
-        bound_by: what made it slower, with the joint, empty at 1.
-        velocity, acceleration, torque: greatest use of the limits, 1 at the limit.
-        profile: of the motion, whose rows are what is streamed.
-    """
-
-    motion: M_co
-    profile: JointProfile
-    pace: float = 1.0
-    bound_by: str = ""
-    velocity: float
-    acceleration: float
-    torque: float
-
-    @property
-    def solids(self) -> tuple[Solid, ...]:
-        """Solids, as in ``Played``."""
-        return self.motion.solids
-
-    @property
-    def duration_s(self) -> float:
-        """Duration of the stream [s]."""
-        return float(self.profile.time_s[-1])
-
-    @property
-    def knots_s(self) -> Array:
-        """When each row is streamed, shape (K,) [s]."""
-        return self.profile.time_s
-
-    def at(self, times_s: float | Array) -> Samples:
+    def played(self) -> Played:
         """The rows at their times, and straight lines between them; the ends are held."""
-        step_s = float(self.profile.time_s[1])
-        return between(self._rows, np.asarray(times_s, dtype=np.float64) / step_s)
-
-    @cached_property
-    def _rows(self) -> Samples:
-        profile, step_s = self.profile, float(self.profile.time_s[1])
-        rows = stacked([target.sample for target in profile.targets])
-        turned = continued(rows.rotation_rad)
-        return replace(
-            rows,
+        step_s = float(self.time_s[1])
+        turned = continued(self.rows.rotation_rad)
+        rows = replace(
+            self.rows,
             rotation_rad=turned,
-            velocity_m_s=np.gradient(rows.com_m, step_s, axis=0),
+            velocity_m_s=np.gradient(self.rows.com_m, step_s, axis=0),
             rotation_rate_rad_s=np.gradient(turned, step_s, axis=0),
-            origin_m=np.array([target.origin_m for target in profile.targets]),
-            angles_rad=profile.angles_rad,
-            rates_rad_s=profile.velocity_rad_s,
-            torques_nm=profile.static_nm + profile.dynamic_nm,
+            rates_rad_s=self.velocity_rad_s,
+            torques_nm=self.static_nm + self.dynamic_nm,
         )
+
+        def at(times_s: float | Array) -> Samples:
+            return between(rows, np.asarray(times_s, dtype=np.float64) / step_s)
+
+        return replace(self.motion, at=at, knots_s=self.time_s)
 
 
 def unhurried(
-    motion: PlanMotion,
+    motion: Played,
     wished: RedundancyResolution,
     velocity_rad_s: Array,
     acceleration_rad_s2: float = ACCELERATION_RAD_S2,
     share: float = LIMIT_SHARE,
 ) -> Array:
-    """Factors by which phases are to last longer, or joints would be sent faster than they turn,
-    shape (P,), 1 or more.
+    """Factors by which phases of a plan's motion are to last longer, or joints would be sent faster
+    than they turn, shape (P,), 1 or more.
 
     A phase begins and ends at rest, so that each can have a time of its own.
 
     Arguments:
         velocity_rad_s: limits, shape (J,).
     """
-    path, seconds = wished.path_rad, np.array([phase.seconds for phase in motion.phases])
+    path, seconds = wished.path_rad, motion.seconds
+    assert seconds is not None
     rates = (np.diff(path, axis=0) / np.repeat(seconds / KNOTS, KNOTS)[:, None]).reshape(
         len(seconds), KNOTS, -1
     )
@@ -351,38 +315,32 @@ def unhurried(
 
 
 def parametrize(
-    plan: Plan,
+    motion: Played,
     kinematics: Kinematics,
     can: WorldCapabilities,
-    timing: Timing = Timing(),
     *,
-    forces_n: Array | None = None,
     acceleration_rad_s2: float = ACCELERATION_RAD_S2,
     share: float = LIMIT_SHARE,
     hung: bool = False,
     drives: Drives | None = None,
-    longer: Array | None = None,
-    standing_n: Mapping[int, Array] | None = None,
     wished: RedundancyResolution | None = None,
-) -> TimedMotion[PlanMotion]:
-    """The plan's motion, slowed down until all limits hold.
+) -> JointProfile:
+    """A plan's motion, slowed down until all limits hold.
 
     Arguments:
         share: of the limits of velocity and torque that may be used.
         hung: the robot hangs in a stand, its feet carry nothing.
         drives: whose torques fall with speed, where they do.
-        longer, standing_n: as of ``PlanMotion``.
         wished: postures of this motion at any pace, where they are known.
 
     Raises:
         InvalidInput: with time, limb and joint, where a foot is out of reach, or a torque at rest
             too large: no pace helps there.
     """
-    pace, bound_by = 1.0, ""
+    pace, slowed = 1.0, motion
     for _ in range(_ROUNDS):
-        motion = PlanMotion(plan, timing.at_pace(pace), forces_n, longer, standing_n)
-        wished = resolved(motion, kinematics) if wished is None else wished.retimed(motion.knots_s)
-        profile = joint_profile(motion, kinematics, hung=hung, drives=drives, wished=wished)
+        wished = resolved(slowed, kinematics) if wished is None else wished.retimed(slowed.knots_s)
+        profile = joint_profile(slowed, kinematics, hung=hung, drives=drives, wished=wished)
         _check_static(profile, kinematics, can, share, drives)
         uses = _limit_use(
             profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share, drives=drives
@@ -393,19 +351,24 @@ def parametrize(
             if use > 0.0
         )
         if slower >= 1.0 - 1e-6:
-            values = {name: uses[name][0] for name in ("velocity", "acceleration", "torque")}
-            return TimedMotion(
-                motion=motion, profile=profile, pace=pace, bound_by=bound_by, **values
-            )
+            return profile
         name = max(uses, key=lambda n: uses[n][0] if n in LINEAR else uses[n][0] ** 0.5)
-        bound_by = f"{name} of {can.joints[uses[name][1]]}"
         pace *= 0.995 * slower
+        slowed = _at_pace(motion, pace, f"{name} of {can.joints[uses[name][1]]}")
         if pace < _LEAST_PACE:
             break
     raise InvalidInput(
         f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by "
-        f"{bound_by}"
+        f"{slowed.bound_by}"
     )
+
+
+def _at_pace(motion: Played, pace: float, bound_by: str) -> Played:
+    """A plan's motion at a pace of its own."""
+    assert motion.seconds is not None
+    assert motion.lasting is not None
+    slowed = motion.lasting(motion.seconds / pace)
+    return replace(slowed, pace=motion.pace * pace, bound_by=bound_by)
 
 
 def joint_profile(
@@ -427,36 +390,32 @@ def joint_profile(
         wished: postures at the motion's knots, where they are known.
     """
     wished, period_s = wished or resolved(motion, kinematics), 1.0 / rate_hz
-    targets = undisturbed(motion, kinematics, rate_hz, wished, STEADY if balanced else BLIND)
-    angles = np.array([target.angles_rad for target in targets])
+    rows, error = undisturbed(motion, kinematics, rate_hz, wished, STEADY if balanced else BLIND)
+    angles = rows.angles_rad
+    assert angles is not None
+    assert rows.torques_nm is not None
     velocity = np.gradient(angles, period_s, axis=0)
-    acceleration = np.zeros_like(angles)
+    acceleration, body = np.zeros_like(angles), np.zeros((len(angles), 3))
     acceleration[1:-1] = (angles[2:] - 2.0 * angles[1:-1] + angles[:-2]) / period_s**2
-    body = np.zeros((len(angles), 3))
-    com = np.array([target.sample.com_m for target in targets])
-    body[1:-1] = (com[2:] - 2.0 * com[1:-1] + com[:-2]) / period_s**2
+    if not (hung or balanced):
+        body[1:-1] = (rows.com_m[2:] - 2.0 * rows.com_m[1:-1] + rows.com_m[:-2]) / period_s**2
     limbs = _Limbs(kinematics, kinematics.rotor_kg_m2 if drives is None else drives.rotor_kg_m2)
-    dynamic = [
-        limbs.torques(q, v, a, target.sample, 0.0 * push if hung or balanced else push)
-        for q, v, a, target, push in zip(angles, velocity, acceleration, targets, body, strict=True)
-    ]
-    static = (
-        [
-            kinematics.torques(q, np.eye(3), np.zeros_like(targets[0].sample.forces_n))
-            for q in angles
-        ]
-        if hung
-        else [target.torques_nm for target in targets]
-    )
+    moved = zip(angles, velocity, acceleration, rows.rows(), body, strict=True)
+    dynamic = np.array([limbs.torques(*row) for row in moved])
+    static = rows.torques_nm
+    if hung:
+        nothing = np.zeros_like(rows.forces_n[0])
+        static = np.array([kinematics.torques(q, np.eye(3), nothing) for q in angles])
     return JointProfile(
+        motion=motion,
         time_s=np.arange(len(angles), dtype=float) * np.float64(period_s),
         angles_rad=angles,
         velocity_rad_s=velocity,
         acceleration_rad_s2=acceleration,
-        static_nm=np.array(static),
-        dynamic_nm=np.array(dynamic) + kinematics.resistance(velocity),
-        error_m=np.array([target.error_m for target in targets]),
-        targets=tuple(targets),
+        static_nm=static,
+        dynamic_nm=dynamic + kinematics.resistance(velocity),
+        error_m=error,
+        rows=rows,
         wished=wished,
     )
 
@@ -473,13 +432,22 @@ def undisturbed(
     rate_hz: float = RATE_HZ,
     wished: RedundancyResolution | None = None,
     feedback: ContactFeedback = BLIND,
-) -> list[Target]:
-    """Targets that the tracker sends over a whole motion if all feet feel the planned forces."""
+) -> tuple[Samples, Array]:
+    """Samples, with the body's origin, joints and torques at rest, that the tracker follows over a
+    whole motion if all feet feel the planned forces; and errors of inverse kinematics, shape (T, N).
+    """
     tracker = Tracker(motion, kinematics, rate_hz, feedback, wished=wished)
-    targets = [tracker.start()]
-    while (target := tracker.next(expected(tracker.coming))) is not None:
-        targets.append(target)
-    return targets
+    row: dict[str, Any] | None = tracker.begin()
+    kept: dict[str, list[Any]] = {
+        name: [] for name in ("sample", "origin_m", "angles_rad", "torques_nm", "error_m")
+    }
+    while row is not None:
+        for name, values in kept.items():
+            values.append(row[name])
+        row = tracker.step(expected(tracker.coming))
+    samples, error = kept.pop("sample"), np.array(kept.pop("error_m"))
+    known = {name: np.array(values) for name, values in kept.items()}
+    return replace(stacked(samples), **known), error
 
 
 def expected(sample: Samples) -> Array:
@@ -589,13 +557,6 @@ def _check_static(
 
 
 log = logging.getLogger(__name__)
-M = TypeVar("M", PlanMotion, GaitMotion, LeapRun, CrossingMotion)
-_JointMotion = (
-    TimedMotion[PlanMotion]
-    | TimedMotion[GaitMotion]
-    | TimedMotion[LeapRun]
-    | TimedMotion[CrossingMotion]
-)
 
 
 def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Played:
@@ -612,78 +573,48 @@ def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Played:
     return feet_motion(subject)
 
 
-def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> _JointMotion:
+def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> Played:
     """The motion of a plan, a walk, a leap or a crossing with its joints, as ``run`` streams it, so
     many rows per second.
 
     Raises InvalidInput where joints are not known or ``run`` would refuse them.
     """
+    if isinstance(subject, LeapPlan) and not subject.robot.source.own:
+        raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
+    robot = walking_robot(subject.robot) if isinstance(subject, Trajectory) else subject.robot
+    kinematics = Kinematics(robot, gravity_m_s2=subject.gravity_m_s2)
+    drives = Drives.of(kinematics.model)
+    can = WorldCapabilities.of_drives(drives, RATE_HZ, senses=False)
     match subject:
         case Plan():
-            kinematics = Kinematics(
-                subject.problem.robot, gravity_m_s2=subject.problem.gravity_m_s2
-            )
-            drives, can = _of_file(kinematics)
             motion, wished = unhurried_plan(subject, kinematics, can)
-            timed = timed_plan(motion, wished, kinematics, can, drives)
-            return _at_rate(timed, kinematics, drives, rate_hz, balanced=False)
+            profile = parametrize(motion, kinematics, can, drives=drives, wished=wished)
         case Trajectory():
-            robot = walking_robot(subject.robot)
-            kinematics = Kinematics(robot, gravity_m_s2=GRAVITY_M_S2)
-            drives, can = _of_file(kinematics)
-            walk = GaitMotion(subject, robot.source.foot_radii_m)
-            walked = timed_gait(walk, resolved(walk, kinematics), kinematics, can, drives)
-            return _at_rate(walked, kinematics, drives, rate_hz, balanced=True)
+            motion = gait_motion(subject, robot.source.foot_radii_m)
+            profile = timed_gait(motion, resolved(motion, kinematics), kinematics, can, drives)
         case Crossing():
-            kinematics = Kinematics(subject.robot, gravity_m_s2=subject.first.gravity_m_s2)
-            drives, can = _of_file(kinematics)
             climbs = []
             for plan in plans_of(subject):
                 motion, wished = unhurried_plan(plan, kinematics, can)
-                climbs.append(timed_plan(motion, wished, kinematics, can, drives).motion)
-            return _timed(CrossingMotion(subject, climbs), kinematics, drives, can, rate_hz)
+                timed = parametrize(motion, kinematics, can, drives=drives, wished=wished)
+                climbs.append(timed.motion)
+            motion = crossing_motion(subject, climbs)
+            return joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives).played()
         case LeapPlan():
-            if not subject.problem.robot.source.own:
-                raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
-            kinematics = Kinematics(subject.problem.robot, gravity_m_s2=GRAVITY_M_S2)
-            drives, can = _of_file(kinematics)
-            return _timed(LeapRun(subject), kinematics, drives, can, rate_hz)
-    raise TypeError(f"expected a motion, got a {type(subject).__name__}")
-
-
-L = TypeVar("L", LeapRun, CrossingMotion)
-
-
-def _timed(
-    motion: L, kinematics: Kinematics, drives: Drives, can: WorldCapabilities, rate_hz: float
-) -> TimedMotion[L]:
-    """A motion that was judged with its joints, and runs at its own pace."""
-    profile = joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives)
-    most = _most(kinematics)
-    uses = _limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=drives)
-    velocity, acceleration, torque = (
-        uses[name][0] for name in ("velocity", "acceleration", "torque")
-    )
-    return TimedMotion(
-        motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque
-    )
-
-
-def _at_rate(
-    timed: TimedMotion[M], kinematics: Kinematics, drives: Drives, rate_hz: float, *, balanced: bool
-) -> TimedMotion[M]:
-    """Convert a motion to this number of rows per second.
-
-    Arguments:
-        balanced: as of ``joint_profile``.
-    """
-    if rate_hz == RATE_HZ:
-        return timed
-    wished = timed.profile.wished
-    profile = joint_profile(
-        timed.motion, kinematics, rate_hz, balanced=balanced, drives=drives, wished=wished
-    )
-    return replace(timed, profile=profile)
+            motion = leap_motion(subject)
+            return joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives).played()
+        case _:
+            raise TypeError(f"expected a motion, got a {type(subject).__name__}")
+    if rate_hz != RATE_HZ:
+        profile = joint_profile(
+            profile.motion,
+            kinematics,
+            rate_hz,
+            balanced=isinstance(subject, Trajectory),
+            drives=drives,
+            wished=profile.wished,
+        )
+    return profile.played()
 
 
 def unhurried_plan(
@@ -693,7 +624,7 @@ def unhurried_plan(
     timing: Timing = Timing(),
     *,
     shared: bool = True,
-) -> tuple[PlanMotion, RedundancyResolution]:
+) -> tuple[Played, RedundancyResolution]:
     """A plan's motion whose phases last as long as joints need, and the postures that joints are
     drawn to.
 
@@ -704,14 +635,17 @@ def unhurried_plan(
     Raises:
         InvalidInput: where all limbs lift at once.
     """
-    if kinematics.soles:
-        shared, timing = False, timing.at_pace(_steady_pace(plan, timing))
+    pace = _steady_pace(plan, timing) if kinematics.soles else 1.0
+    shared, timing = shared and not kinematics.soles, timing.at_pace(pace)
     forces_n = distribute_forces(plan, kinematics) if shared else None
     standing_n = standing_forces(plan, kinematics) if shared else None
-    motion = PlanMotion(plan, timing, forces_n, standing_n=standing_n)
+    motion = plan_motion(plan, timing, forces_n, standing_n=standing_n)
     wished = resolved(motion, kinematics)
     longer = unhurried(motion, wished, can.velocity_rad_s, _most(kinematics))
-    motion = PlanMotion(plan, timing, forces_n, longer, standing_n)
+    assert motion.seconds is not None
+    assert motion.lasting is not None
+    bound_by = "the support of its soles" if pace < 1.0 else ""
+    motion = replace(motion.lasting(motion.seconds * longer), pace=pace, bound_by=bound_by)
     return motion, wished.retimed(motion.knots_s)
 
 
@@ -741,42 +675,15 @@ _LEAST_ROOM_M = 1e-3
 """Support is counted as this much at least, or a motion would take for ever [m]."""
 
 
-def timed_plan(
-    motion: PlanMotion,
-    wished: RedundancyResolution,
-    kinematics: Kinematics,
-    can: WorldCapabilities,
-    drives: Drives,
-    *,
-    hung: bool = False,
-) -> TimedMotion[PlanMotion]:
-    """A plan's motion slowed down to what joints can do.
-
-    Raises InvalidInput as ``parametrize`` does.
-    """
-    return parametrize(
-        motion.plan,
-        kinematics,
-        can,
-        motion.timing,
-        forces_n=motion.forces_n,
-        hung=hung,
-        drives=drives,
-        longer=motion.longer,
-        standing_n=motion.standing_n,
-        wished=wished,
-    )
-
-
 def timed_gait(
-    motion: GaitMotion,
+    motion: Played,
     wished: RedundancyResolution,
     kinematics: Kinematics,
     can: WorldCapabilities,
     drives: Drives,
     *,
     hung: bool = False,
-) -> TimedMotion[GaitMotion]:
+) -> JointProfile:
     """A gait's motion as it is planned.
 
     Raises InvalidInput where joints cannot do it: it cannot be slowed down.
@@ -797,20 +704,9 @@ def timed_gait(
                 "it may have; a gait "
                 "runs as planned, or not at all: plan one that steps less high or less far"
             )
-    velocity, acceleration, torque = (
-        uses[name][0] for name in ("velocity", "acceleration", "torque")
-    )
-    return TimedMotion(
-        motion=motion, profile=profile, velocity=velocity, acceleration=acceleration, torque=torque
-    )
+    return profile
 
 
 def _most(kinematics: Kinematics) -> float:
     """The greatest acceleration of joints [rad/s²]."""
     return ACCELERATION_RAD_S2 if kinematics.drawn else np.inf
-
-
-def _of_file(kinematics: Kinematics) -> tuple[Drives, WorldCapabilities]:
-    """The drives of a robot as its file says, and what they can do."""
-    drives = Drives.of(kinematics.model)
-    return drives, WorldCapabilities.of_drives(drives, RATE_HZ, senses=False)

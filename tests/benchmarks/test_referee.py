@@ -268,11 +268,11 @@ def test_a_leap_on_ice_does_not_stand() -> None:
 def test_the_referee_has_a_leap_as_the_package_has_it() -> None:
     """Body, feet, contacts and forces, each by its own code from one file."""
     from stancekit.planners.formats.motion_file import read_motion
-    from stancekit.planners.motion.leap_motion import LeapRun
+    from stancekit.planners.motion.leap_motion import leap_motion
 
     plan, _ = read_motion(LEAP)
     ours, reference = (
-        LeapRun(plan, settle_s=SETTINGS.timing.rest_s),
+        leap_motion(plan, settle_s=SETTINGS.timing.rest_s),
         prepared(read(LEAP), SETTINGS, Wrong())[1],
     )
     times = SETTINGS.control_s * np.arange(1, len(reference.com_m) + 1)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.motion.plan_motion import PlanMotion, Timing
+from stancekit.planners.motion.motion import Played
+from stancekit.planners.motion.plan_motion import Timing, plan_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
@@ -27,8 +28,9 @@ from stancekit.runner.control.estimation import (
     odometry_error_m,
 )
 from stancekit.runner.control.friction import SILENT_S, SilentFeet
+from stancekit.runner.control.tracker import Target, Tracker
 from stancekit.runner.log import Record
-from stancekit.runner.motion.time_parametrization import joint_profile
+from stancekit.runner.motion.time_parametrization import BLIND, RATE_HZ, expected
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
@@ -122,11 +124,16 @@ def state_of(angles: np.ndarray) -> State:
     )
 
 
+def targets_of(motion: Played, kinematics: Kinematics) -> list[Target]:
+    tracker = Tracker(motion, kinematics, RATE_HZ, BLIND)
+    return [tracker.start(), *iter(lambda: tracker.next(expected(tracker.coming)), None)]
+
+
 def test_joints_that_go_where_they_are_sent_say_where_the_body_is(
     step: Callable[[str], Plan],
 ) -> None:
     kinematics = Kinematics(step("walls").problem.robot)
-    targets = joint_profile(PlanMotion(step("walls")), kinematics).targets
+    targets = targets_of(plan_motion(step("walls")), kinematics)
     record = Record(pairs=[(target, state_of(target.angles_rad)) for target in targets])
     origins, rotations = leg_odometry(record, kinematics)
     wanted = np.array([target.origin_m for target in targets])
@@ -141,7 +148,7 @@ def test_a_body_that_sank_is_seen_by_the_joints_of_the_feet_that_stand(
     step: Callable[[str], Plan],
 ) -> None:
     kinematics = Kinematics(step("walls").problem.robot)
-    targets = joint_profile(PlanMotion(step("walls")), kinematics).targets[:20]
+    targets = targets_of(plan_motion(step("walls")), kinematics)[:20]
     sunk = np.array([0.0, 0.0, -0.01])
     pairs = [(targets[0], state_of(targets[0].angles_rad))]
     for target in targets[1:]:

@@ -17,7 +17,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.terrain import Patch
 from stancekit.runner.control.friction import FrictionEstimator, FrictionInterval
-from stancekit.runner.control.slip_recovery import LAND_M_S, STAND_S, SlipDetector, StandingMotion
+from stancekit.runner.control.slip_recovery import LAND_M_S, STAND_S, SlipDetector, standing_motion
 from stancekit.runner.control.tracker import Target
 from stancekit.runner.log import Record
 from stancekit.runner.worlds.world import State
@@ -339,7 +339,7 @@ def test_feet_in_the_air_come_down_and_the_others_and_the_body_stay() -> None:
     toes = FEET - FOOT_RADIUS_M * UPRIGHT
     toes[1::2] -= [0.0, 0.0, 0.06]
     pushes = 20.0 * UPRIGHT, 10.0 * UPRIGHT
-    motion = StandingMotion(
+    motion = standing_motion(
         replace(now, frame=np.array(2.0)),
         com_m=np.ones(3),
         rotation_rad=np.full(3, 0.1),

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.formats.motion_file import read_motion, write_motion
+from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.leap.finder import find_leap
-from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion, footholds
-from stancekit.planners.motion.leap_motion import LeapRun
+from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, footholds, gait_motion
+from stancekit.planners.motion.leap_motion import SETTLE_S, leap_motion
+from stancekit.planners.motion.motion import Played
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.robot.legged import walking_robot
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo
@@ -23,7 +24,7 @@ from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.execution import Tolerance
-from stancekit.runner.motion.redundancy import MeanForces
+from stancekit.runner.motion.redundancy import mean_forces
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -77,7 +78,7 @@ def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(
     assert report.succeeded, report.message
     assert report.execution is None
     sent = np.array([targets for _, targets in world.commands])
-    motion = GaitMotion(accepted.plan)
+    motion = gait_motion(accepted.plan)
     assert len(sent) == pytest.approx(motion.duration_s * world.rate_hz, abs=2)
     assert report.joint_worst_rad < 0.1
 
@@ -125,7 +126,7 @@ def test_joints_that_cannot_do_it_are_named_before_anything_moves(
 
 def test_the_motion_is_the_trajectory_between_two_rests(gait: Attempted) -> None:
     trajectory = gait.trajectory
-    motion = GaitMotion(trajectory)
+    motion = gait_motion(trajectory)
     k = trajectory.samples // 3
     sample = motion.at(WALK_SETTLE_S + float(trajectory.times_s[k] - trajectory.times_s[0]))
     np.testing.assert_allclose(sample.com_m, trajectory.torso_m[k], atol=1e-9)
@@ -242,36 +243,33 @@ def test_no_push_is_asked_of_a_leap(leap: Accepted):
 
 
 @pytest.fixture(scope="module")
-def motion() -> LeapRun:
-    plan = read_motion(FILE)[0]
-    assert plan is not None
-    return LeapRun(plan)
+def motion(leap: Accepted) -> Played:
+    return leap_motion(leap.plan)
 
 
 @pytest.mark.parametrize("period_s", [0.005, 0.0061])
-def test_a_tracker_commands_the_impulse_of_a_leap(motion: LeapRun, period_s: float):
+def test_a_tracker_commands_the_impulse_of_a_leap(leap: Accepted, motion: Played, period_s: float):
     times = np.arange(0.0, motion.duration_s, period_s)
-    commanded = MeanForces(motion, period_s).at(times).forces_n.sum(axis=(0, 1)) * period_s
+    commanded = mean_forces(motion, period_s).at(times).forces_n.sum(axis=(0, 1)) * period_s
     fine = np.arange(-period_s, times[-1], 1e-4) + 5e-5
     planned = motion.at(fine).forces_n.sum(axis=(0, 1)) * 1e-4
-    weight = motion.plan.problem.weight_n
+    weight = leap.plan.problem.weight_n
     np.testing.assert_allclose(
         commanded, planned, atol=0.3 * period_s * weight
     )  # a tenth of a period each change
 
 
-def test_what_carries_in_a_part_of_a_period_stands_in_it(motion: LeapRun):
-    plan, before = motion.plan, motion.settle_s
-    first = plan.problem.timings_s[plan.timing][0] + before
-    mean = MeanForces(motion, 0.005)
+def test_what_carries_in_a_part_of_a_period_stands_in_it(leap: Accepted, motion: Played):
+    first = leap.plan.problem.timings_s[leap.plan.timing][0] + SETTLE_S
+    mean = mean_forces(motion, 0.005)
     assert (mean.at(first + 0.001).foothold >= 0).all()
     assert (mean.at(first + 0.0051).foothold < 0).all()
     half = mean.at(first + 0.0025).forces_n
     np.testing.assert_allclose(half, 0.4 * motion.at(first - 1e-4).forces_n, rtol=0.51)
 
 
-def test_loads_may_lead_beyond_the_limits_of_angles(motion: LeapRun):
-    robot = motion.plan.problem.robot
+def test_loads_may_lead_beyond_the_limits_of_angles(leap: Accepted):
+    robot = leap.robot
     with make_world("mujoco", robot) as world:
         model = robot.source.own_model()
         stance = np.concatenate([leg.stance_rad for leg in model.legs])

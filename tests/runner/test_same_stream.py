@@ -13,7 +13,7 @@ import pytest
 import stancekit
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.plan_motion import PlanMotion, Timing
+from stancekit.planners.motion.plan_motion import Timing, plan_motion
 from stancekit.planners.problem.contact import at_point
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
@@ -180,7 +180,7 @@ def added(course: str, deaf: int | None = None, **settings: float) -> tuple[Arra
     deaf: the foot that feels nothing. settings: of the pressing.
     """
     plan = TwoStage().solve(read_course(course, frames=2)).solution
-    motion, kinematics = PlanMotion(plan), Kinematics(plan.problem.robot)
+    motion, kinematics = plan_motion(plan), Kinematics(plan.problem.robot)
     felt = 0.5 * motion.at(0.0).forces_n
     if deaf is not None:
         felt[deaf] = 0.0

@@ -19,7 +19,7 @@ from dynamixel_sdk import PortHandler
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.planners.motion.plan_motion import PlanMotion, Timing
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.robot import hexapod
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Tracker
@@ -165,15 +165,15 @@ def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(
 
 
 @pytest.fixture(scope="module")
-def prepared(step: Callable[[str], Plan]) -> Prepared[PlanMotion]:
+def prepared(step: Callable[[str], Plan]) -> Prepared:
     return Runner(MemoryWorld(), settings=FAST).prepare(Accepted.verified(step("walls"), "walls"))
 
 
 @pytest.fixture(autouse=True)
-def timed_once(prepared: Prepared[PlanMotion], monkeypatch: pytest.MonkeyPatch) -> None:
+def timed_once(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> None:
     """Plans are timed once for all worlds in memory, which takes longest."""
 
-    def again(runner: Runner, accepted: Accepted) -> Prepared[PlanMotion]:
+    def again(runner: Runner, accepted: Accepted) -> Prepared:
         tracker = Tracker(prepared.motion, prepared.kinematics, runner.world.rate_hz, BLIND)
         return replace(prepared, tracker=tracker, first=tracker.start())
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,8 +14,9 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath, path_torques, plan_angles
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.motion.path import APART_M
-from stancekit.planners.motion.plan_motion import KNOTS, PlanMotion, Timing
+from stancekit.planners.motion.plan_motion import KNOTS, Timing, moments_at, plan_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import distribute_forces
 from stancekit.planners.projection.whole_body import WholeBodyLimits, whole_body, with_joints
@@ -34,7 +35,6 @@ from stancekit.runner.control.tracker import (
     RAMP_S,
     SPEED_SHARE,
     SwingSpeed,
-    Target,
     Tracker,
 )
 from stancekit.runner.motion.bodies import postures, spaced
@@ -85,7 +85,7 @@ def kinematics(plan: Plan) -> Kinematics:
 
 @pytest.fixture(scope="module")
 def seen(plan: Plan, kinematics: Kinematics) -> JointProfile:
-    return joint_profile(PlanMotion(plan), kinematics)
+    return joint_profile(plan_motion(plan), kinematics)
 
 
 def with_limits(**limits: float) -> WorldCapabilities:
@@ -95,14 +95,14 @@ def with_limits(**limits: float) -> WorldCapabilities:
 def test_the_look_is_along_the_whole_motion_and_reaches_every_foot(
     plan: Plan, seen: JointProfile
 ) -> None:
-    assert seen.time_s[-1] == pytest.approx(PlanMotion(plan).duration_s, abs=0.011)
+    assert seen.time_s[-1] == pytest.approx(plan_motion(plan).duration_s, abs=0.011)
     assert seen.error_m.max() < 1e-5
 
 
 def test_feet_of_the_angles_are_where_the_motion_has_them(
     plan: Plan, seen: JointProfile, kinematics: Kinematics
 ) -> None:
-    motion = PlanMotion(plan)
+    motion = plan_motion(plan)
     for row in range(0, len(seen.time_s), 40):
         sample = motion.at(seen.time_s[row])
         angles = seen.angles_rad[row]
@@ -117,7 +117,7 @@ def test_feet_of_the_angles_are_where_the_motion_has_them(
 def test_velocities_scale_with_the_pace_and_accelerations_and_torques_with_its_square(
     plan: Plan, seen: JointProfile, kinematics: Kinematics
 ) -> None:
-    slow = joint_profile(PlanMotion(plan, Timing().at_pace(0.5)), kinematics)
+    slow = joint_profile(plan_motion(plan, Timing().at_pace(0.5)), kinematics)
     for name, factor in (
         ("velocity_rad_s", 0.5),
         ("acceleration_rad_s2", 0.25),
@@ -136,7 +136,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and
     of a rotor alone.
     """
-    limbs, sample = _Limbs(kinematics, kinematics.rotor_kg_m2), PlanMotion(plan).at(0.0)
+    limbs, sample = _Limbs(kinematics, kinematics.rotor_kg_m2), plan_motion(plan).at(0.0)
     pin = pinocchio()
     model = pin.buildModelFromXML(hexapod_urdf(plan.problem.robot))  # the body stays where it is
     data = model.createData()
@@ -168,7 +168,7 @@ def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_ver
     np.testing.assert_array_equal(drives.rotor_kg_m2, kinematics.rotor_kg_m2)
     still, angles = np.zeros(len(drives.joints)), np.full(len(drives.joints), 0.3)
     rising = np.linspace(-50.0, 50.0, len(still))
-    air = replace(PlanMotion(plan).at(0.0), foothold=np.full(4, -1))
+    air = replace(plan_motion(plan).at(0.0), foothold=np.full(4, -1))
     torques, bare = (
         _Limbs(kinematics, rotors).torques(angles, still, rising, air, np.zeros(3))
         for rotors in (drives.rotor_kg_m2, 0.0 * drives.rotor_kg_m2)
@@ -182,7 +182,7 @@ def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(
 
     limbs, sample, still = (
         _Limbs(kinematics, kinematics.rotor_kg_m2),
-        PlanMotion(plan).at(0.0),
+        plan_motion(plan).at(0.0),
         np.zeros(24),
     )
     angles = np.tile([0.1, 0.4, 0.0, 1.0], 6)
@@ -200,18 +200,18 @@ def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(
 
 
 def test_a_motion_within_all_limits_keeps_its_pace(plan: Plan, kinematics: Kinematics) -> None:
-    found = parametrize(plan, kinematics, CAN, Timing().at_pace(0.5))
-    assert (found.pace, found.bound_by) == (1.0, "")
-    assert max(found.velocity, found.acceleration, found.torque) <= 1.0
+    found = parametrize(plan_motion(plan, Timing().at_pace(0.5)), kinematics, CAN)
+    assert (found.motion.pace, found.motion.bound_by) == (1.0, "")
+    assert np.abs(found.velocity_rad_s).max() <= LIMIT_SHARE * VELOCITY_RAD_S
 
 
 def test_joints_that_turn_slowly_slow_it_down_by_just_that(
     plan: Plan, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     most = 0.5 * np.abs(seen.velocity_rad_s).max()
-    found = parametrize(plan, kinematics, with_limits(velocity_rad_s=float(most)))
-    assert found.pace == pytest.approx(0.9 * 0.5, rel=0.02)
-    assert found.bound_by.startswith("velocity of ")
+    found = parametrize(plan_motion(plan), kinematics, with_limits(velocity_rad_s=float(most)))
+    assert found.motion.pace == pytest.approx(0.9 * 0.5, rel=0.02)
+    assert found.motion.bound_by.startswith("velocity of ")
     assert np.abs(joint_profile(found.motion, kinematics).velocity_rad_s).max() <= 0.9 * most + 1e-9
 
 
@@ -219,9 +219,9 @@ def test_accelerations_slow_it_down_by_their_root(
     plan: Plan, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     most = 0.25 * np.abs(seen.acceleration_rad_s2).max()
-    found = parametrize(plan, kinematics, CAN, acceleration_rad_s2=float(most))
-    assert found.bound_by.startswith("acceleration of ")
-    assert found.pace == pytest.approx(0.5, rel=0.1)
+    found = parametrize(plan_motion(plan), kinematics, CAN, acceleration_rad_s2=float(most))
+    assert found.motion.bound_by.startswith("acceleration of ")
+    assert found.motion.pace == pytest.approx(0.5, rel=0.1)
     assert np.abs(joint_profile(found.motion, kinematics).acceleration_rad_s2).max() <= most * (
         1.0 + 1e-6
     )
@@ -232,7 +232,7 @@ def test_a_torque_at_rest_beyond_the_limit_is_refused_with_its_joint(
     plan: Plan, kinematics: Kinematics
 ) -> None:
     with refuses("motion", "5 Nm"):
-        parametrize(plan, kinematics, with_limits(torque_nm=5.0))
+        parametrize(plan_motion(plan), kinematics, with_limits(torque_nm=5.0))
 
 
 def test_a_joint_beyond_its_limit_is_refused_with_its_name(
@@ -240,11 +240,11 @@ def test_a_joint_beyond_its_limit_is_refused_with_its_name(
 ) -> None:
     knee = np.where(np.arange(24) % 4 == 3, 0.5, CAN.upper_rad)
     with refuses("rad"):
-        parametrize(plan, kinematics, replace(CAN, upper_rad=knee))
+        parametrize(plan_motion(plan), kinematics, replace(CAN, upper_rad=knee))
 
 
 def test_what_is_expected_to_be_felt_touches_wherever_a_foot_stands(plan: Plan) -> None:
-    sample = PlanMotion(plan).at(0.0)
+    sample = plan_motion(plan).at(0.0)
     pressed = np.einsum("ij,ij->i", expected(sample) - sample.forces_n, sample.normals)
     np.testing.assert_allclose(pressed, 3.0)
 
@@ -263,7 +263,7 @@ def test_a_soft_motion_keeps_its_speed_and_begins_and_ends_at_rest() -> None:
 def test_the_soft_start_goes_round_a_surface_and_gives_up_before_it_goes_through(
     plan: Plan, seen: JointProfile, kinematics: Kinematics
 ) -> None:
-    motion, first = PlanMotion(plan), seen.angles_rad[0]
+    motion, first = plan_motion(plan), seen.angles_rad[0]
     sample = motion.at(0.0)
     rotation = rotation_of(sample.rotation_rad)
     pose = sample.com_m - rotation @ kinematics.com_offset(first), rotation
@@ -279,7 +279,7 @@ def test_the_soft_start_goes_round_a_surface_and_gives_up_before_it_goes_through
 def test_every_soft_start_that_is_found_keeps_feet_out_of_surfaces(
     plan: Plan, seen: JointProfile, kinematics: Kinematics
 ) -> None:
-    motion, first, rng = PlanMotion(plan), seen.angles_rad[0], np.random.default_rng(0)
+    motion, first, rng = plan_motion(plan), seen.angles_rad[0], np.random.default_rng(0)
     sample = motion.at(0.0)
     rotation = rotation_of(sample.rotation_rad)
     pose = sample.com_m - rotation @ kinematics.com_offset(first), rotation
@@ -310,11 +310,11 @@ def test_every_soft_start_that_is_found_keeps_feet_out_of_surfaces(
 
 def test_torques_along_the_path_are_those_of_the_motion(plan: Plan, kinematics: Kinematics) -> None:
     bent = with_joints(plan, kinematics)
-    motion = PlanMotion(bent)
+    motion = plan_motion(bent)
     profile = joint_profile(motion, kinematics)
     table = path_torques(bent, kinematics)[1]
-    moving = [k for k, phase in enumerate(motion.phases) if phase.segment.part == 1]
-    ends = np.cumsum([phase.seconds for phase in motion.phases])
+    moving = [k for k, segment in enumerate(motion.segments) if segment.part == 1]
+    ends = np.cumsum(motion.seconds)
     first = profile.static_nm[round(ends[moving[0] - 1] * RATE_HZ)]
     last = profile.static_nm[round(ends[moving[-1]] * RATE_HZ)]
     np.testing.assert_allclose(table[0], first, atol=0.1)
@@ -328,30 +328,27 @@ def stairs(step: Callable[[str], Plan]) -> Plan:
 
 
 @pytest.fixture(scope="module")
-def targets(stairs: Plan) -> list[Target]:
-    return undisturbed(PlanMotion(stairs), Kinematics(stairs.problem.robot))
+def rows(stairs: Plan) -> Samples:
+    return undisturbed(plan_motion(stairs), Kinematics(stairs.problem.robot))[0]
 
 
 def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(
-    targets: list[Target],
+    rows: Samples,
 ) -> None:
-    chosen = list(spaced(targets))
-    assert chosen[0] is targets[0]
-    assert chosen[-1] is targets[-1]
-    for one, other in pairwise(chosen):
-        moved = np.linalg.norm(other.sample.feet_m - one.sample.feet_m, axis=1)
-        assert moved.max() <= APART_M
-        assert np.linalg.norm(other.origin_m - one.origin_m) <= APART_M
-    assert len(chosen) < len(targets) / 3
+    chosen = spaced(rows)
+    assert (chosen[0], chosen[-1]) == (0, len(rows.com_m) - 1)
+    for points in (rows.feet_m, rows.origin_m):
+        assert np.linalg.norm(np.diff(points[chosen], axis=0), axis=-1).max() <= APART_M
+    assert len(chosen) < len(rows.com_m) / 3
 
 
 def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(
-    stairs: Plan, targets: list[Target]
+    stairs: Plan, rows: Samples
 ) -> None:
     """The motion moves the middles of round feet; a plan's toes are the points that touch."""
-    first = postures(targets[:1], Kinematics(stairs.problem.robot))
+    first = postures(rows, Kinematics(stairs.problem.robot))
     np.testing.assert_allclose(first.toes_m[0], stairs.toes_at(0), atol=1e-9)
-    assert first.stands.all()
+    assert first.stands[0].all()
 
 
 def test_the_motion_that_is_run_is_the_one_that_is_judged(stairs: Plan) -> None:
@@ -360,13 +357,13 @@ def test_the_motion_that_is_run_is_the_one_that_is_judged(stairs: Plan) -> None:
     """
     solver = Kinematics(stairs.problem.robot)
     whole = with_joints(stairs, solver)
-    motion = PlanMotion(whole)
-    targets = undisturbed(motion, solver)
-    times = np.minimum(np.arange(len(targets)) / RATE_HZ, motion.duration_s)
-    found = JointPath(motion.path, solver).postures(motion.moments(times))
+    motion = plan_motion(whole)
+    rows, _ = undisturbed(motion, solver)
+    times = np.minimum(np.arange(len(rows.com_m)) / RATE_HZ, motion.duration_s)
+    found = JointPath(motion.path, solver).postures(moments_at(motion, times))
     assert len(times) > 200
-    assert np.abs(found.origins_m - [target.origin_m for target in targets]).max() < 2e-4
-    assert np.abs(found.angles - [target.angles_rad for target in targets]).max() < np.radians(1.0)
+    assert np.abs(found.origin_m - rows.origin_m).max() < 2e-4
+    assert np.abs(found.angles - rows.angles_rad).max() < np.radians(1.0)
 
 
 def test_a_motion_through_something_is_refused_before_anything_moves(stairs: Plan) -> None:
@@ -396,7 +393,7 @@ def test_a_motion_through_something_is_refused_before_anything_moves(stairs: Pla
         runner.prepare(Accepted.verified(bare, "sign"))
     accepted = Accepted.verified(whole, "stairs")
     assert accepted.digest == check_plan(whole, joints=True).digest  # of all groups
-    assert runner.prepare(accepted).pace > 0.0
+    assert runner.prepare(accepted).motion.pace > 0.0
 
 
 @pytest.mark.parametrize("near", [None, np.array([0.3, -0.2, 0.1, 0.4])])
@@ -421,10 +418,10 @@ def test_the_way_through_a_table_is_the_cheapest_of_all(near: Array | None) -> N
 def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
     kinematics = Kinematics(plan.problem.robot)
     fast, slow = (
-        RedundancyResolution(PlanMotion(plan, Timing().at_pace(pace)), kinematics)
+        RedundancyResolution(plan_motion(plan, Timing().at_pace(pace)), kinematics)
         for pace in (1.0, 0.5)
     )
-    for time_s in np.linspace(0.0, PlanMotion(plan).duration_s, 23):
+    for time_s in np.linspace(0.0, plan_motion(plan).duration_s, 23):
         np.testing.assert_allclose(fast.at(time_s), slow.at(2.0 * time_s), atol=1e-6)
 
 
@@ -435,7 +432,7 @@ def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_tor
     assert bent.plan.joints_rad is not None
 
     def largest(of: Plan) -> float:
-        motion = PlanMotion(of, forces_n=distribute_forces(of, kinematics))
+        motion = plan_motion(of, forces_n=distribute_forces(of, kinematics))
         return float(np.abs(joint_profile(motion, kinematics, rate_hz=20.0).static_nm).max())
 
     assert largest(bent.plan) < 1.1 * bent.after.torque_nm
@@ -456,8 +453,8 @@ def test_a_limb_that_would_jump_between_a_plans_own_angles_is_led_round_and_stan
     plan: Plan,
 ) -> None:
     kinematics = Kinematics(plan.problem.robot)
-    motion = PlanMotion(twisted(plan))
-    own = JointPath(motion.path, kinematics).postures(motion.moments(motion.knots_s)).angles
+    motion = plan_motion(twisted(plan))
+    own = JointPath(motion.path, kinematics).postures(moments_at(motion, motion.knots_s)).angles
     assert np.abs(np.diff(own, axis=0)).max() > JUMP_RAD
     resolution = RedundancyResolution(motion, kinematics)
     found = np.array([resolution.at(float(time_s)) for time_s in motion.knots_s])
@@ -474,9 +471,9 @@ def test_a_swing_by_way_of_comfortable_postures_ends_in_the_plans_own(
     monkeypatch.setattr(
         "stancekit.planners.motion.joints.STRAY_M", -1.0
     )  # as if no limb followed its foot's path
-    kinematics, motion = Kinematics(plan.problem.robot), PlanMotion(twisted(plan))
+    kinematics, motion = Kinematics(plan.problem.robot), plan_motion(twisted(plan))
     path = JointPath(motion.path, kinematics)
-    moments = motion.moments(motion.knots_s)
+    moments = moments_at(motion, motion.knots_s)
     angles = path.postures(moments).angles
     assert path.corners
     for (step, limb), corners in path.corners.items():
@@ -488,7 +485,7 @@ def test_a_swing_by_way_of_comfortable_postures_ends_in_the_plans_own(
 
 def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:
     robot = plan.problem.robot
-    motion, kinematics = PlanMotion(plan), Kinematics(robot)
+    motion, kinematics = plan_motion(plan), Kinematics(robot)
     alone = RedundancyResolution(motion, kinematics).at(0.0)
     other = alone.copy()
     other[0] -= 1.5  # of the left front limb: its knee elsewhere
@@ -507,7 +504,7 @@ def test_courses_on_which_joints_once_jumped_or_feet_stayed_behind_are_walked_sm
     course = perturbed("walls", np.random.default_rng([0, index]), frames=3)
     plan = TwoStage().solve(course).solution
     assert plan is not None
-    seen = joint_profile(PlanMotion(plan), Kinematics(course.robot))
+    seen = joint_profile(plan_motion(plan), Kinematics(course.robot))
     assert seen.error_m.max() < 1e-5
     assert np.abs(seen.acceleration_rad_s2).max() < 60.0
 
@@ -586,9 +583,9 @@ def test_a_leg_that_comes_from_elsewhere_goes_along_with_what_it_follows_and_the
 def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures_are_far_apart(
     plan: Plan,
 ) -> None:
-    kinematics, motion = Kinematics(plan.problem.robot), PlanMotion(twisted(plan))
+    kinematics, motion = Kinematics(plan.problem.robot), plan_motion(twisted(plan))
     profile = joint_profile(motion, kinematics)
-    air = np.array([target.sample.foothold for target in profile.targets]) < 0
+    air = profile.rows.foothold < 0
     flies = np.repeat(air[1:] & air[:-1], 4, axis=1)
     sent = np.abs(np.diff(profile.angles_rad, axis=0))[flies] * 100.0
     assert 0.5 * SPEED_SHARE * VELOCITY_RAD_S < sent.max() <= SPEED_SHARE * VELOCITY_RAD_S + 1e-9
@@ -600,20 +597,22 @@ def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures
 def test_a_gait_waits_for_no_leg(plan: Plan) -> None:
     kinematics, motion = (
         Kinematics(plan.problem.robot, Servo(velocity_rad_s=1.0)),
-        PlanMotion(twisted(plan)),
+        plan_motion(twisted(plan)),
     )
-    waits, steady = (len(undisturbed(motion, kinematics, feedback=how)) for how in (BLIND, STEADY))
+    waits, steady = (
+        len(undisturbed(motion, kinematics, feedback=how)[1]) for how in (BLIND, STEADY)
+    )
     assert 0.0 <= steady - 1 - motion.duration_s * RATE_HZ <= 1.0 + 1e-6
     assert waits > steady + 2
 
 
 def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
-    kinematics, motion = Kinematics(plan.problem.robot), PlanMotion(twisted(plan))
+    kinematics, motion = Kinematics(plan.problem.robot), plan_motion(twisted(plan))
     wished = resolved(motion, kinematics)
     slow = np.full(24, 0.4)
     longer = unhurried(motion, wished, slow, np.inf)
     assert longer.min() == 1.0 < longer.max()
-    other = PlanMotion(motion.plan, longer=longer)
+    other = plan_motion(twisted(plan), longer=longer)
     times = other.knots_s
     rates = np.abs(np.diff(wished.path_rad, axis=0)) / np.diff(times)[:, None]
     used = (rates / (LIMIT_SHARE * slow)).max(axis=1).reshape(-1, KNOTS).max(axis=1)
@@ -632,7 +631,7 @@ def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
 
 def test_what_is_expected_is_of_the_moment_that_comes(step: Callable[[str], Plan]) -> None:
     """A motion that waits has another time than the clock has."""
-    kinematics, motion = Kinematics(step("walls").problem.robot), PlanMotion(step("walls"))
+    kinematics, motion = Kinematics(step("walls").problem.robot), plan_motion(step("walls"))
     tracker = Tracker(
         motion,
         kinematics,

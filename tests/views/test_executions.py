@@ -16,14 +16,14 @@ import pytest
 import stancekit
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, GaitMotion
-from stancekit.planners.motion.plan_motion import PlanMotion, Timing
+from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, gait_motion
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap_classes import leap_from_keys
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.runner.execution import Execution
 from stancekit.runner.log import Message, Recorded
-from stancekit.runner.motion.time_parametrization import TimedMotion, streamed
+from stancekit.runner.motion.time_parametrization import streamed
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from stancekit.views.gait_plot import draw_tracking, tracked
@@ -230,7 +230,7 @@ def test_at_the_rate_of_a_run_it_is_nearly_the_same() -> None:
 def test_a_walk_of_a_robot_without_joints_is_shown_on_the_same_path_at_the_same_pace() -> None:
     walk = level_walk("anymal-boxes")
     view = GaitView(walk)
-    assert isinstance(view.motion, GaitMotion)
+    assert view.motion.at(0.0).angles_rad is None
     film = view.film(step_s=0.1)
     for k, moment in enumerate(film.moments):
         now = view.motion.at(WALK_SETTLE_S + 0.1 * k)
@@ -246,15 +246,11 @@ def test_a_plan_that_the_runner_refuses_is_shown_on_the_path_that_it_stands_for(
     robot = replace(plan.problem.robot, mass_kg=20.0 * plan.problem.robot.mass_kg)
     heavy = replace(plan, problem=replace(plan.problem, robot=robot), forces_n=20.0 * plan.forces_n)
     light, shown = PlanView(plan), PlanView(heavy)
-    assert isinstance(light.motion, TimedMotion)
-    assert isinstance(shown.motion, PlanMotion)
-    runs = light.motion.motion
-    assert isinstance(runs, PlanMotion)
-    middles = [
-        np.cumsum([p.seconds for p in each.phases]) - [0.5 * p.seconds for p in each.phases]
-        for each in (runs, shown.motion)
-    ]
-    one, other = runs.at(middles[0]), shown.motion.at(middles[1])
+    assert shown.motion.at(0.0).angles_rad is None
+    assert light.motion.at(0.0).angles_rad is not None
+    runs = shown.motion.lasting(light.motion.seconds)
+    middles = [np.cumsum(each.seconds) - 0.5 * each.seconds for each in (runs, shown.motion)]
+    one, other = light.motion.at(middles[0]), shown.motion.at(middles[1])
     assert len(other.frame) > 10
     for field in ("com_m", "rotation_rad", "feet_m", "foothold", "frame"):
         np.testing.assert_allclose(getattr(other, field), getattr(one, field), atol=1e-12)
@@ -283,7 +279,7 @@ def test_samples_at_many_times_are_those_at_each_of_them() -> None:
     for motion in (
         streamed(planned("walls")),
         PlanView(planned("walls")).keys,
-        GaitMotion(level_walk("anymal")),
+        gait_motion(level_walk("anymal")),
     ):
         times = np.linspace(-0.1, motion.duration_s + 0.1, 60)
         rows = motion.at(times)

@@ -15,7 +15,7 @@ from matplotlib.text import Text
 import stancekit
 from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.motion.leap_motion import LeapMotion
+from stancekit.planners.motion.leap_motion import feet_of_leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
@@ -395,7 +395,7 @@ def test_a_film_shows_the_body_where_its_forces_move_it(leap):
     view = LeapView(leap)
     film, times = view.film(), view.film_times_s()
     assert len(film.moments) == len(times)
-    motion = LeapMotion(leap)
+    motion = feet_of_leap(leap)
     for k in (0, len(times) // 3, len(times) // 2, len(times) - 1):
         now = motion.at(float(times[k]))
         trunk = next(body for body in film.moments[k].bodies if body.name == "trunk 0")

@@ -106,7 +106,7 @@ def test_a_stance_holds_the_robot_at_every_moment_of_the_film(plan):
 
 def test_key_frames_are_those_of_the_plan(plan, view):
     for k in range(3):
-        key, there = view.keys.key(k), view.between_keys(float(k))
+        key, there = view.key(k), view.between_keys(float(k))
         assert key.frame == there.frame == k
         assert np.allclose(key.toes_m, plan.toes_at(k), atol=1e-12)
         assert np.array_equal(key.com_m, plan.com_m[k])
@@ -131,7 +131,7 @@ def test_a_toe_on_its_track_is_off_both_its_patches(plan):
 
 def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan, view):
     for frame in range(3):
-        scene = view.at(view.keys.key(frame))
+        scene = view.at(view.key(frame))
         bodies = {body.name: body for body in scene.bodies}
         trunk = bodies["trunk 0"]
         assert np.array_equal(trunk.position_m, plan.com_m[frame])
@@ -150,7 +150,7 @@ def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan, view):
 
 
 def test_a_cone_holds_every_force_of_its_friction_and_no_other(view):
-    for body in view.at(view.keys.key(1)).bodies:
+    for body in view.at(view.key(1)).bodies:
         if body.name.startswith("cone "):
             patch = view.chosen[int(body.name.split()[1])]
             rays = body.shape.vertices_m[1:]

@@ -294,7 +294,7 @@ class Pictures:
         """
         scene = _between(view.way) + view.tracks
         for k in ghosts(view.plan, view.plan.problem.frames - 1):
-            ghost = view.ghost(view.keys.key(k))
+            ghost = view.ghost(view.key(k))
             scene += Scene(paths=ghost.paths)
         return scene
 

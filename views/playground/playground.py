@@ -424,7 +424,7 @@ class Playground(ScenePage):
         """The robot at the time that is shown, and what its limbs give then."""
         at = round(self._player.at)
         rests = abs(self._player.at - at) < 0.01
-        now = view.keys.key(at) if rests else view.between_keys(self._player.at)
+        now = view.key(at) if rests else view.between_keys(self._player.at)
         scene, names = self._pictures.moment(view, now)
         self._stage.pose(scene)
         self._stage.show(names, "/names")

@@ -85,9 +85,9 @@ def read_off(content: bytes, most: int) -> Surface:
         raise broken(
             f"its header declares {sizes.tolist()} vertices and faces in {len(lines)} lines"
         )
-    vertices, faces = sizes.tolist()
-    places = _text_rows(lines[1 : 1 + vertices], _OFF_VERTEX)
-    counts, corners = _text_lists(lines[1 + vertices : 1 + vertices + faces], _OFF_FACE, 0)
+    (vertices, faces), (corner, face) = sizes.tolist(), _header(_OFF)[1]
+    places = _text_rows(lines[1 : 1 + vertices], corner)
+    counts, corners = _text_lists(lines[1 + vertices : 1 + vertices + faces], face, 0)
     return places, polygons(counts, corners, places, most)
 
 
@@ -403,8 +403,8 @@ def _text_lists(
     return np.array(counts, dtype=np.int64), np.concatenate(values)
 
 
-_OFF_VERTEX, _OFF_FACE = _header(
+_OFF = (
     b"ply\nformat ascii 1.0\nelement vertex 0\nproperty double x\nproperty double y\n"
     b"property double z\nelement face 0\nproperty list uchar int vertex_indices\nend_header\n"
-)[1]
+)
 """Rows of an OFF as a PLY declares them."""

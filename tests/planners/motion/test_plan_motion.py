@@ -11,8 +11,9 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.motion.joints import walk_joints
+from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.path import clear_swing
-from stancekit.planners.motion.plan_motion import PlanMotion, Timing
+from stancekit.planners.motion.plan_motion import Timing, plan_motion, step_s
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
@@ -25,7 +26,7 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.patch import Solid, Solids
-from stancekit.runner.motion.redundancy import LoadTransfer
+from stancekit.runner.motion.redundancy import load_transfer
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
 
@@ -38,16 +39,16 @@ def plan() -> Plan:
 
 
 @pytest.fixture(scope="module")
-def motion(plan: Plan) -> PlanMotion:
-    return PlanMotion(plan)
+def motion(plan: Plan) -> Played:
+    return plan_motion(plan)
 
 
-def times(motion: PlanMotion) -> np.ndarray:
+def times(motion: Played) -> np.ndarray:
     return np.linspace(0.0, motion.duration_s, 400)
 
 
-def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: PlanMotion) -> None:
-    course = motion.plan.problem
+def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: Played) -> None:
+    course = motion.path.plan.problem
     for time in times(motion):
         now = motion.at(float(time))
         air = ~now.stands
@@ -57,8 +58,8 @@ def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: PlanMotion
         np.testing.assert_allclose(np.cross(arms, now.forces_n).sum(axis=0), 0.0, atol=1e-3)
 
 
-def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
-    course, choice = motion.plan.problem, motion.plan.choice
+def test_forces_stay_within_their_cones(motion: Played) -> None:
+    course, choice = motion.path.plan.problem, motion.path.plan.choice
     for time in times(motion):
         now = motion.at(float(time))
         for foothold, force in zip(now.foothold, now.forces_n, strict=True):
@@ -71,9 +72,9 @@ def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
 
 
 def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_in_balance(
-    motion: PlanMotion,
+    motion: Played,
 ) -> None:
-    first, weight = motion.at(0.0), motion.plan.problem.weight_n
+    first, weight = motion.at(0.0), motion.path.plan.problem.weight_n
     assert not first.forces_n.any(axis=1).all()  # some of them are about to lift
     share = np.linalg.lstsq(  # all feet push straight up, which balances level ground, too
         np.vstack([np.ones(6), (first.feet_m - first.com_m)[:, :2].T]),
@@ -82,8 +83,8 @@ def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_
     )[0]
     stood = share[:, None] * [0.0, 0.0, 1.0]
     assert stood[:, 2].min() > 0.0
-    resumption, rest_s = LoadTransfer(motion, stood, motion.rest_s), motion.rest_s
-    assert rest_s == pytest.approx(motion.timing.settle_s)
+    resumption, rest_s = load_transfer(motion, stood, motion.rest_s), motion.rest_s
+    assert rest_s == pytest.approx(Timing().settle_s)
     np.testing.assert_array_equal(resumption.at(0.0).forces_n, stood)
     found = [resumption.at(float(time_s)) for time_s in np.linspace(0.0, rest_s, 40)]
     for now in found:
@@ -104,27 +105,27 @@ def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_
     np.testing.assert_array_equal(resumption.knots_s, motion.knots_s)
 
 
-def test_feet_that_stand_are_a_radius_off_their_toes(motion: PlanMotion) -> None:
+def test_feet_that_stand_are_a_radius_off_their_toes(motion: Played) -> None:
     for time in times(motion):
         now = motion.at(float(time))
         for limb, foothold in enumerate(now.foothold):
             if foothold >= 0:
-                toe = motion.plan.toes_m[foothold]
+                toe = motion.path.plan.toes_m[foothold]
                 np.testing.assert_allclose(
-                    now.feet_m[limb], toe + FOOT_RADIUS_M * motion.normals[foothold], atol=1e-9
+                    now.feet_m[limb], toe + FOOT_RADIUS_M * motion.path.normals[foothold], atol=1e-9
                 )
 
 
-def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: PlanMotion) -> None:
+def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: Played) -> None:
     frames = np.array([motion.at(float(time)).frame for time in times(motion)])
     assert np.all(np.diff(frames) >= -1e-12)
     end = motion.at(motion.duration_s + 1.0)
-    np.testing.assert_allclose(end.com_m, motion.plan.com_m[-1])
-    np.testing.assert_allclose(end.rotation_rad, motion.plan.rotation_rad[-1])
-    assert set(range(motion.plan.problem.frames)) <= {round(float(f), 9) for f in frames}
+    np.testing.assert_allclose(end.com_m, motion.path.plan.com_m[-1])
+    np.testing.assert_allclose(end.rotation_rad, motion.path.plan.rotation_rad[-1])
+    assert set(range(motion.path.plan.problem.frames)) <= {round(float(f), 9) for f in frames}
 
 
-def test_nothing_leaps(motion: PlanMotion) -> None:
+def test_nothing_leaps(motion: Played) -> None:
     step = 0.002
     moments = [motion.at(step * i) for i in range(int(motion.duration_s / step))]
     feet = np.array([moment.feet_m for moment in moments])
@@ -135,8 +136,8 @@ def test_nothing_leaps(motion: PlanMotion) -> None:
     assert np.linalg.norm(np.diff(forces, axis=0), axis=2).max() < 500.0 * step
 
 
-def test_feet_in_the_air_stay_off_the_terrain(motion: PlanMotion) -> None:
-    solids = [patch.solid for patch in motion.plan.problem.terrain]
+def test_feet_in_the_air_stay_off_the_terrain(motion: Played) -> None:
+    solids = [patch.solid for patch in motion.path.plan.problem.terrain]
     looked_at = 0
     for time in times(motion):
         now = motion.at(float(time))
@@ -166,16 +167,16 @@ def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
     up = np.array([0.0, 0.0, 1.0])
     solids = [low.solid, Solid.behind(high.vertices_m, high.normal, 0.09)]
     swing = clear_swing(ends, (up, up), 0.05, Solids(solids))
-    assert swing.lengths_m[0] > 0.05
-    way = swing.lifted + np.linspace(0.0, 1.0, 200)[:, None] * (swing.lowered - swing.lifted)
+    assert np.linalg.norm(swing[1] - swing[0]) > 0.05
+    way = swing[1] + np.linspace(0.0, 1.0, 200)[:, None] * (swing[2] - swing[1])
     assert min(solid.distance(way).min() for solid in solids) > FOOT_RADIUS_M
     flat = clear_swing((ends[0], ends[0] + [-0.1, 0.0, 0.0]), (up, up), 0.05, Solids(solids[:1]))
-    assert flat.lengths_m == pytest.approx((0.05, 0.1, 0.05))
+    assert np.linalg.norm(np.diff(flat, axis=0), axis=1) == pytest.approx((0.05, 0.1, 0.05))
 
 
 def test_a_faster_pace_takes_as_much_less_time(plan: Plan) -> None:
-    assert PlanMotion(plan, Timing().at_pace(2.0)).duration_s == pytest.approx(
-        PlanMotion(plan).duration_s / 2.0
+    assert plan_motion(plan, Timing().at_pace(2.0)).duration_s == pytest.approx(
+        plan_motion(plan).duration_s / 2.0
     )
 
 
@@ -201,7 +202,7 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
         forces_n=np.zeros((len(every.stances), 6, 3)),
     )
     with refuses("frame 1"):
-        _ = PlanMotion(leap).duration_s
+        _ = plan_motion(leap)
 
 
 def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_cones() -> None:
@@ -211,8 +212,8 @@ def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_c
     kinematics = Kinematics(course.robot)
     standing = standing_forces(plan, kinematics)
     assert sorted(standing) == [0, 1, 2]
-    moves = PlanMotion(plan, standing_n=standing)
-    begin, end = moves.step_s(2)
+    moves = plan_motion(plan, standing_n=standing)
+    begin, end = step_s(moves, 2)
     alone = [moves.at(float(time_s)) for time_s in np.linspace(begin + 1e-6, end, 9)]
     assert np.linalg.norm(alone[-1].com_m - alone[0].com_m) > 0.01
     np.testing.assert_allclose(alone[0].forces_n, standing[1], atol=1e-6)

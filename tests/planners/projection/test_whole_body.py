@@ -15,7 +15,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Group
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.force_distribution import ForceDistribution, Loads
+from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.projection.whole_body import (
     EASY,
     WholeBodyLimits,
@@ -107,7 +107,7 @@ def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Plan) -> Non
         np.isin(np.arange(4), of.limbs),
         reserves=(0.8,),
         least=0.0,
-        loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=solver.torque_nm),
+        loads=(weight, levers, solver.torque_nm),
     )
     assert found is not None
     mine = np.abs(

@@ -13,9 +13,9 @@ import stancekit
 from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.formats.motion_file import read_motion
-from stancekit.planners.motion.gait_motion import BLEND_S, CrossingMotion
+from stancekit.planners.motion.gait_motion import BLEND_S, crossing_motion
 from stancekit.planners.motion.leap_motion import LeapBody
-from stancekit.planners.motion.plan_motion import PlanMotion
+from stancekit.planners.motion.plan_motion import plan_motion
 from stancekit.planners.verify.crossings import check_crossing
 from tests.refusals import assert_names, refuses
 
@@ -75,7 +75,10 @@ def test_a_crossing_has_a_name_that_ends_in_json(climb: Plan, tmp_path: Path) ->
 
 
 def test_body_and_feet_go_on_without_a_jump_from_part_to_part(climb: Plan) -> None:
-    motion, alone = CrossingMotion(Crossing(name="twice", parts=(climb, climb))), PlanMotion(climb)
+    motion, alone = (
+        crossing_motion(Crossing(name="twice", parts=(climb, climb))),
+        plan_motion(climb),
+    )
     last = alone.duration_s
     assert motion.duration_s == pytest.approx(2.0 * last + BLEND_S)
     for time_s in (last, last + BLEND_S):

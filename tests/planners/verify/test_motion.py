@@ -58,7 +58,7 @@ def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]
     middle = int(np.argmin(np.abs(moments.frame - 1.5)))
     limb = int(np.flatnonzero(moments.foothold[middle] < 0)[0])
     knee, foot = solver.chains(postures.angles[middle])[limb, -2:]
-    at = postures.origins_m[middle] + postures.rotations[middle] @ (0.4 * knee + 0.6 * foot)
+    at = postures.origin_m[middle] + postures.rotation[middle] @ (0.4 * knee + 0.6 * foot)
     corners = at + 0.004 * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
     bead = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
     strung = replace(plan, problem=replace(plan.problem, terrain=(*plan.problem.terrain, bead)))

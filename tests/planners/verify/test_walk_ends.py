@@ -12,7 +12,7 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.trajectory import robot_from_json
-from stancekit.planners.motion.gait_motion import GaitMotion
+from stancekit.planners.motion.gait_motion import gait_motion
 from stancekit.planners.robot.chain import continued
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import MomentumMeasurements, check_trajectory
@@ -91,7 +91,7 @@ def test_a_walk_ends_with_the_heading_asked_for_and_turns_the_shorter_way(
     otherwise = check_trajectory(replace(walk, heading_end_rad=end - 0.1), body=False)
     assert [group.name for group in otherwise.refused] == ["heading"]
     assert check_trajectory(replace(walk, heading_end_rad=end + full), body=False).accepted
-    turned = GaitMotion(walk, walk.robot.source.foot_radii_m).at(np.linspace(0.0, 3.0, 50))
+    turned = gait_motion(walk, walk.robot.source.foot_radii_m).at(np.linspace(0.0, 3.0, 50))
     ahead = continued(turned.rotation_rad)
     assert ahead[:, 2] - ahead[0, 2] == pytest.approx(
         np.unwrap(turned.rotation_rad[:, 2]) - ahead[0, 2], abs=1e-6

@@ -537,11 +537,11 @@ def test_shares_of_cones_are_those_of_the_definition():
 
 
 def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch):
-    from stancekit.planners.motion.plan_motion import PlanMotion
+    from stancekit.planners.motion.plan_motion import key_sample
 
     answer = patient_answer(KeysScenario.of("walls", frames=3))
     plan = answer.plan
-    now = PlanMotion(plan).key(2)
+    now = key_sample(plan.path, 2)
     rows = loads(plan, now, solver_of(plan.problem))
     assert [row.force_n for row in rows] == pytest.approx(np.linalg.norm(plan.forces_at(2), axis=1))
     share, frame, limb = margins(plan)
