@@ -107,10 +107,12 @@ bent more have room for soles that lean."""
 STRIDES = (
     Alternative(striding=True, free=2.0),
     Alternative(striding=True, free=2.0, spread=1.15, height=0.8),
+    Alternative(striding=True),
     Alternative(striding=True, height=1.15),
 )
-"""The layouts that are tried last between two places, and first where there are walls and legs that
-go through something: in long steps, with a body that goes ahead of its feet or stays behind them."""
+"""The layouts that are tried last between two places: in long steps, with a body that goes ahead of
+its feet or stays behind them, and in usual ones, which come first, before all others, where there
+are walls and legs that go through something."""
 LOW = (Alternative(height=0.7), Alternative(height=0.6))
 """The layouts that are tried last where the first has no way: below what is too low for others."""
 ALTERNATIVES = (

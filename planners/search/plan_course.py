@@ -565,7 +565,7 @@ def _laid_out(
             refusal = refusal or error
             continue
         share_s = max(_FIRST * (deadline - now), _wall_s(began, _LEAST_S))
-        if alternative.striding and left and left[0].striding:
+        if alternative.striding and alternative.height == 1.0:
             share_s = _FIRST * (deadline - now)
         tried += 1
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
@@ -581,7 +581,7 @@ def _laid_out(
             if left and course.has_soles:
                 left.insert(0, KNEES_BENT)
             elif outcome.solution is not None and not stated and walls_of(course):
-                left.sort(key=lambda each: not each.striding)
+                left.sort(key=lambda each: (not each.striding, each.free))
             elif outcome.report is not None and outcome.report.accepted:  # it tips
                 left = [*left[:1], *(e for e in left if e.striding), *left[1:]]
     if first is None:
