@@ -37,6 +37,7 @@ class Alternative:
         striding: whether legs step over what is in their way, as for ``guide_path``: footholds may be
             farther from where toes like to be, and contacts are searched anew with room for legs
             beside walls.
+        free: factor on how far the body may be from its nominal path, and on the longest steps.
     """
 
     spread: float = 1.0
@@ -46,6 +47,7 @@ class Alternative:
     level: bool = False
     gait: Literal["wave"] | None = None
     striding: bool = False
+    free: float = 1.0
 
     def of(self, spec: CourseSpec, robot: Robot, *, mirrored: bool = False) -> CourseSpec:
         """The description with these changes.
@@ -89,6 +91,7 @@ class Alternative:
             "body level" if self.level else "",
             "one limb after the other, side by side" if self.gait else "",
             "legs step over what the trunk gets over" if self.striding else "",
+            f"steps {self.free:g} × as long" if self.free != 1.0 else "",
         ]
         return ", ".join(filter(None, parts))
 
@@ -101,9 +104,15 @@ KNEES_BENT = Alternative(height=0.92)
 """The layout that is tried first after that which was asked for where feet are soles: knees that are
 bent more have room for soles that lean."""
 
-STRIDES = (Alternative(striding=True), Alternative(striding=True, height=1.15))
-"""The layouts that are tried last between two places, and first where there are walls and legs that
-go through something."""
+STRIDES = (
+    Alternative(striding=True, free=2.0),
+    Alternative(striding=True, free=2.0, spread=1.15, height=0.8),
+    Alternative(striding=True),
+    Alternative(striding=True, height=1.15),
+)
+"""The layouts that are tried last between two places: in long steps, with a body that goes ahead of
+its feet or stays behind them, and in usual ones, which come first, before all others, where there
+are walls and legs that go through something."""
 LOW = (Alternative(height=0.7), Alternative(height=0.6))
 """The layouts that are tried last where the first has no way: below what is too low for others."""
 ALTERNATIVES = (

@@ -25,7 +25,7 @@ from ..terrain.polygon import STEEP, Surface
 from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
 from .contact import Weights
-from .course_keys import BodySpec, CourseSpec, toe_offset
+from .course_keys import AS_IT_STANDS, BodySpec, CourseSpec, toe_offset
 from .course_layout import build_course, gait_sets
 from .guide_path import Footprint, guide_path
 from .passage import Passage, near_of
@@ -137,6 +137,7 @@ def course_between(
             f"frames), got {length:.3g} m; plan it in parts"
         )
     last = max(1.0, length / max(wanted - 1, 1) / stride)  # of fewer frames, longer steps
+    last *= alternative.free
     update: dict[str, Any] = {
         "frames": wanted,
         "gait": spec.gait,
@@ -152,11 +153,15 @@ def course_between(
     }
     rooms = {"first_radius_m": BodySpec().first_radius_m * body.size}
     if not body.source.own:  # of others the height says it, too
-        rooms["com_radius_m"] = BodySpec().com_radius_m * body.size
+        rooms["com_radius_m"] = BodySpec().com_radius_m * body.size * alternative.free
+    elif alternative.free != 1.0:
+        rooms["com_radius_m"] = alternative.free * spec.body.com_radius_m
     update["body"] = BodySpec(**rooms)
     if len(body.limbs) < 4:
         _let_sway(update, spec, rooms, body, toes)
     update["weights"] = {"tilt": Weights().tilt * body.size**2}
+    if alternative.free != 1.0:
+        update["weights"]["stance"] = AS_IT_STANDS
     if not alternative.near_toes:
         update["weights"]["stance"] = 0.0
     if alternative.level:

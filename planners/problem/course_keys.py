@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel
 
 
-_AS_IT_STANDS = 0.3
+AS_IT_STANDS = 0.3
 """Weight of toes near where they are as a robot of a file stands, so that it does not walk them in
 to a line."""
 _UPRIGHT = 0.1
@@ -315,7 +315,7 @@ class CourseSpec(_Keys):
             update["weights"] = self.weights.model_copy(update={"com_path": _UPRIGHT})
         if "stance" not in self.weights.model_fields_set:
             weights = update.get("weights", self.weights)
-            update["weights"] = weights.model_copy(update={"stance": _AS_IT_STANDS})
+            update["weights"] = weights.model_copy(update={"stance": AS_IT_STANDS})
         if "stance" not in self.model_fields_set:
             offsets = standing_toes(model) - np.array([limb.shoulder_m for limb in robot.limbs])
             limbs = {

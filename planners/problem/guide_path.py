@@ -63,6 +63,8 @@ toes, and up to so far above it, where nobody knows the robot's links."""
 _OVER, _FARTHER = 0.08, 0.6
 """So far the trunk stays above what legs step over, in heights of the body over its toes, and what
 ``_ASIDE`` is then."""
+_LIFTS = 0.8
+"""So much of what legs are longer than the body is high it rises over what the trunk would meet."""
 _NEXT_TO_M = 0.06
 """The ground that a solid stands on begins so near to it [m]."""
 _ALIKE_M = 5e-3
@@ -99,6 +101,7 @@ class Footprint:
         belly_m: height of the trunk's lowest point over the centre of mass, where it is known [m].
         trunk_m: convex hull of the trunk, as ``hull_m``, where it is known.
         aside: distance that a toe's foothold may have from where it likes to be, in reaches.
+        lift_m: height by which the body may rise over what its trunk would meet [m].
     """
 
     toes_m: Array
@@ -111,6 +114,7 @@ class Footprint:
     size: float = 1.0
     trunk_m: Array | None = None
     aside: float = _ASIDE
+    lift_m: float = 0.0
 
     @classmethod
     def of(cls, robot: Robot, toes_m: Array) -> Footprint:
@@ -196,7 +200,10 @@ class Footprint:
         that are farther away; as it is where the trunk is unknown.
         """
         hull, low = self.trunk_m, self.belly_m - _OVER * self.down_m
-        return self if hull is None else replace(self, hull_m=hull, low_m=low, aside=_FARTHER)
+        lift = _LIFTS * max(self.reach_m - self.down_m, 0.0)
+        if hull is None:
+            return self
+        return replace(self, hull_m=hull, low_m=low, aside=_FARTHER, lift_m=lift)
 
     def level(self, z: Array, slope: Array) -> Array:
         """Height of the body over the plane of the ground through the middle of all toes, moved
@@ -378,7 +385,16 @@ class _Lattice:
         )
         stood = cls._stood(heights[k], slopes[k], low, spacing, footprint, apart)
         rooms = [footprint.size * room for room, _ in _ROOMS]
-        blocked, by = _room(surfaces, footprint, stood["z_m"], stood["slope"], low, spacing, rooms)
+
+        def room_at(z: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+            return _room(surfaces, footprint, z, stood["slope"], low, spacing, rooms)
+
+        blocked, by = room_at(stood["z_m"])
+        if footprint.lift_m > 0.0 and (blocked == 0).any():
+            over = (blocked == 0) & (room_at(stood["z_m"] + footprint.lift_m)[0] != 0)
+            if over.any():
+                stood["z_m"] = _lifted(stood["z_m"], over, footprint.lift_m, spacing)
+                blocked, by = room_at(stood["z_m"])
         return cls(
             **stood | _worth(stood["worth"], blocked), by=by, layered=layered, surfaces=surfaces
         )
@@ -889,6 +905,15 @@ class _Lattice:
         return coo_array(
             (np.concatenate(costs), (np.concatenate(ones), np.concatenate(others))), shape=shape
         ).tocsr()
+
+
+def _lifted(z: Array, met: NDArray[np.bool_], lift_m: float, spacing: float) -> Array:
+    """Heights of a body that rises so far where its trunk would meet something, and on the way
+    there and from there by no more than goes ahead, shape (n, m) [m].
+    """
+    from scipy.ndimage import distance_transform_edt  # slow to import
+
+    return np.asarray(z + np.maximum(lift_m - spacing * distance_transform_edt(~met), 0.0))
 
 
 def _worth(worth: Array, blocked: NDArray[np.int_]) -> dict[str, Any]:

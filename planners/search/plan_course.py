@@ -77,6 +77,9 @@ _CUTS, _CLEAR, _ANEW, _FIRM = 5, 2, 0.5, 0.5
 """So often contacts are searched anew with room for legs that went through walls, and then at places where
 legs are clear of them, at most; the fraction of the time that each such search has; and that of it for
 contacts that bear a push."""
+_NEARER, _LOOKS = 0.9, 0.6
+"""Contacts are searched anew while plans are nearer to holding by so much than those before, and no
+longer than this fraction of the time once there is one that can be bent."""
 _PIECES = 0.9
 """Fraction of the time within which all pieces of a long course are to be planned, so that the
 whole can be judged."""
@@ -89,6 +92,8 @@ _NEAR_M = 0.003
 steps [m]: no further layout is looked at."""
 _DEEP_M = 0.03
 """A plan beside walls whose bodies lack more is not bent: others are tried sooner [m]."""
+_BENT_M = 0.015
+"""The same of a plan whose legs step over things."""
 _LAID = "no plan over this layout, which is one of many"
 """Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
 UNPROVED = (
@@ -296,6 +301,10 @@ class _CourseSearch:
         assert self.limits is not None
         limits, asked = self.limits, course
         own, seen = course.robot.source.own, list[tuple[float, int, Answer[Plan]]]()
+        looks_end = _search_end(end, _LOOKS)
+
+        def search_end() -> float:
+            return looks_end if min(seen)[0] < _BENT_M else end
 
         def looked_at(found: Answer[Plan]) -> Answer[Plan]:
             unbent = replace(limits, steps=0)
@@ -305,12 +314,18 @@ class _CourseSearch:
             return judged
 
         def anew(cut: Problem) -> Answer[Plan]:
-            return self._firmly(cut, _search_end(end, _ANEW), only=own)
+            return self._firmly(cut, _search_end(search_end(), _ANEW), only=own)
+
+        def goes_on() -> bool:
+            nearer = seen[-1][0] <= _NEARER * min(seen[:-1], default=seen[-1])[0]
+            return (nearer or len(seen) == 1) and time.perf_counter() < search_end()
 
         judged = looked_at(outcome)
         for _ in range(_CUTS):
             if judged.status is Status.FEASIBLE or judged.solution is None:
                 return judged
+            if not goes_on():
+                break
             cut = with_room_for_legs(course, judged.solution, limits.clearance_m)
             found = outcome if cut is course else anew(cut)
             if cut is course or found.solution is None:
@@ -320,6 +335,8 @@ class _CourseSearch:
         for _ in range(_CLEAR if min(seen)[0] > _NEAR_M and walls_of(asked) else 0):
             if judged.status is Status.FEASIBLE:
                 return judged
+            if time.perf_counter() > search_end():
+                break
             found = anew(at_clear_places(asked, com_m, rotation_rad, limits.clearance_m))
             if found.solution is None:
                 break
@@ -327,7 +344,7 @@ class _CourseSearch:
             com_m, rotation_rad = found.solution.com_m, found.solution.rotation_rad
         if judged.status is Status.FEASIBLE:
             return judged
-        near = replace(limits, deepest_m=_DEEP_M)
+        near = replace(limits, deepest_m=_BENT_M)
         return with_whole_body(min(seen)[2], near, self.start_rad, deadline=end)
 
     def _firmly(self, course: Problem, end: float, *, only: bool = False) -> Answer[Plan]:
@@ -548,7 +565,7 @@ def _laid_out(
             refusal = refusal or error
             continue
         share_s = max(_FIRST * (deadline - now), _wall_s(began, _LEAST_S))
-        if alternative.striding and left and left[0].striding:
+        if alternative.striding and alternative.height == 1.0:
             share_s = _FIRST * (deadline - now)
         tried += 1
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
@@ -564,7 +581,9 @@ def _laid_out(
             if left and course.has_soles:
                 left.insert(0, KNEES_BENT)
             elif outcome.solution is not None and not stated and walls_of(course):
-                left.sort(key=lambda each: not each.striding)
+                left.sort(key=lambda each: (not each.striding, each.free))
+            elif outcome.report is not None and outcome.report.accepted:  # it tips
+                left = [*left[:1], *(e for e in left if e.striding), *left[1:]]
     if first is None:
         assert refusal is not None
         raise refusal
