@@ -23,7 +23,7 @@ from stancekit.runner.execution import Execution
 from stancekit.runner.log import Trace
 from stancekit.runner.motion.time_parametrization import RATE_HZ, streamed
 
-from .page import GOAL, REAL, View, outline, window
+from .page import FPS, GOAL, REAL, View, outline, window
 from .robots import RobotShape, climber, cone, cone_body
 from .scene import Animation, Camera, Colour, DrawnBody, Label, Layer, Path, Scene, best_view
 from .shapes import Mesh, Sphere, dashed, lines_told, polyline, ring
@@ -48,8 +48,8 @@ LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
 """Terrain is shown so far beyond everywhere that the robot goes."""
-FPS, _STEP_S, _HOLD_S, SPEED = 20.0, 1.2, 0.5, 2.0
-"""Numbers of films: pictures a second, seconds per step, those that the beginning and the end take
+_STEP_S, _HOLD_S, SPEED = 1.2, 0.5, 2.0
+"""Numbers of films: seconds per step, those that the beginning and the end take
 in addition, and how much faster than the world an execution plays."""
 _GHOSTS = 3
 """Key frames beside the one in full, at most."""

@@ -208,7 +208,7 @@ def seen(*bodies, arrows=(), facets=()):
         ),
     )
     (pixels,) = rendered(motion, (100, 100))
-    return pixels.astype(int), *motion.window(1.0)
+    return pixels.astype(int), *motion.windows(1.0)[0]
 
 
 def extent(colour, pixels, low, high):
@@ -300,6 +300,11 @@ def test_a_window_holds_the_robot_at_all_times_and_has_the_shape_of_the_picture(
     for moment in motion.moments:
         xy = motion.camera.project(np.array([body.position_m for body in moment.bodies]))[0]
         assert np.all((xy > low) & (xy < high))
+    for (near, far), moment in zip(motion.windows(1.6), motion.moments, strict=True):
+        solid = np.array([body.position_m for body in moment.bodies if body.solid])
+        xy = motion.camera.project(solid)[0]
+        assert np.all((xy > near) & (xy < far))
+        assert np.max(np.ptp(xy, axis=0) / (far - near)) > 1.0 / 3.0
 
 
 def walked(trajectory, step_s):
