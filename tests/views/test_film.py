@@ -68,11 +68,11 @@ def frames_of(path):
 
 def test_every_frame_is_in_the_video_in_its_order(tmp_path):
     shades = [0, 60, 120, 180, 240]
-    count = write_video(
+    write_video(
         tmp_path / "a.mp4", (np.full((63, 81, 3), shade, np.uint8) for shade in shades), 10.0
     )
     meta, frames = frames_of(tmp_path / "a.mp4")
-    assert (count, len(frames), meta["fps"]) == (5, 5, 10.0)
+    assert (len(frames), meta["fps"]) == (5, 10.0)
     assert meta["size"] == (80, 62)
     assert np.allclose([frame.mean() for frame in frames], shades, atol=6)
     assert os.listdir(tmp_path) == ["a.mp4"]
@@ -83,10 +83,10 @@ def test_a_video_is_whole_or_absent(tmp_path):
 
     def breaking():
         yield np.zeros((20, 20, 3), np.uint8)
-        yield np.zeros((20, 22, 3), np.uint8)
+        raise RuntimeError("in the middle")
 
-    with refuses("frames[1]"):
-        write_video(tmp_path / "a.mp4", breaking())
+    with pytest.raises(RuntimeError):
+        write_video(tmp_path / "a.mp4", breaking(), 10.0)
     assert (tmp_path / "a.mp4").read_bytes() == b"before"
     assert os.listdir(tmp_path) == ["a.mp4"]
 
@@ -110,44 +110,18 @@ def test_an_encoder_that_fails_leaves_the_older_film(tmp_path, monkeypatch, scri
     monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(tmp_path / "ffmpeg"))
     (tmp_path / "a.mp4").write_bytes(b"before")
     with refuses(tmp_path / "a.mp4"):
-        write_video(tmp_path / "a.mp4", (np.zeros((200, 200, 3), np.uint8) for _ in range(20)))
+        write_video(
+            tmp_path / "a.mp4", (np.zeros((200, 200, 3), np.uint8) for _ in range(20)), 10.0
+        )
     assert (tmp_path / "a.mp4").read_bytes() == b"before"
     assert sorted(os.listdir(tmp_path)) == ["a.mp4", "ffmpeg"]
 
 
-@pytest.mark.parametrize(
-    ("name", "frames", "fps", "message"),
-    [
-        ("a.gif", [], 25.0, "a.gif"),
-        ("none/a.mp4", [], 25.0, "none/a.mp4"),
-        ("a.mp4", [], 25.0, "a.mp4"),
-        (
-            "a.mp4",
-            [np.zeros((9, 9, 3))],
-            25.0,
-            "frames[0]",
-        ),
-        (
-            "a.mp4",
-            [np.zeros((9, 9), np.uint8)],
-            25.0,
-            "frames[0]",
-        ),
-        (
-            "a.mp4",
-            [np.zeros((9, 9, 3), np.uint8)],
-            0.0,
-            "fps",
-        ),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(
-    tmp_path, monkeypatch, name, frames, fps, message
-):
+@pytest.mark.parametrize("name", ["a.gif", "none/a.mp4"])
+def test_a_name_that_no_film_can_have_is_refused(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    with refuses(message):
-        write_video(name, frames, fps)
-    assert os.listdir(tmp_path) == []
+    with refuses(name):
+        write_video(name, [], 10.0)
 
 
 # ------------------------------------------------------------------------------------------------------
