@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
+from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.certificate import Certificate, Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.arguments import checked
+from stancekit.planners.arguments import came, checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.passage import Passage
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.trajectories import check_trajectory
@@ -20,7 +23,7 @@ from stancekit.runner.execution import Execution
 from stancekit.views.gaits import GaitView, draw_motion
 from stancekit.views.leaps import LeapView, draw_leap
 from stancekit.views.page import View
-from stancekit.views.plans import PlanView, draw_execution, draw_plan
+from stancekit.views.plans import PlanView, draw_asked, draw_execution, draw_plan
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save
 from stancekit.views.video import Frame
@@ -28,7 +31,7 @@ from stancekit.views.video import Frame
 
 @checked
 def draw(
-    subject: Problem | Plan | LeapPlan | Crossing | Trajectory,
+    subject: Problem | Plan | LeapPlan | Crossing | Trajectory | Certificate | Answer[Any],
     answer: Plan | Certificate | None = None,
     *,
     executed: Execution | None = None,
@@ -37,10 +40,12 @@ def draw(
     out: str | Path | None = None,
 ) -> Figure:
     """Draw a posture problem, a plan of key frames, a leap, a crossing or a walk: terrain,
-    robot, forces in their cones.
+    robot, forces in their cones. Or draw why there is none.
 
     Arguments:
-        subject: the posture problem, plan, leap, crossing or walk.
+        subject: the posture problem, plan, leap, crossing or walk; an answer, of which the solution
+            is drawn; or a certificate, or an answer without a solution: the stance, the limb to
+            blame and what it lacks, or the places that nothing is found between.
         answer: plan for a posture problem; without one the body is shown at the nominal centre of
             mass. Or its certificate; the picture then names the cheapest single change.
         executed: ``execution`` of the report of ``simulate`` or ``run``, of a plan, a leap or a
@@ -66,6 +71,8 @@ def draw(
         >>> type(figure).__name__
         'Figure'
     """
+    if isinstance(subject, Answer) and subject.solution is not None:
+        subject = subject.solution
     if isinstance(subject, Problem) and not subject.is_posture:
         raise InvalidInput(
             f"draw: expected a posture problem, got the course {subject.name}: draw its plan"
@@ -87,8 +94,13 @@ def draw(
     match subject:
         case Problem():
             posture = answer if isinstance(answer, Plan) else None
-            why = explain(answer.of(subject)).message if isinstance(answer, Certificate) else ""
-            figure = draw_posture(subject, posture, envelope=envelope, caption=caption, why=why)
+            figure = (
+                _draw_why(answer.of(subject), caption, envelope=envelope)
+                if isinstance(answer, Certificate)
+                else draw_posture(subject, posture, envelope=envelope, caption=caption)
+            )
+        case Answer() | Certificate():
+            figure = _draw_why(subject, caption)
         case Plan():
             figure = (
                 draw_plan(subject, caption=caption)
@@ -102,6 +114,27 @@ def draw(
     if out is not None:
         save(figure, out)
     return figure
+
+
+def _draw_why(subject: Answer[Any] | Certificate, caption: str, **posture: Any) -> Figure:
+    """Draw a question that has no answer, and why.
+
+    Raises InvalidInput for one that is neither a posture, nor a course, nor a way between places.
+    """
+    question, lack = subject.problem, None
+    proof = subject if isinstance(subject, Certificate) else subject.certificate
+    if not isinstance(question, Problem | Passage):
+        raise InvalidInput(
+            f"draw: expected a posture, a course or two places without an answer, got {came(question)}"
+        )
+    if proof is not None:
+        found = explain(proof.of(question))
+        why, lack = found.message, next(iter(found.relaxations), None)
+    else:
+        why = getattr(subject, "message", "") or "undecided"
+    if isinstance(question, Problem) and question.is_posture:
+        return draw_posture(question, why=why, lack=lack, caption=caption, **posture)
+    return draw_asked(question, why, lack, caption=caption)
 
 
 @checked

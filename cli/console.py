@@ -7,10 +7,10 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
 from rich.console import (
     Console,
@@ -26,9 +26,6 @@ from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
     from stancekit.planners.gait.method.attempt import Attempt
-
-
-Item = TypeVar("Item")
 
 
 class _Plain:
@@ -239,15 +236,6 @@ def _bar(title: str) -> Iterator[Show]:
             bar.update(task, completed=done, total=total, description=described)
 
         yield show
-
-
-def counted(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
-    """Yield the same items, counted on standard error: each is work, such as a film's frames."""
-    with progress(title) as bar:
-        bar(0, total)
-        for number, item in enumerate(items, 1):
-            bar(number, max(number, total))
-            yield item
 
 
 @contextmanager

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import counted, err
+from .console import err
+from .pictures import show
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
@@ -28,29 +29,15 @@ def draw(
     video: Path | None,
     html: Path | None,
 ) -> None:
-    """Write the pictures, the film and the page that were asked for; the map's grid is drawn where
-    there is one.
+    """Write the picture, with the map's grid where there is one, the film and the page that were
+    asked for.
     """
     if picture is not None:
         from stancekit.views.gaits import draw_motion
         from stancekit.views.sheet import save
 
         save(draw_motion(best.trajectory, best.report, warp=_map(best)), picture)
-    if html is None and video is None:
-        return
-    from stancekit.views.gaits import GaitView
-
-    view = GaitView(best.trajectory, _map(best), report=best.report)
-    moments = view.film()
-    if html is not None:
-        from stancekit.views.page import write_page
-
-        write_page(html, moments)
-    if video is not None:
-        from stancekit.views.video import write_video
-
-        frames = counted(view.frames(moments), len(moments.moments), f"film {video}")
-        write_video(video, frames, 1.0 / moments.step_s)
+    show(best.trajectory, video=video, html=html)
 
 
 def _map(one: Attempted) -> Callable[[Array], Array] | None:

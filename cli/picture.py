@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
+from json import loads
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,13 +18,13 @@ from .options import PROJECTION, OptionalPath
 
 @dataclass
 class Picture:
-    """Draw a posture problem with its answer: patches, limbs, contact forces in their friction
-    cones, envelope.
+    """Draw a posture problem with its answer, or the file of a motion or a proof: terrain, limbs,
+    contact forces in their friction cones; of a proof the limb to blame and what it lacks.
     """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """Problem file, or - for standard input; `stancekit sample wall-3 --out problem.json` makes
-    one."""
+    """Problem file, - for standard input, or the file of a plan, a walk, a leap or a proof;
+    `stancekit sample wall-3 --out problem.json` makes one."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """Picture to write: .png, .pdf or .svg."""
     index: int = 0
@@ -39,12 +41,21 @@ class Picture:
     def run(self) -> int:
         """Solve, draw, write."""
         from stancekit.answers import explain
+        from stancekit.files import load
         from stancekit.pictures import draw
         from stancekit.planners.files.writing import check_writable
+        from stancekit.planners.formats.motion_file import is_evidence
         from stancekit.postures import planner_of, read_envelopes, read_problems
 
         check_writable(self.out)
-        problems = list(read_problems(text_of(self.file), str(self.file)))
+        text, content = text_of(self.file), None
+        with suppress(ValueError):
+            content = loads(text)
+        if is_evidence(content):
+            draw(load(self.file), out=self.out)
+            out.print(f"{self.out}: {self.file}", highlight=False)
+            return 0
+        problems = list(read_problems(text, str(self.file)))
         if not 0 <= self.index < len(problems):
             raise InvalidInput(
                 f"--index: expected 0 to {len(problems) - 1} for {self.file}, got {self.index}"

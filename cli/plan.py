@@ -106,6 +106,11 @@ def _write(
         written.append(proof)
     if answer.solution is not None and answer.report is not None:
         written += show(answer.solution, **pictures)
+    elif pictures["picture"] is not None and answer.problem is not None:
+        from stancekit.pictures import draw
+
+        draw(answer, out=pictures["picture"])
+        written.append(pictures["picture"])
     return written
 
 
@@ -475,7 +480,7 @@ class PlanCourse:
     """With --start and --goal: a robot that was named may leap where key frames have no plan. Without
     leaps, what no balanced motion does is infeasible, else undecided, with the proof all the same."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Picture of the plan: .png, .pdf or .svg."""
+    """Picture of the plan, or of why there is none: .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Film of the plan's motion (extra viz, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -45,8 +46,8 @@ class Play:
     """
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
-    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, a terrain's file, or a terrain to walk
-    over."""
+    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, the proof of a course, a terrain's file,
+    or a terrain to walk over."""
     walk: bool = False
     """Walk over it, as `stancekit gait`."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME[,FILE|NAME…]")] = None
@@ -121,6 +122,8 @@ class Play:
 
         Raises InvalidInput.
         """
+        from stancekit.files import load
+        from stancekit.planners.problem import Problem
         from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.keys_scenario import KeysScenario
         from stancekit.views.playground.scenario import BetweenScenario, FixedScenario
@@ -136,6 +139,11 @@ class Play:
                 robot=robot or "hexapod",
                 frames=self.frames,
             )
+        if suffix == ".json":
+            with suppress(InvalidInput):  # what is no proof is read as a course
+                proof = getattr(load(self.course), "refuted", None)
+                if isinstance(proof, Problem):
+                    return FixedScenario(laid=proof)
         if suffix in SUFFIXES or suffix == ".json" or self.between != Between():
             return FixedScenario(laid=self.between.course(self.course, self.frames, robot))
         return KeysScenario.of(self.course, robot, self.frames)

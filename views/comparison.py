@@ -41,13 +41,6 @@ class ComparisonBar:
     paper: Mapping[str, float] = field(default_factory=dict)
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        for name, values in (("values", self.values), ("paper", self.paper)):
-            for measure, value in values.items():
-                if not 0.0 <= value <= 1.0:
-                    where = f"{self.selector}: {name}[{measure!r}]"
-                    raise InvalidInput(f"{where}: expected a share in [0, 1], got {value:g}")
-
 
 @DEFAULT_STYLE
 def draw_comparison(

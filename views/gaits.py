@@ -8,7 +8,6 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -29,7 +28,7 @@ from stancekit.runner.log import TOUCH_N
 from stancekit.runner.motion.time_parametrization import streamed
 
 from .film import film_frames
-from .page import View
+from .page import FPS, View
 from .robots import RobotShape, bent, faded, single_body
 from .scene import UP, Animation, Camera, Colour, DrawnBody, Label, Path, Scene, Sheet, best_view
 from .shapes import dashes, disc, lines_told, polyline, unit
@@ -104,8 +103,6 @@ GRID, GRID_M = "#4d5d66", 0.25
 """The lines drawn on the terrain, and their distance in the map's own metres."""
 CELLS = 84
 """Facets of the terrain along its longer side."""
-_FPS = 25.0
-"""Pictures per second of films, as fast as the motion."""
 _WEIGHT_ARROW = 1.1
 """Length of an arrow as heavy as the robot, in stand heights."""
 
@@ -123,8 +120,6 @@ class GaitView(View):
         caption: title, in place of the usual one.
         note: words where there is no report.
     """
-
-    film_px: ClassVar[Size] = _FILM_PX
 
     trajectory: Trajectory
     warp: Warp | None = None
@@ -392,7 +387,7 @@ class GaitView(View):
             ]
         )
 
-    def film(self, *, step_s: float = 1.0 / _FPS) -> Animation:
+    def film(self, *, step_s: float = 1.0 / FPS) -> Animation:
         """The trajectory's motion, a moment every ``step_s``: footholds stay once a foot came down."""
         count = 1 + int(np.floor(self.trajectory.duration_s / step_s + 1e-9))
         return Animation(

@@ -22,7 +22,7 @@ from stancekit.planners.terrain.patch import contact_frames
 from stancekit.runner.execution import Execution
 from stancekit.runner.motion.time_parametrization import streamed
 
-from .page import GOAL, REAL, View, outline, window
+from .page import FPS, GOAL, REAL, View, outline, window
 from .plans import LONGEST, MARGIN_M
 from .robots import cone, cone_body
 from .scene import Animation, Camera, Colour, DrawnBody, Label, Layer, Path, Scene, best_view
@@ -42,8 +42,8 @@ from .sheet import (
 from .still import Still
 from .terrain import SCALE, Entry, draw_legend, force_entry, patches
 
-_FPS, _CLIMBS, _LEAPS = 25.0, 4.0, 0.25
-"""Numbers of films: pictures per second, and how many times their pace key frames are shown, and
+_CLIMBS, _LEAPS = 4.0, 0.25
+"""Numbers of films: how many times their pace key frames are shown, and
 leaps."""
 _ABOUT_S = 0.6
 """So long before and after a flight is its leap [s]."""
@@ -277,7 +277,7 @@ class LeapView(View):
         near = any(begin - _ABOUT_S <= time_s < end + _ABOUT_S for begin, end in self.flights_s)
         return _LEAPS if near else _CLIMBS
 
-    def film_times_s(self, fps: float = _FPS) -> Array:
+    def film_times_s(self, fps: float = FPS) -> Array:
         """Moments of the motion that a film shows, shape (K,) [s]."""
         times, now = [0.0], 0.0
         while now < self.motion.duration_s:
@@ -285,7 +285,7 @@ class LeapView(View):
             times.append(now)
         return np.array(times)
 
-    def film(self, *, fps: float = _FPS) -> Animation:
+    def film(self, *, fps: float = FPS) -> Animation:
         """The motion, key frames faster and leaps slower than they are; or its execution."""
         times, execution = self.film_times_s(fps), self.execution
         if execution is None:

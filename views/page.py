@@ -43,6 +43,8 @@ from .shapes import plate, ring, unit
 from .sheet import ACCENT, INK, QUIET, Size
 from .video import Frame
 
+FPS = 20.0
+"""Pictures per second of films."""
 GOAL, REAL = "#e8a317", "#c2410c"
 """Colours of the goal, and of the path of the robot in a world."""
 
@@ -54,7 +56,7 @@ class View(ABC):
     and those of limbs without a file are a guess, for the eye.
     """
 
-    film_px: ClassVar[Size] = (960, 720)
+    film_px: ClassVar[Size] = (854, 480)
 
     @property
     @abstractmethod

@@ -4,7 +4,10 @@ robot with its forces, and its path to the goal.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from textwrap import fill
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -12,19 +15,21 @@ from matplotlib.figure import Figure
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import cached_property
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.motion.plan_motion import key_sample, plan_motion, reached_s
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.passage import Passage
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
+from stancekit.planners.verify.explain import Relaxation
 from stancekit.planners.verify.margins import support_region
 from stancekit.runner.execution import Execution
 from stancekit.runner.log import Trace
 from stancekit.runner.motion.time_parametrization import RATE_HZ, streamed
 
-from .page import GOAL, REAL, View, outline, window
+from .page import FPS, GOAL, REAL, View, outline, window
 from .robots import RobotShape, climber, cone, cone_body
 from .scene import Animation, Camera, Colour, DrawnBody, Label, Layer, Path, Scene, best_view
 from .shapes import Mesh, Sphere, dashed, lines_told, polyline, ring
@@ -49,8 +54,8 @@ LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
 """Terrain is shown so far beyond everywhere that the robot goes."""
-FPS, _STEP_S, _HOLD_S, SPEED = 20.0, 1.2, 0.5, 2.0
-"""Numbers of films: pictures a second, seconds per step, those that the beginning and the end take
+_STEP_S, _HOLD_S, SPEED = 1.2, 0.5, 2.0
+"""Numbers of films: seconds per step, those that the beginning and the end take
 in addition, and how much faster than the world an execution plays."""
 _GHOSTS = 3
 """Key frames beside the one in full, at most."""
@@ -131,20 +136,7 @@ class PlanView(View):
         """Direction of view in which the chosen patches show their faces and the path is seen from
         the side.
         """
-        box, com = self.bounds_m, self.plan.com_m
-        centres, normals = np.array(
-            [(patch.centre_m, patch.normal) for patch in self.chosen]
-        ).swapaxes(0, 1)
-        length = max(float(np.linalg.norm(com[-1] - com[0])), 1e-9)
-
-        def merit(camera: Camera) -> float:
-            (x, y), _ = camera.project(com[[0, -1]])
-            seen = (y - x) / length
-            faces = np.clip(camera.facing(centres, normals), -0.15, 0.15)
-            return float(faces.mean() + 0.10 * abs(seen[0]) + 0.05 * seen[0] + 0.10 * abs(seen[1]))
-
-        away_m = max(4.5 * self.shape.size_m, 1.25 * float(np.linalg.norm(box[1] - box[0])))
-        return best_view(box.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[18.0, 25.0])
+        return _aside(self.bounds_m, self.plan.com_m, self.chosen, self.shape.size_m)
 
     @cached_property
     def metres_a_newton(self) -> float:
@@ -405,6 +397,109 @@ class PlanView(View):
         return rows
 
 
+def _aside(box: Array, com: Array, faced: Sequence[Patch], size_m: float) -> Camera:
+    """The camera to which these patches show their faces, and that sees the path from the side.
+
+    Arguments:
+        box: lowest and highest corner of what is shown, shape (2, 3) [m].
+    """
+    centres, normals = np.array([(patch.centre_m, patch.normal) for patch in faced]).swapaxes(0, 1)
+    length = max(float(np.linalg.norm(com[-1] - com[0])), 1e-9)
+
+    def merit(camera: Camera) -> float:
+        (x, y), _ = camera.project(com[[0, -1]])
+        seen = (y - x) / length
+        faces = np.clip(camera.facing(centres, normals), -0.15, 0.15)
+        return float(faces.mean() + 0.10 * abs(seen[0]) + 0.05 * seen[0] + 0.10 * abs(seen[1]))
+
+    away_m = max(4.5 * size_m, 1.25 * float(np.linalg.norm(box[1] - box[0])))
+    return best_view(box.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[18.0, 25.0])
+
+
+Unplanned = Problem | Passage
+"""A course, or two places on a ground, that have no plan."""
+
+
+def _way(question: Unplanned) -> Array:
+    """Places of the centre of mass from start to goal, shape (K, 3) [m]; above the nearest corner of
+    the ground where only x and y are asked for.
+    """
+    if isinstance(question, Problem):
+        return np.vstack([question.com_nominal_m, question.goal_m])
+    corners = np.concatenate([patch.vertices_m for patch in question.footholds])
+    places, up = (
+        np.array([question.start_m, question.goal_m]),
+        0.7 * question.robot.limbs[0].reach_m,
+    )
+    away = np.linalg.norm(corners[None, :, :2] - places[:, None], axis=2)
+    return np.column_stack([places, corners[away.argmin(axis=1), 2] + up])
+
+
+def asked(question: Unplanned, shape: RobotShape, lack: Relaxation | None = None) -> Scene:
+    """Where the body was asked to go, and of a course the stance that cannot be held and what it
+    lacks.
+    """
+    com, size = _way(question), 0.02 * shape.size_m
+    line = dashed(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(com)]))
+    marks = [
+        DrawnBody(name=f"asked {k}", shape=Sphere(size), position_m=at, colour=ACCENT)
+        for k, at in enumerate(com)
+    ] + [DrawnBody(name="goal", shape=Sphere(3.0 * size), position_m=com[-1], colour=GOAL)]
+    frame = 0 if lack is None or lack.frame is None else lack.frame
+    words = Label(name="asked", position_m=com[-1], text="asked for: no plan", colour=ACCENT)
+    way = Path(pieces_m=line, colour=ACCENT, width=2.0, layer=Layer.TOP)
+    trunk = shape.trunk_at(com[frame], np.eye(3), opacity=0.55)
+    scene = Scene(paths=[way], bodies=[*marks, *trunk], labels=[words])
+    if isinstance(question, Passage):
+        return scene
+    middles = [
+        np.mean([patch.centre_m for patch in question.footholds[foothold].candidates], axis=0)
+        for foothold in question.holds[frame]
+    ]
+    ends = [
+        (limb.name, com[frame] + limb.shoulder_m, middle)
+        for limb, middle in zip(question.robot.limbs, middles, strict=True)
+    ]
+    return scene + shape.unheld(ends, lack)
+
+
+@DEFAULT_STYLE
+def draw_asked(
+    question: Unplanned, why: str, lack: Relaxation | None = None, *, caption: str = ""
+) -> Figure:
+    """Draw a question that has no plan, and why: the stance that cannot be held, its limbs to where
+    their toes may stand, and what the one to blame lacks.
+
+    Arguments:
+        why: the sentence below the title.
+        lack: what would have to change.
+    """
+    shape, com = climber(question.robot), _way(question)
+    reach = max(
+        limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in question.robot.limbs
+    )
+    box = np.array([com.min(axis=0) - reach, com.max(axis=0) + reach])
+    faced = [
+        patch
+        for each in question.footholds
+        for patch in ([each] if isinstance(each, Patch) else each.candidates)
+    ]
+    terrain = question.terrain or faced
+    friction = friction_colours([patch.friction for patch in terrain])
+    figure = sheet(SIZE_PX)
+    scene = patches(terrain, box, friction) + asked(question, shape, lack)
+    axes = plain_axes(figure, 24.0, 70.0, 92.0)
+    Still(scene, _aside(box, com, faced, shape.size_m)).paint(axes)
+    draw_legend(figure, 12.0, [Entry(text="asked for", sign="path", colour=ACCENT)], friction)
+    headline(
+        figure,
+        caption or f"{question.name}: no plan",
+        fill(why, max(140, len(why) // 2 + 10)),
+        alarm=True,
+    )
+    return figure
+
+
 def _area(corners: Array) -> float:
     """Area of a polygon whose corners are in order, shape (K, 2) [m²]."""
     x, y = corners.T
@@ -415,31 +510,23 @@ def _area(corners: Array) -> float:
 def draw_plan(
     plan: Plan,
     *,
-    frame: int | None = None,
     caption: str = "",
-    note: str = "",
     size_px: Size | None = None,
 ) -> Figure:
-    """Draw a plan over its course.
+    """Draw a plan over its course: the robot in full at the last key frame, with its contact forces
+    in their friction cones, and as ghosts at some of the others.
+
+    Surfaces are in tints of their friction, icy ones in pale blue with glints, and those between
+    the viewer and the robot are glass; the patches that the plan chose are framed in the colour of
+    their limb.
 
     Arguments:
-        frame: the key frame at which the robot is drawn in full, with its contact forces in their
-            friction cones; the last one unless another is named. Some of the others are ghosts.
-            Surfaces are in tints of their friction, icy ones in pale blue with glints, and those
-            between the viewer and the robot are glass; the patches that the plan chose are framed
-            in the colour of their limb.
-        caption, note: title, and what the line below it says first.
+        caption: title, in place of the usual one.
         size_px: width and height; as high as the scene asks for at the usual width where it is
             None.
-
-    Raises:
-        InvalidInput: for a frame that there is not.
     """
-    frames = plan.problem.frames
-    shown = frames - 1 if frame is None else frame
-    if not 0 <= shown < frames:
-        raise InvalidInput(f"frame: expected 0 to {frames - 1}, got {shown}")
-    view = PlanView(plan)
+    frames, view = plan.problem.frames, PlanView(plan)
+    shown = frames - 1
     still = Still(view.scene(shown), view.camera)
     low, high = still.frame()
     fitted = (
@@ -466,8 +553,7 @@ def draw_plan(
         f"{to_goal_mm:.0f} mm from goal at the end",
         SCALE,
     ]
-    title = "   ·   ".join(filter(None, (note, *words)))
-    headline(figure, caption or f"{plan.problem.name}: {frames} key frames", title)
+    headline(figure, caption or f"{plan.problem.name}: {frames} key frames", "   ·   ".join(words))
     return figure
 
 

@@ -21,8 +21,9 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.terrain import Patch
+from stancekit.planners.verify.explain import Relaxation
 
-from .robots import RobotShape, ball, cone, cone_body, hexapod, limb_of_three
+from .robots import RobotShape, cone, cone_body, hexapod, limb_of_three
 from .scene import UP, Arrow, Camera, DrawnBody, Facet, Label, Layer, Path, Scene, best_view
 from .shapes import Box, dashed, unit
 from .sheet import (
@@ -113,7 +114,6 @@ def _bound_bar(
 
 _WEIGHT_ARROW = 0.8
 """Length of an arrow as heavy as the robot, in units of the mean reach."""
-_COUNT_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,6 +122,7 @@ class _PostureView:
 
     problem: Problem
     posture: Plan | None
+    lack: Relaxation | None = None
 
     @property
     def patches(self) -> list[Patch]:
@@ -239,9 +240,12 @@ class _PostureView:
         shape, rotation = self.shape, rotation_of(self.rotation_rad)
         result = self._terrain() + self._com()
         if self.posture is None:
-            result += (
-                Scene(bodies=shape.trunk_at(self.com_m, rotation, opacity=0.55)) + self._missing()
-            )
+            ends = [
+                (contact.leg, shoulder, contact.patch.centre_m)
+                for contact, shoulder in zip(self.problem.contacts, self.shoulders_m, strict=True)
+            ]
+            result += Scene(bodies=shape.trunk_at(self.com_m, rotation, opacity=0.55))
+            result += shape.unheld(ends, self.lack)
         else:
             result += Scene(
                 bodies=shape.bodies(self.com_m, rotation, self.chains())
@@ -337,22 +341,6 @@ class _PostureView:
             ],
         )
 
-    def _missing(self) -> Scene:
-        """Without a posture: a line from every shoulder to its patch, where the limb's name is."""
-        bodies, paths, labels = list[DrawnBody](), list[Path](), list[Label]()
-        for k, (contact, shoulder) in enumerate(
-            zip(self.problem.contacts, self.shoulders_m, strict=True)
-        ):
-            centre, colour = contact.patch.centre_m, leg_colour(k)
-            paths.append(
-                Path(pieces_m=dashed(np.linspace(shoulder, centre, 26)), colour=colour, width=1.6)
-            )
-            bodies.append(ball(f"{contact.leg} shoulder", shoulder, 0.05 * self.size_m, colour))
-            labels.append(
-                Label(name=contact.leg, position_m=centre, text=contact.leg, colour=colour)
-            )
-        return Scene(bodies=bodies, paths=paths, labels=labels)
-
     def _boxes(self, envelope: Envelope) -> list[DrawnBody]:
         """The envelope's bounds on p about the centre of mass."""
         low, high = (
@@ -399,6 +387,7 @@ def draw_posture(
     envelope: Envelope | None = None,
     caption: str = "",
     why: str = "",
+    lack: Relaxation | None = None,
     size_px: Size = SIZE_PX,
 ) -> Figure:
     """Draw a posture problem, and a posture and an envelope where given.
@@ -411,6 +400,7 @@ def draw_posture(
     InvalidInput.
 
     Arguments:
+        lack: what would have to change: written beside the limb that it is about.
         size_px: width and height.
     """
     count = len(problem.contacts)
@@ -425,7 +415,7 @@ def draw_posture(
             read_only(getattr(posture, name), shape, f"posture: {name}")
     if envelope is not None and envelope.contacts != count:
         raise InvalidInput(f"envelope: expected {count} contacts, got {envelope.contacts}")
-    view = _PostureView(problem=problem, posture=posture)
+    view = _PostureView(problem=problem, posture=posture, lack=lack)
     figure, foot = sheet(size_px), 0.0 if envelope is None else 252.0
     axes = plain_axes(figure, 24.0, foot + 70.0, 92.0)
     scale = Still(view.scene(envelope), view.camera).paint(axes)
@@ -454,7 +444,7 @@ def _words(view: _PostureView, caption: str, why: str) -> tuple[str, str]:
         unknown = "no posture (infeasible or unsolved): patches, and the shoulders at the nominal centre of mass"
         return caption or f"{len(problem.contacts)} contacts, {weight}: no posture", why or unknown
     count = len(problem.contacts)
-    limbs = f"{_COUNT_WORDS[count] if count < len(_COUNT_WORDS) else count} limb{'s' if count > 1 else ''}"
+    limbs = f"{count} limb{'s' if count > 1 else ''}"
     away_mm = 1e3 * float(np.linalg.norm(posture.com_m[0] - problem.com_nominal_m[0]))
     tilt_deg = np.rad2deg(np.linalg.norm(posture.rotation_rad))
     moved = f"centre of mass {away_mm:.0f} mm from nominal   ·   body turned by {tilt_deg:.1f}°"

@@ -13,10 +13,11 @@ from matplotlib.colors import to_rgb as rgb
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import RobotModel
+from stancekit.planners.verify.explain import Relaxation
 
 from .links import Links
-from .scene import UP, Arrow, Colour, DrawnBody, Facet, Layer, Path, Scene, between
-from .shapes import Box, Mesh, Shape, Sphere, hull, polyline, prism, unit
+from .scene import UP, Arrow, Colour, DrawnBody, Facet, Label, Layer, Path, Scene, between
+from .shapes import Box, Mesh, Shape, Sphere, dashed, hull, polyline, prism, unit
 from .sheet import ACCENT, leg_colour
 
 _STEEL, JOINT, _RIM, _SHELL = "#5b6b7b", "#8593a1", "#2b3642", "#dfe6ee"
@@ -126,6 +127,26 @@ class RobotShape:
         return Scene(
             facets=[trunk], paths=[Path(pieces_m=pieces, colour=_GHOST, opacity=0.5, width=1.6)]
         )
+
+    def unheld(self, ends: Sequence[tuple[str, Array, Array]], lack: Relaxation | None) -> Scene:
+        """Limbs that have no posture: a line from every shoulder to the middle of where its toe may
+        stand; those to blame in full, the first with what it lacks.
+
+        Arguments:
+            ends: name of a limb, its shoulder and that middle, shape (3,) [m].
+        """
+        blamed = () if lack is None else lack.limbs
+        bodies, paths, labels = list[DrawnBody](), list[Path](), list[Label]()
+        for k, (limb, shoulder, place) in enumerate(ends):
+            colour = ACCENT if limb in blamed else leg_colour(k)
+            pieces = dashed(np.linspace(shoulder, place, 26))
+            if limb in blamed:
+                pieces = np.array([[shoulder, place]])
+            paths.append(Path(pieces_m=pieces, colour=colour, width=1.6 + 1.4 * (limb in blamed)))
+            bodies.append(ball(f"{limb} shoulder", shoulder, 0.05 * self.size_m, colour))
+            words = f"{limb}: {lack.words}" if lack is not None and blamed[:1] == (limb,) else limb
+            labels.append(Label(name=limb, position_m=place, text=words, colour=colour))
+        return Scene(bodies=bodies, paths=paths, labels=labels)
 
     def force(self, limb: str, foot_m: Array, vector_m: Array, *, prefix: str = "") -> Arrow:
         """The arrow of a contact force at a foot, as long as drawn."""

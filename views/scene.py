@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb, to_rgba
+from scipy.ndimage import uniform_filter1d
 
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
@@ -133,6 +134,8 @@ class Layer(IntEnum):
     TOP = 4
 
 
+_ROOM, _LAG_S = 0.62, 1.5
+"""Half of what a camera that follows sees, in sizes of the robot, and the time over which it follows."""
 _CUBE = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
 """Corners of the unit cube, shape (8, 3)."""
 
@@ -155,6 +158,11 @@ class DrawnBody:
     opacity: float = 1.0
     layer: Layer = Layer.SPACE
     lift_m: float = 0.0
+
+    @property
+    def solid(self) -> bool:
+        """Tell whether it casts a shadow: neither glass nor a mark over the picture."""
+        return self.opacity == 1.0 and self.layer is not Layer.TOP
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -316,6 +324,32 @@ class Animation:
         middle, half = 0.5 * (low + high), 0.51 * (high - low)
         half = np.maximum(half, half[::-1] * np.array([aspect, 1.0 / aspect]))
         return middle - half, middle + half
+
+    def windows(self, aspect: float) -> Array:
+        """Corners of what a camera sees that follows the robot, shape (T, 2, 2) [m]: parts of the
+        ``window``, all of one size.
+
+        Arguments:
+            aspect: width over height.
+        """
+        whole, boxes = np.array(self.window(aspect)), dict[int, Array]()
+        solids = [
+            [corner for body in moment.bodies if body.solid for corner in _corners(body, boxes)]
+            for moment in self.moments
+        ]
+        if not all(solids):
+            return np.broadcast_to(whole, (len(solids), 2, 2))
+        seen = [self.camera.project(np.array(corners))[0] for corners in solids]
+        low, high = (np.array([end(xy, axis=0) for xy in seen]) for end in (np.min, np.max))
+        half = _ROOM * (high - low).max(axis=0)
+        half = np.maximum(half, half[::-1] * np.array([aspect, 1.0 / aspect]))
+        half = np.minimum(half, 0.5 * (whole[1] - whole[0]))
+        smooth = uniform_filter1d(
+            0.5 * (low + high), 1 + round(_LAG_S / self.step_s), axis=0, mode="nearest"
+        )
+        middle = np.clip(smooth, whole[0] + half, whole[1] - half)
+        middle = np.clip(middle, high - half, low + half)
+        return np.stack([middle - half, middle + half], axis=1)
 
 
 def _corners(body: DrawnBody, boxes: dict[int, Array]) -> Array:

@@ -109,7 +109,8 @@ def headline(figure: Figure, title: str, subtitle: str, *, alarm: bool = False) 
         va="center",
         parse_math=False,
     )
-    size = 11.5 * min(1.0, 1.45 * room / max(len(subtitle), 1))
+    longest = max(map(len, subtitle.splitlines()), default=1)
+    size = 11.5 * min(1.0, 1.45 * room / longest)
     figure.text(
         0.025,
         1.0 - 0.66 / inches,

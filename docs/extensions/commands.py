@@ -14,7 +14,9 @@ WIDTH = 100
 
 
 def said(*arguments: str) -> str:
-    """What the command prints for these arguments, without colours."""
+    """What the command prints for these arguments, without colours and without defaults that are
+    none.
+    """
     box = io.StringIO()
     before = os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = str(WIDTH)
@@ -28,7 +30,8 @@ def said(*arguments: str) -> str:
         del os.environ["COLUMNS"]
         if before is not None:
             os.environ["COLUMNS"] = before
-    return re.sub(r"\x1b\[[0-9;]*m", "", box.getvalue()).strip()
+    text = re.sub(r"\x1b\[[0-9;]*m", "", box.getvalue()).strip()
+    return re.sub(r"\s*\(default:\s*(?:None|False)?\)", "", text)
 
 
 GROUP = re.compile(r"^ [^\n]+\n -{20,} *\n(?:(?! [^\n]+\n -{20,})[^\n]*\n)*", re.MULTILINE)
@@ -57,7 +60,7 @@ def page() -> str:
     lines = [
         "# The command",
         "",
-        "What `stancekit --help` and `stancekit COMMAND --help` print.",
+        "What `stancekit --help` and `stancekit COMMAND --help` print, but for defaults that are none.",
         "",
         "| exit code | of every command |",
         "|---|---|",

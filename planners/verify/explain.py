@@ -43,6 +43,8 @@ class Relaxation:
         leg: empty for parameters of the body, and of a course, whose parameters say where
             themselves.
         now, needed: in ``unit`` (SI; 1 for friction).
+        frame, limbs: the key frame and the limbs that it is about; None and none where it is about
+            all of them.
     """
 
     parameter: str
@@ -50,11 +52,22 @@ class Relaxation:
     now: float
     needed: float
     unit: str
+    frame: int | None = None
+    limbs: tuple[str, ...] = ()
 
     @property
     def relative(self) -> float:
         """Growth over the value now; inf where that is 0."""
         return (self.needed - self.now) / self.now if self.now > 0.0 else math.inf
+
+    @property
+    def words(self) -> str:
+        """A few words beside a limb: what it has, and what it would need."""
+        name, unit = self.parameter.partition(" ")[0], "" if self.unit == "1" else f" {self.unit}"
+        if math.isinf(self.needed):
+            return f"{name} {self.now:.4g}{unit}, and more of it does not help"
+        bound = "needs" if self.needed > self.now else "holds at most"
+        return f"{name} {self.now:.4g}{unit}, {bound} {self.needed:.3g}{unit}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,7 +239,15 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
                 middle = 0.5 * (low + high)
                 low, high = (middle, high) if np.all(grow(middle) > least) else (low, middle)
         relaxations.append(
-            Relaxation(parameter=name, leg=leg, now=now, needed=now + low, unit=unit)
+            Relaxation(
+                parameter=name,
+                leg=leg,
+                now=now,
+                needed=now + low,
+                unit=unit,
+                frame=0,
+                limbs=(leg,) if leg else (),
+            )
         )
 
     for i, contact in enumerate(problem.contacts):
@@ -303,12 +324,19 @@ def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanat
     if held is None or problem.wrench is None:
         return found
     stance = problem.stances[held.stance]
-    where = " ".join(problem.legs[limb] for limb in stance.limbs)
+    limbs = tuple(problem.legs[limb] for limb in stance.limbs)
+    where = " ".join(limbs)
     where += "" if problem.is_posture else f" at frame {stance.frame}"
     force, moment = (float(length(part)) for part in np.split(problem.wrench[stance.frame], 2))
     now, unit = (force, "N") if force > 0.0 else (moment, "Nm")
     most = Relaxation(
-        parameter=f"wrench on {where}", leg="", now=now, needed=held.share * now, unit=unit
+        parameter=f"wrench on {where}",
+        leg="",
+        now=now,
+        needed=held.share * now,
+        unit=unit,
+        frame=stance.frame,
+        limbs=limbs,
     )
     message = f"infeasible: holds {most.needed:.3g} {unit} at most, of {now:.4g} {unit}: {where}"
     return Explanation(relaxations=(most, *found.relaxations), message=message)
@@ -375,14 +403,16 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
             least, most = (least, middle) if bears(under, middle) else (middle, most)
     if worst is None or least == 0.0:  # any grip would do, if feet could press without end
         return None
-    names = ", ".join(course.robot.limb_names[i] for i in worst.limbs)
+    limbs = tuple(course.robot.limb_names[i] for i in worst.limbs)
     now = float(numbers.friction[0].max())
     return Relaxation(
-        parameter=f"friction everywhere, for frame {worst.frame} on {names}",
+        parameter=f"friction everywhere, for frame {worst.frame} on {', '.join(limbs)}",
         leg="",
         now=now,
         needed=now + least,
         unit="",
+        frame=worst.frame,
+        limbs=limbs,
     )
 
 
@@ -419,7 +449,8 @@ def _limits(
     pushes = (length(m.nu_F) + length(m.nu_M))[0]
     hardest = int(pushes.argmax())
     stance = course.stances[hardest]
-    where = f"frame {stance.frame} on {', '.join(names[i] for i in stance.limbs)}"
+    limbs = tuple(names[i] for i in stance.limbs)
+    where = f"frame {stance.frame} on {', '.join(limbs)}"
     relaxations = _lengths(course, numbers, leaf, m, value)
     if pushes[hardest] > 1e-6:
         under = np.isin(numbers.candidate, who.holds[stance.frame, list(stance.limbs)])
@@ -428,7 +459,15 @@ def _limits(
         )  # ice is there, too: the best grip
         by = _grip(numbers, leaf, under)
         relaxations.append(
-            Relaxation(parameter=f"friction at {where}", leg="", now=now, needed=now + by, unit="")
+            Relaxation(
+                parameter=f"friction at {where}",
+                leg="",
+                now=now,
+                needed=now + by,
+                unit="",
+                frame=stance.frame,
+                limbs=limbs,
+            )
         )
         if math.isinf(by):
             by = _grip(numbers, leaf, np.ones_like(under))
@@ -503,11 +542,16 @@ def _lengths(
         (float(m.progress.sum()), "steps.progress_m", steps.progress_m, unit_m, "m"),
         *_linear(course, m),
     )
+    about: dict[str, tuple[int, tuple[str, ...]]] = {
+        f"reach of {owner.name} at frame {frame}": (frame, (owner.name,)),
+        f"com_radius_m at frame {worst}": (worst, ()),
+    }
     relaxations = []
     for size, name, now, scale, unit in rows:
         falls = name in _FALLING
         by = value / size * scale if size > 1e-9 else math.inf
         if by <= (now if falls else _MOST_LENGTH):
+            at, limbs = about.get(name, (None, ()))
             relaxations.append(
                 Relaxation(
                     parameter=name,
@@ -515,6 +559,8 @@ def _lengths(
                     now=now,
                     needed=now - by if falls else now + by,
                     unit=unit,
+                    frame=at,
+                    limbs=limbs,
                 )
             )
     return relaxations

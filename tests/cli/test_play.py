@@ -14,6 +14,7 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 
+from stancekit import PlanSettings, draw, plan, save
 from stancekit.cli.play import Play
 from stancekit.cli.solve import Between
 from stancekit.envs.data.ledger import LabelPlan
@@ -100,6 +101,16 @@ def test_courses_are_scenes_of_their_kind(tmp_path: Path):
     assert isinstance(Play(course="walls")._scenario(None), KeysScenario)
     (tmp_path / "walls.json").write_text(FixedScenario(laid=read_course("walls")).text()[1])
     assert isinstance(Play(course=str(tmp_path / "walls.json"))._scenario(None), FixedScenario)
+
+
+def test_the_proof_of_a_course_is_drawn_and_played(tmp_path: Path, stancekit):
+    answer = plan("walls", frames=2, settings=PlanSettings(wrench=(0.0, 0.0, -4e3, 0.0, 0.0, 0.0)))
+    save(answer.certificate, tmp_path / "proof.json")
+    assert Play(course=str(tmp_path / "proof.json"))._scenario(None).laid.frames == 2
+    words = [text.get_text() for axes in draw(answer).axes for text in axes.texts]
+    assert [word for word in words if word.startswith("LF: wrench 4000 N, holds at most")]
+    stancekit("picture", str(tmp_path / "proof.json"), "--out", str(tmp_path / "why.png"))
+    assert (tmp_path / "why.png").stat().st_size > 10_000
 
 
 def test_a_terrains_file_is_laid_out_between_two_places(tmp_path: Path):

@@ -28,7 +28,8 @@ from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from stancekit.views.gait_plot import draw_tracking, tracked
 from stancekit.views.gaits import GaitView
-from stancekit.views.plans import FPS, SPEED, PlanView, draw_execution
+from stancekit.views.page import FPS
+from stancekit.views.plans import SPEED, PlanView, draw_execution
 from stancekit.views.sheet import to_rgb
 from tests.refusals import refuses
 from tests.same_motion import compared

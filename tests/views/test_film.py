@@ -68,11 +68,11 @@ def frames_of(path):
 
 def test_every_frame_is_in_the_video_in_its_order(tmp_path):
     shades = [0, 60, 120, 180, 240]
-    count = write_video(
+    write_video(
         tmp_path / "a.mp4", (np.full((63, 81, 3), shade, np.uint8) for shade in shades), 10.0
     )
     meta, frames = frames_of(tmp_path / "a.mp4")
-    assert (count, len(frames), meta["fps"]) == (5, 5, 10.0)
+    assert (len(frames), meta["fps"]) == (5, 10.0)
     assert meta["size"] == (80, 62)
     assert np.allclose([frame.mean() for frame in frames], shades, atol=6)
     assert os.listdir(tmp_path) == ["a.mp4"]
@@ -83,10 +83,10 @@ def test_a_video_is_whole_or_absent(tmp_path):
 
     def breaking():
         yield np.zeros((20, 20, 3), np.uint8)
-        yield np.zeros((20, 22, 3), np.uint8)
+        raise RuntimeError("in the middle")
 
-    with refuses("frames[1]"):
-        write_video(tmp_path / "a.mp4", breaking())
+    with pytest.raises(RuntimeError):
+        write_video(tmp_path / "a.mp4", breaking(), 10.0)
     assert (tmp_path / "a.mp4").read_bytes() == b"before"
     assert os.listdir(tmp_path) == ["a.mp4"]
 
@@ -110,44 +110,18 @@ def test_an_encoder_that_fails_leaves_the_older_film(tmp_path, monkeypatch, scri
     monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(tmp_path / "ffmpeg"))
     (tmp_path / "a.mp4").write_bytes(b"before")
     with refuses(tmp_path / "a.mp4"):
-        write_video(tmp_path / "a.mp4", (np.zeros((200, 200, 3), np.uint8) for _ in range(20)))
+        write_video(
+            tmp_path / "a.mp4", (np.zeros((200, 200, 3), np.uint8) for _ in range(20)), 10.0
+        )
     assert (tmp_path / "a.mp4").read_bytes() == b"before"
     assert sorted(os.listdir(tmp_path)) == ["a.mp4", "ffmpeg"]
 
 
-@pytest.mark.parametrize(
-    ("name", "frames", "fps", "message"),
-    [
-        ("a.gif", [], 25.0, "a.gif"),
-        ("none/a.mp4", [], 25.0, "none/a.mp4"),
-        ("a.mp4", [], 25.0, "a.mp4"),
-        (
-            "a.mp4",
-            [np.zeros((9, 9, 3))],
-            25.0,
-            "frames[0]",
-        ),
-        (
-            "a.mp4",
-            [np.zeros((9, 9), np.uint8)],
-            25.0,
-            "frames[0]",
-        ),
-        (
-            "a.mp4",
-            [np.zeros((9, 9, 3), np.uint8)],
-            0.0,
-            "fps",
-        ),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(
-    tmp_path, monkeypatch, name, frames, fps, message
-):
+@pytest.mark.parametrize("name", ["a.gif", "none/a.mp4"])
+def test_a_name_that_no_film_can_have_is_refused(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    with refuses(message):
-        write_video(name, frames, fps)
-    assert os.listdir(tmp_path) == []
+    with refuses(name):
+        write_video(name, [], 10.0)
 
 
 # ------------------------------------------------------------------------------------------------------
@@ -208,7 +182,7 @@ def seen(*bodies, arrows=(), facets=()):
         ),
     )
     (pixels,) = rendered(motion, (100, 100))
-    return pixels.astype(int), *motion.window(1.0)
+    return pixels.astype(int), *motion.windows(1.0)[0]
 
 
 def extent(colour, pixels, low, high):
@@ -300,6 +274,11 @@ def test_a_window_holds_the_robot_at_all_times_and_has_the_shape_of_the_picture(
     for moment in motion.moments:
         xy = motion.camera.project(np.array([body.position_m for body in moment.bodies]))[0]
         assert np.all((xy > low) & (xy < high))
+    for (near, far), moment in zip(motion.windows(1.6), motion.moments, strict=True):
+        solid = np.array([body.position_m for body in moment.bodies if body.solid])
+        xy = motion.camera.project(solid)[0]
+        assert np.all((xy > near) & (xy < far))
+        assert np.max(np.ptp(xy, axis=0) / (far - near)) > 1.0 / 3.0
 
 
 def walked(trajectory, step_s):

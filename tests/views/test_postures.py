@@ -160,7 +160,7 @@ def test_posture_envelope_and_caption_each_change_the_picture(solved: Solved) ->
 def test_it_says_who_holds_what_with_which_force(solved: Solved) -> None:
     problem, posture = solved["wall-3"]
     said = texts(draw_posture(problem, posture, size_px=SMALL))
-    assert "held by three limbs, 98.1 N" in said
+    assert "held by 3 limbs, 98.1 N" in said
     for leg, force in zip(problem.legs, posture.forces_n[0], strict=True):
         assert f"{leg} {np.linalg.norm(force):.0f} N" in said
     assert "friction μ" in said
@@ -207,7 +207,7 @@ def test_odd_scenes_are_drawn_too(changes: dict[str, object]) -> None:
         problem, com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces
     )
     figure = draw_posture(problem, posture, envelope=envelope(1, half=4.0), size_px=SMALL)
-    assert "held by one limb, 98.1 N" in texts(figure)
+    assert "held by 1 limb, 98.1 N" in texts(figure)
     assert ink(to_rgb(figure)) > 0.02
 
 
@@ -336,12 +336,6 @@ def test_a_comparison_shows_every_selector_measure_and_number() -> None:
 def test_a_comparison_without_the_paper_has_no_diamond() -> None:
     legend = draw_comparison(ROWS[1:], size_px=SMALL).axes[0].get_legend()
     assert "paper" not in [text.get_text() for text in legend.get_texts()]
-
-
-@pytest.mark.parametrize("value", [-0.01, 1.01, 93.6, float("nan")])
-def test_a_share_outside_of_0_to_1_is_refused(value: float) -> None:
-    with refuses("neural", "paper['fix-p']"):
-        ComparisonBar(selector="neural", values={}, paper={"fix-p": value})
 
 
 def test_a_comparison_of_nothing_is_refused() -> None:

@@ -27,6 +27,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import Report, explain
+from stancekit.planners.verify.explain import Relaxation
 
 from ..plans import between
 from ..sheet import leg_colour
@@ -50,6 +51,7 @@ class SceneAnswer:
         plan: accepted by the verifier as far as its contacts go.
         status: None where the question makes no sense; undecided where no way was found for a course.
         message: why there is no plan, or what is wrong with it; empty where nothing is.
+        lack: what would have to change, where that is proved.
         report: on all of the plan, once it was judged.
         patient: whether all was looked at.
         seconds: CPU time of the layout and of the search.
@@ -59,6 +61,7 @@ class SceneAnswer:
     status: Status | None = None
     plan: Plan | None = None
     message: str = ""
+    lack: Relaxation | None = None
     report: Report[Plan] | None = None
     patient: bool = False
     share: float = 1.0
@@ -156,9 +159,10 @@ def _answer(
     Arguments:
         asked: the scene's own course, where the outcome is not of a problem.
     """
-    message, report = outcome.message, outcome.report
+    message, report, lack = outcome.message, outcome.report, None
     if outcome.certificate is not None and outcome.problem is not None:
-        message = explain(outcome.certificate).message
+        explanation = explain(outcome.certificate)
+        message, lack = explanation.message, next(iter(explanation.relaxations), None)
         if outcome.sets is not None:
             message += f", over the {outcome.sets} sets of its legs"
     elif report is not None and not report.accepted:
@@ -177,6 +181,7 @@ def _answer(
         status=outcome.status,
         plan=outcome.solution,
         message=message,
+        lack=lack,
         report=report,
         patient=patient,
         share=share,

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,13 +19,12 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.model import Robot
+from stancekit.planners.verify.explain import Relaxation
 
-from ..page import GOAL
-from ..plans import PlanView, ghosts
+from ..plans import PlanView, asked, ghosts
 from ..robots import RobotShape, climber
-from ..scene import DrawnBody, Label, Path, Scene
-from ..shapes import Sphere, dashed
-from ..sheet import ACCENT, INK, friction_colours
+from ..scene import Scene
+from ..sheet import INK, friction_colours
 from ..terrain import Piece, pieces_within, surfaces
 from .page_parts import SceneAnswer, patient_answer, quick_answer
 from .scenario import Scenario
@@ -273,20 +271,9 @@ class Pictures:
             self._ground = (key, surfaces(course.terrain, self._pieces[1], colours))
         return self._ground[1]
 
-    def asked(self, course: Problem) -> Scene:
-        """Without a plan: where the body was asked to go, from start to goal."""
-        com, size = course.com_nominal_m, 0.02 * self.shape(course.robot).size_m
-        line = dashed(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(com)] or [com]))
-        marks = [
-            DrawnBody(name=f"asked {k}", shape=Sphere(size), position_m=at, colour=ACCENT)
-            for k, at in enumerate(com)
-        ] + [
-            DrawnBody(name="goal", shape=Sphere(3.0 * size), position_m=course.goal_m, colour=GOAL)
-        ]
-        words = Label(name="asked", position_m=com[0], text="asked for: no plan", colour=ACCENT)
-        return Scene(
-            paths=[Path(pieces_m=line, colour=ACCENT, width=2.0)], bodies=marks, labels=[words]
-        )
+    def asked(self, course: Problem, lack: Relaxation | None) -> Scene:
+        """Without a plan: where the body was asked to go, and what is lacking."""
+        return asked(course, self.shape(course.robot), lack)
 
     def found(self, view: PlanView) -> Scene:
         """The way of a plan, the tracks of its toes, and its robot at some key frames in thin

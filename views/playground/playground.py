@@ -412,7 +412,8 @@ class Playground(ScenePage):
     def _show_plan(self, course: Problem | None) -> None:
         self._player.offer(self._view is not None)
         if self._view is None:
-            self._stage.show(Scene() if course is None else self._pictures.asked(course), "/way")
+            wanted = Scene() if course is None else self._pictures.asked(course, self._answer.lack)
+            self._stage.show(wanted, "/way")
             self._stage.show(Scene(), "/names")
             self._stage.pose(Scene())
             self._limbs.content = ""
