@@ -30,11 +30,11 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1424, 16190),
-    "cli": (3610, 40383),
+    "api": (1439, 16383),
+    "cli": (3582, 40040),
     "configs": (3, 30),
-    "envs": (3128, 42836),
-    "learners": (5323, 77983),
+    "envs": (3179, 43583),
+    "learners": (5344, 78478),
     "planners": (36047, 581235),
     "runner": (6857, 92475),
     "views": (4413, 68808),
@@ -46,7 +46,7 @@ ALLOWANCES: dict[str, int] = {
     "soles": 3,
     "slopes and doors": 0,
     "MJCF": 0,
-    "training": 80,
+    "training": 21,
     "promises": 0,
     "worlds": 3,
     "formats": 0,
