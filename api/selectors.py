@@ -307,10 +307,24 @@ Selector = Learned | EnvelopeSet | str | Path
 
 @overload
 def evaluate(
-    selector: Mapping[str, Selector], dataset: Rows | Sequence[Rows], **how: Any
+    selector: Mapping[str, Selector],
+    dataset: Rows | Sequence[Rows],
+    *,
+    projections: Sequence[Projection] = ...,
+    name: str = ...,
+    workers: int | Executor = ...,
+    progress: Progress | None = ...,
 ) -> Comparison: ...
 @overload
-def evaluate(selector: Selector, dataset: Rows | Sequence[Rows], **how: Any) -> Score: ...
+def evaluate(
+    selector: Selector,
+    dataset: Rows | Sequence[Rows],
+    *,
+    projections: Sequence[Projection] = ...,
+    name: str = ...,
+    workers: int | Executor = ...,
+    progress: Progress | None = ...,
+) -> Score: ...
 @checked
 def evaluate(
     selector: Selector | Mapping[str, Selector],

@@ -30,7 +30,7 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1439, 16383),
+    "api": (1439, 16431),
     "cli": (3582, 40040),
     "configs": (3, 30),
     "envs": (3179, 43583),
@@ -46,7 +46,7 @@ ALLOWANCES: dict[str, int] = {
     "soles": 3,
     "slopes and doors": 0,
     "MJCF": 0,
-    "training": 21,
+    "training": 19,
     "promises": 0,
     "worlds": 3,
     "formats": 0,
