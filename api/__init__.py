@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .files import save as save
     from .learners.data.export import Exported as Exported
     from .learners.data.labelling import RecheckReport as RecheckReport
+    from .learners.evaluation.bench import Comparison as Comparison
     from .learners.evaluation.evaluate import Score as Score
     from .learners.selectors.selector import Learned as Learned
     from .learners.surrogates.calibration import Screened as Screened
@@ -115,6 +116,7 @@ _HOMES = {
     ),
     "learners.data.export": ("Exported",),
     "learners.data.labelling": ("RecheckReport",),
+    "learners.evaluation.bench": ("Comparison",),
     "learners.evaluation.evaluate": ("Score",),
     "learners.selectors.selector": ("Learned",),
     "learners.surrogates.calibration": ("Screened",),

@@ -13,6 +13,7 @@ from stancekit.learners.data.executors import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.labelling import check_unseen
 from stancekit.learners.data.labelling import rows_of as rows_of
+from stancekit.learners.evaluation.bench import Comparison as Comparison
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.leaps.kinds import KINDS
@@ -169,8 +170,8 @@ def fit(
     tries of leaps.
 
     Arguments:
-        dataset: the data set that ``label`` returned, or its folder; for "modes" several, one per
-            terrain.
+        dataset: the data set that ``label`` returned, or its folder; or several of one class, as
+            one; for "modes" one per terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by
             line), "gmm" (its boundary is fitted by P1's margins), "ga", "gradient", "modes" (for
             mode switching); "neural", "joint" (for P1 joined with the lift) and "rl"
@@ -301,24 +302,48 @@ def settings_of(
     return settings.concerning(method)
 
 
+Selector = Learned | EnvelopeSet | str | Path
+
+
+@overload
+def evaluate(
+    selector: Mapping[str, Selector],
+    dataset: Rows | Sequence[Rows],
+    *,
+    projections: Sequence[Projection] = ...,
+    name: str = ...,
+    workers: int | Executor = ...,
+    progress: Progress | None = ...,
+) -> Comparison: ...
+@overload
+def evaluate(
+    selector: Selector,
+    dataset: Rows | Sequence[Rows],
+    *,
+    projections: Sequence[Projection] = ...,
+    name: str = ...,
+    workers: int | Executor = ...,
+    progress: Progress | None = ...,
+) -> Score: ...
 @checked
 def evaluate(
-    selector: Learned | EnvelopeSet | str | Path,
-    dataset: Rows,
+    selector: Selector | Mapping[str, Selector],
+    dataset: Rows | Sequence[Rows],
     *,
     projections: Sequence[Projection] = ("fix-p", "scp"),
     name: str = "selector",
     workers: int | Executor = 1,
     progress: Progress | None = None,
-) -> Score:
+) -> Score | Comparison:
     """Measure how often P1 answers right over the envelopes that a selector chooses, and how often
     P2 gets back.
 
     Arguments:
         selector: the selector that ``fit`` returned, envelopes, a file of either, the name of one
-            that ships, or "FILE.py:NAME"; or "lift", which needs no envelopes.
-        dataset: labelled rows that it was not learned from, or their folder; a ``Dataset`` has
-            parts for that, see ``Dataset.only``.
+            that ships, or "FILE.py:NAME"; or "lift", which needs no envelopes. Several by name to
+            compare them.
+        dataset: labelled rows that it was not learned from, or their folder, or several; a
+            ``Dataset`` has parts for that, see ``Dataset.only``.
         projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p".
         name: name of the row.
         workers: processes, or an executor, for example of a Ray cluster.
@@ -327,7 +352,7 @@ def evaluate(
     Returns:
         A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that
         P1 answers right, and of the feasible ones from which each projection reaches a verified
-        posture.
+        posture. Of several selectors a ``Comparison``, with a ``Score`` of each.
 
     Raises:
         InvalidInput: for a selector of another class of problems, a data set without rows that are
@@ -343,10 +368,18 @@ def evaluate(
         >>> score.p1_feasible.of, score.p1_infeasible.of
         (6, 6)
     """
-    rows, learned = (
-        rows_of(dataset),
-        None if selector == LIFT else selector_for(dataset, selector, name),
-    )
+    rows = rows_of(dataset)
+    if isinstance(selector, Mapping):
+        if not selector:
+            raise InvalidInput("selector: expected one or more selectors by name, got none")
+        compared = {
+            each: one if one == LIFT else selector_for(rows, one, each)
+            for each, one in selector.items()
+        }  # what is wrong with one of them is said before any is played
+        how: Any = {"projections": projections, "workers": workers, "progress": progress}
+        scores = tuple(evaluate(one, rows, name=each, **how) for each, one in compared.items())
+        return Comparison(problem_class=rows.problem_class, scores=scores)
+    learned = None if selector == LIFT else selector_for(rows, selector, name)
     ways = tuple(dict.fromkeys(projections))
     for way in ways:
         PROJECTIONS.get(way)
@@ -368,7 +401,7 @@ def evaluate(
     )
 
 
-def selector_for(dataset: Rows, selector: Learned | EnvelopeSet | str | Path, name: str) -> Learned:
+def selector_for(dataset: Rows, selector: Selector, name: str) -> Learned:
     """A selector to evaluate on these rows; arguments as for ``evaluate``.
 
     Raises InvalidInput for one of another class of problems, and for one that was trained or

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -16,16 +15,13 @@ from rich.console import Console
 from stancekit.planners.errors import InvalidInput
 
 from .bench_gait import BenchGait
-from .console import as_options, emit, out, stages
+from .console import as_options, emit, err, out, stages
 from .evaluate import score_table
 from .options import ROBOT, TERRAIN, OptionalFloat, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.table import Table
 
-    from stancekit.learners.evaluation.bench import ClassResult
-    from stancekit.learners.evaluation.evaluate import Score
     from stancekit.learners.evaluation.room import Room, Share
 
 
@@ -84,79 +80,28 @@ class _BenchEnvelopes:
         where = executor(self.executor, workers=self.workers, address=self.address)
         folder = self.out or Path("out/bench-quick" if self.quick else "out/bench")
         make_folder(folder)
+        minutes = bench.expected_s(experiment, self.workers) / 60.0
+        err.print(
+            f"about {minutes:.2g} minutes on {self.workers} idle cores, less what {folder} has",
+            highlight=False,
+        )
         table: list[dict[str, Any]] = []
         with stages("bench") as on_progress:
             for result in bench.run(experiment, folder, executor=where, progress=on_progress):
-                records = rows(result)
+                records = result.to_json()
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
                 write_text(folder / "table.md", bench.page(table, experiment))
-                save(
-                    chart(result.problem_class, result.scores),
-                    folder / f"{result.problem_class}.png",
-                )
-                report(result, as_json=self.json)
+                save(result.picture(), folder / f"{result.problem_class}.png")
+                if self.json:
+                    for record in records:
+                        emit(record)
+                else:
+                    out.print(score_table(result.problem_class, list(result.scores)))
+                    out.print()
         if not self.json:
             out.print(f"table and pictures: {folder}")
         return 0
-
-
-def rows(result: ClassResult) -> list[dict[str, Any]]:
-    """The comparison as JSON-ready rows, the paper's figures with those it has."""
-    from stancekit.learners.evaluation.evaluate import paper_row
-
-    records = []
-    for score in result.scores:
-        paper = paper_row(result.problem_class, score.selector)
-        record = {
-            "problem_class": result.problem_class,
-            **score.to_json(),
-            "balanced": score.balanced,
-        }
-        records.append(record if paper is None else {**record, "paper": paper})
-    return records
-
-
-def report(result: ClassResult, *, as_json: bool) -> None:
-    """Print one class, as JSON lines or as a table."""
-    if as_json:
-        for record in rows(result):
-            emit(record)
-        return
-    out.print(score_table(result.problem_class, list(result.scores)))
-    out.print()
-
-
-def chart(problem_class: str, scores: Sequence[Score]) -> Figure:
-    """The comparison as a picture, with 95 % intervals and the paper's figures as markers."""
-    from stancekit.learners.evaluation.evaluate import paper_row
-    from stancekit.views.comparison import ComparisonBar, draw_comparison
-
-    names = {
-        "p1_feasible": "P1 feasible",
-        "p1_infeasible": "P1 infeasible",
-        "project_fix_p": "→ fix-p",
-    }
-    names |= {"project_nlp": "→ nlp"}
-    bars = []
-    for score in scores:
-        shares = {"P1 feasible": score.p1_feasible, "P1 infeasible": score.p1_infeasible}
-        shares |= {f"→ {way}": share for way, share in score.projected.items()}
-        values = {name: share.value for name, share in shares.items() if share.of}
-        paper = paper_row(problem_class, score.selector) or {}
-        bars.append(
-            ComparisonBar(
-                selector=score.selector,
-                values=values,
-                paper={names[key]: each for key, each in paper.items() if names.get(key) in values},
-                intervals={name: share.interval for name, share in shares.items() if share.of},
-            )
-        )
-    return draw_comparison(
-        bars,
-        caption=f"{problem_class}: {bars and scores[0].p1_feasible.of} feasible "
-        f"and {scores[0].p1_infeasible.of} infeasible held-out terrains",
-    )
 
 
 _WIDTH = 150

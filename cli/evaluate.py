@@ -76,7 +76,14 @@ class Evaluate:
         """Roll every selector out and print the table."""
         from stancekit.planners.projection.project import PROJECTIONS
         from stancekit.postures import read_envelopes
-        from stancekit.selectors import LIFT, evaluate, executor, rows_of, selector_for
+        from stancekit.selectors import (
+            LIFT,
+            Comparison,
+            evaluate,
+            executor,
+            rows_of,
+            selector_for,
+        )
 
         if self.picture is not None:
             from stancekit.views.sheet import check_picture
@@ -117,18 +124,13 @@ class Evaluate:
                         progress=bar,
                     )
                 )
-        records = [score.to_json() | {"balanced": score.balanced} for score in scores]
+        comparison = Comparison(problem_class=rows.problem_class, scores=tuple(scores))
         if self.picture is not None:
-            from stancekit.cli.bench import chart
             from stancekit.views.sheet import save
 
-            save(chart(rows.problem_class, scores), self.picture)
+            save(comparison.picture(), self.picture)
         if self.markdown:
-            from stancekit.learners.evaluation.bench import markdown
-
-            out.print(
-                "\n".join(markdown(rows.problem_class, records)), soft_wrap=True, markup=False
-            )
+            out.print(comparison.markdown(), soft_wrap=True, markup=False)
         elif self.json:
             for score in scores:
                 emit(score.to_json())

@@ -37,7 +37,7 @@ HELD: dict[str, Size] = {
     "learners": (5323, 77983),
     "planners": (36046, 581223),
     "runner": (6857, 92475),
-    "views": (4433, 69273),
+    "views": (4413, 68808),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
@@ -52,7 +52,7 @@ ALLOWANCES: dict[str, int] = {
     "formats": 0,
     "stepping over": 0,
     "sequences": 0,
-    "pictures": 20,
+    "pictures": 40,
     "speed": 7,
     "margins": 0,
 }

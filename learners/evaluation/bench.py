@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -19,6 +20,7 @@ from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan, software
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import LabelledScene
+from stancekit.planners.equilibrium.yardstick import yardstick
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml, shown, validated
 from stancekit.planners.files.writing import make_folder, write_text
@@ -29,7 +31,10 @@ from ..data.executors import Executor
 from ..data.labelling import Quota, label
 from ..selectors.selector import FixedSelector, Learned, load_selector
 from ..training.fitting import METHODS, FitSettings, learn_selector
-from .evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift
+from .evaluate import TABLE_I, Score, evaluate, evaluate_lift, paper_row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +111,116 @@ class Experiment:
         return validated(cls, (data | short if quick else data) | dict(overrides or {}), str(path))
 
 
+_LABEL, _P1, _PROJECTION = 2.5, 0.8, 0.4
+"""Cost of a row, of a scene's P1 and of one projection, in cone programs of ``yardstick``."""
+_FIT: Mapping[str, Callable[[FitSettings, Quota], float]] = {
+    "heuristic": lambda how, rows: 0.5 * (rows.feasible + rows.infeasible),
+    "quantile": lambda how, rows: 0.5 * (rows.feasible + rows.infeasible),
+    "gmm": lambda how, rows: 1.0 * how.clusters * how.steps * how.batch,
+    "gradient": lambda how, rows: 0.8 * how.boxes * how.steps * how.batch,
+    "ga": lambda how, rows: 0.3 * _size(how.genetic, population=40, generations=60, terrains=100),
+    "neural": lambda how, rows: 3.0 * rows.feasible * _size(how.neural, margin_epochs=4),
+    "joint": lambda how, rows: 5.0 * rows.feasible * _size(how.neural, margin_epochs=4),
+    "rl": lambda how, rows: 8.0 * _size(how.rl, steps=40_000),
+}
+"""Cost of a fit by our methods, in the same."""
+
+
+def _size(keys: Mapping[str, Any], **usual: int) -> float:
+    return math.prod(float(keys.get(name, value)) for name, value in usual.items())
+
+
+def expected_s(experiment: Experiment, workers: int = 1) -> float:
+    """Rough wall-clock time of a whole run on idle cores [s], from its settings and the speed of
+    this computer, which is measured. Methods that are not ours count as nothing.
+    """
+    how, methods, rows = experiment.fit, experiment.methods, experiment.train
+    scenes = experiment.test.feasible + experiment.test.infeasible
+    play = scenes * (_P1 + _PROJECTION * len(experiment.projections)) * (1 + len(methods))
+    label = _LABEL * (rows.feasible + rows.infeasible + scenes)
+    fits = {name: _FIT[name](how, rows) for name in methods if name in _FIT}
+    printed = how.clusters * how.time_limit_s * ("gmm-printed" in methods)
+    programs = (label + play + fits.pop("ga", 0.0)) / workers + sum(fits.values())
+    return len(experiment.problems) * (programs * yardstick(60) / 60 + printed)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """Several selectors beside each other on the same rows, as ``evaluate`` makes it.
+
+    ``markdown`` and ``picture`` are for a paper; ``to_json`` has the numbers.
+
+    Arguments:
+        problem_class: name of the class of problems.
+        scores: a row per selector.
+    Source:
+        Lin et al. Table I.
+
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", rows=(6, 6))
+        >>> test = stancekit.label("wall-3", "test", rows=(6, 6), seed=1)
+        >>> mine = {"mine": stancekit.fit(train, "quantile"), "lift": "lift"}
+        >>> print(stancekit.evaluate(mine, test).markdown()[:9])
+        ## wall-3
+    """
+
+    problem_class: str
+    scores: tuple[Score, ...]
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """A row per selector as JSON-ready numbers, with the paper's where it has some."""
+        records = []
+        for score in self.scores:
+            record = {
+                "problem_class": self.problem_class,
+                **score.to_json(),
+                "balanced": score.balanced,
+            }
+            paper = paper_row(self.problem_class, score.selector)
+            records.append(record if paper is None else {**record, "paper": paper})
+        return records
+
+    def markdown(self) -> str:
+        """The table in Markdown, with 95 % intervals and the paper's rows."""
+        return "\n".join(markdown(self.problem_class, self.to_json()))
+
+    def picture(self) -> Figure:
+        """The shares as bars with 95 % intervals, and the paper's as markers."""
+        from stancekit.views.comparison import ComparisonBar, draw_comparison
+
+        bars = []
+        for score in self.scores:
+            shares = {"P1 feasible": score.p1_feasible, "P1 infeasible": score.p1_infeasible}
+            shares |= {f"→ {way}": share for way, share in score.projected.items()}
+            values = {name: share.value for name, share in shares.items() if share.of}
+            paper = paper_row(self.problem_class, score.selector) or {}
+            bars.append(
+                ComparisonBar(
+                    selector=score.selector,
+                    values=values,
+                    paper={
+                        _MEASURES[key]: each
+                        for key, each in paper.items()
+                        if _MEASURES.get(key) in values
+                    },
+                    intervals={name: share.interval for name, share in shares.items() if share.of},
+                )
+            )
+        return draw_comparison(
+            bars,
+            caption=f"{self.problem_class}: {bars and self.scores[0].p1_feasible.of} feasible "
+            f"and {self.scores[0].p1_infeasible.of} infeasible held-out terrains",
+        )
+
+
+_MEASURES = {
+    "p1_feasible": "P1 feasible",
+    "p1_infeasible": "P1 infeasible",
+    "project_fix_p": "→ fix-p",
+    "project_nlp": "→ nlp",
+}
+"""Names of the paper's figures in pictures."""
 _CLAIMS = ("P1 feasible", "P1 infeasible")
 _IDENTITY = re.compile(r"-(of|on)-(.+?)-([0-9a-f]{6})[0-9a-f]{6}(?=-on-|$)")
 
@@ -249,7 +364,7 @@ _SHARD_SIZE = 125
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ClassResult:
+class ClassResult(Comparison):
     """Results of a run for one class of problems.
 
     Arguments:
@@ -258,32 +373,23 @@ class ClassResult:
         fresh: rows that this run made.
     """
 
-    problem_class: str
     labelling: Mapping[str, Any]
-    scores: tuple[Score, ...]
     learned: Mapping[str, Learned]
     test: Dataset
     fresh: tuple[str, ...]
 
 
 class _Row(BaseModel):
-    """``METHOD.row.json``: what a row was made from and what it says.
+    """``METHOD.row.json``: what a row was made from and what it says."""
 
-    Shares are [hits, of].
-    """
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-    format: Literal["stancekit/bench-row/1"] = "stancekit/bench-row/1"
+    model_config = ConfigDict(extra="forbid", strict=True, ser_json_inf_nan="constants")
+    format: Literal["stancekit/bench-row/2"] = "stancekit/bench-row/2"
     fit_key: str
     file: str
     file_sha256: str
     fit_seconds: float
     row_key: str = ""
-    p1_feasible: tuple[int, int] = (0, 0)
-    p1_infeasible: tuple[int, int] = (0, 0)
-    projected: dict[Projection, tuple[int, int]] = {}
-    gap: float | None = None
-    p1_ms: float | None = None
+    score: Score | None = None
 
     __hash__: ClassVar[None]  # type: ignore[assignment]
 
@@ -431,8 +537,8 @@ class _Class:
     ) -> Score:
         key = self._row_key(row.file_sha256 or row.fit_key, test)
         notes = {"fit_seconds": row.fit_seconds, "file": row.file}
-        if row.row_key == key:
-            return _as_score(method, row, {**notes, "kept": True})
+        if row.row_key == key and row.score is not None:
+            return replace(row.score, notes={**notes, "kept": True})
         score = evaluate(
             method,
             learned,
@@ -442,20 +548,20 @@ class _Class:
             progress=self._told(f"evaluate {method}"),
             run=self._run,
         )
-        self._write(method, _with_score(row, key, score))
+        self._write(method, row.model_copy(update={"row_key": key, "score": score}))
         return replace(score, notes={**notes, "kept": False})
 
     def _lift(self, scenes: list[LabelledScene], test: Dataset) -> Score:
         key = self._row_key("lift", test)
         row = self._read("lift")
-        if row is not None and row.row_key == key:
-            return _as_score("lift", row, {"kept": True})
+        if row is not None and row.row_key == key and row.score is not None:
+            return replace(row.score, notes={"kept": True})
         projections = self._experiment.projections
         score = evaluate_lift(
             scenes, projections=projections, progress=self._told("evaluate lift"), run=self._run
         )
-        blank = _Row(fit_key="", file="", file_sha256="", fit_seconds=0.0)
-        self._write("lift", _with_score(blank, key, score))
+        row = _Row(fit_key="", file="", file_sha256="", fit_seconds=0.0, row_key=key, score=score)
+        self._write("lift", row)
         return replace(score, notes={"kept": False})
 
     def _row_key(self, selector: str, test: Dataset) -> str:
@@ -484,34 +590,6 @@ class _Class:
 def _stem(method: str) -> str:
     """The method's name as that of a file."""
     return re.sub(r"[^\w-]+", "-", method.replace(".py:", "-"))
-
-
-def _with_score(row: _Row, key: str, score: Score) -> _Row:
-    def pair(share: Share) -> tuple[int, int]:
-        return share.hits, share.of
-
-    numbers = {
-        name: value if value == value else None
-        for name, value in (("gap", score.gap), ("p1_ms", score.p1_ms))
-    }
-    shares = {"p1_feasible": pair(score.p1_feasible), "p1_infeasible": pair(score.p1_infeasible)}
-    projected = {way: pair(share) for way, share in score.projected.items()}
-    return row.model_copy(update={"row_key": key, **shares, "projected": projected, **numbers})
-
-
-def _as_score(name: str, row: _Row, notes: Mapping[str, Any]) -> Score:
-    def share(pair: tuple[int, int]) -> Share:
-        return Share(hits=pair[0], of=pair[1])
-
-    return Score(
-        selector=name,
-        p1_feasible=share(row.p1_feasible),
-        p1_infeasible=share(row.p1_infeasible),
-        projected={way: share(pair) for way, pair in row.projected.items()},
-        gap=float("nan") if row.gap is None else row.gap,
-        p1_ms=float("nan") if row.p1_ms is None else row.p1_ms,
-        notes=notes,
-    )
 
 
 def _digest(parts: list[Any]) -> str:

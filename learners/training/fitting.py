@@ -159,7 +159,7 @@ class FitRequest:
     """Argument of a method of fitting: it is called with this alone, and returns what it learned.
 
     Arguments:
-        datasets: rows to learn from; all but "modes" want one, ``dataset``.
+        datasets: rows to learn from; for "modes" one per mode, for the others joined, ``dataset``.
         progress: gets steps done and in all, where a method takes its time.
         calibration: rows to calibrate on, never those of a test; a part of the data set where None.
         checkpoint: file or folder by which a method that takes long goes on where it was stopped.
@@ -175,13 +175,11 @@ class FitRequest:
 
     @property
     def dataset(self) -> Dataset:
-        """The one data set.
+        """All rows as one data set.
 
-        Raises InvalidInput where there are several.
+        Raises InvalidInput for rows of different classes.
         """
-        if len(self.datasets) != 1:
-            raise InvalidInput(f"data sets: expected one, got {len(self.datasets)}")
-        return self.datasets[0]
+        return Dataset.joined(self.datasets)
 
 
 def missing(method: str, error: ImportError) -> InvalidInput:

@@ -56,9 +56,6 @@ def test_a_run_writes_table_and_picture_and_prints_rows(config: Path, bench) -> 
         assert row["p1_feasible_of"] == row["p1_infeasible_of"] == row["project_scp_of"] == 6
     assert (out / "wall-3.png").read_bytes()[:4] == b"\x89PNG"
     page = (out / "table.md").read_text()
-    assert page.startswith("# Leaderboard: selectors of envelopes\n")
-    assert "6 feasible and 6 infeasible scenes." in page
-    assert "| train | 10 | 10 | 0 |" in page
     assert "|  | paper: GA | 77.8 | 97.7 | 67.1 | – | – |" in page
     ranks = {
         cells[2].strip(): int(cells[1])

@@ -39,15 +39,11 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.data.executors",
             "learners.evaluation",
             "learners.evaluation.bench",
-            "learners.evaluation.evaluate",
             "learners.evaluation.planner_bench",
             "learners.evaluation.room",
             "learners.zoo",
         ),
-        DRAWS: (
-            "views.comparison",
-            "views.sheet",
-        ),
+        DRAWS: ("views.sheet",),
     },
     "bench_gait": {
         TOOL: (

@@ -69,6 +69,14 @@ def test_rows_are_those_of_an_evaluation_of_the_kept_files_on_the_kept_test_set(
         )
 
 
+def test_more_rows_methods_and_classes_are_expected_to_take_longer() -> None:
+    more = ({"train": PLAN["train"] | {"feasible": 9000}}, {"problems": ["wall-3", "wall-5"]})
+    plans = [validated(Experiment, PLAN | each, "plan") for each in ({}, *more)]
+    first, *others = (bench.expected_s(plan) for plan in plans)
+    assert 0.0 < first < 60.0 < min(others) * 40.0
+    assert bench.expected_s(plans[1], workers=4) < 0.5 * others[0]
+
+
 def test_nothing_is_learned_from_the_test_set(made: tuple[Path, ClassResult]) -> None:
     folder, _ = made
     train, test = (Dataset.open(folder / "wall-3" / part) for part in ("train", "test"))

@@ -4,11 +4,11 @@ rewards.
 
 import json
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import stancekit
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.scenes import LabelledScene, ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
@@ -18,7 +18,6 @@ from stancekit.learners.evaluation.evaluate import (
     Share,
     evaluate,
     evaluate_lift,
-    paper_row,
     rollout,
 )
 from stancekit.learners.selectors.selector import FixedSelector, Learned
@@ -27,6 +26,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -135,27 +135,28 @@ def test_wilson_intervals_are_those_of_the_literature() -> None:
     assert np.isnan(Share(hits=0, of=0).interval).all()
 
 
-def test_the_papers_rows_stand_beside_the_methods_they_printed() -> None:
-    assert paper_row("wall-3", "gmm-printed") == {
-        "p1_feasible": 0.9362,
-        "p1_infeasible": 0.8,
-        "project_fix_p": 0.6332,
-        "project_nlp": 0.9362,
-    }
-    assert paper_row("wall-5", "ga") == {
-        "p1_feasible": 0.6821,
-        "p1_infeasible": 0.9868,
-        "project_fix_p": 0.6270,
-        "project_nlp": 0.6821,
-    }
-    assert paper_row("wall-3", "neural") is None
-    assert paper_row("moon", "ga") is None
-
-
-def test_a_data_set_without_trivial_or_undecided_rows_is_played_whole(
-    dataset: Dataset, scenes: list[LabelledScene]
+def test_rows_of_several_folders_are_one_data_set_and_selectors_by_name_one_table(
+    dataset: Dataset, labelled: Callable[..., Dataset]
 ) -> None:
-    assert len(scenes) == len(dataset) == 24
-    assert sum(scene.feasible for scene in scenes) == 14
-    assert all(scene.lower_bound > 0.0 for scene in scenes if not scene.feasible)
-    assert Path(dataset.ledger.folder).is_dir()
+    other, fresh = (labelled(5, 6, seed, shard_size=4) for seed in (5, 8))
+    both = Dataset.joined([dataset, other])
+    points = np.concatenate([dataset.points, other.points])
+    np.testing.assert_array_equal(both.points, points)
+    assert (both[30][1], len(both.only("test"))) == (
+        other[6][1],
+        len(dataset.only("test")) + len(other.only("test")),
+    )
+    learned = stancekit.fit([dataset, other], "quantile")
+    for seen in (other, [fresh, dataset], both.split((0.5,))[0]):
+        with refuses("selector", "trained"):
+            stancekit.evaluate(learned, seen)
+    named = {"two folders": learned, "lift": "lift"}
+    compared = stancekit.evaluate(named, [fresh], projections=("fix-p",))
+    assert [row["selector"] for row in compared.to_json()] == [*named]
+    assert "| two folders |" in compared.markdown()
+    assert len(compared.picture().axes[0].patches) > 6
+    for twice in ([dataset, dataset], [both, other], []):
+        with refuses("data sets"):
+            stancekit.fit(twice, "quantile")
+    with refuses("selector"):
+        stancekit.evaluate({}, fresh)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.learners.selectors.genetic import GeneticSettings
-from stancekit.learners.selectors.selector import FixedSelector, load_selector
+from stancekit.learners.selectors.selector import load_selector
 from stancekit.learners.training.fitting import (
     KNOBS,
     METHODS,
@@ -21,7 +20,6 @@ from stancekit.learners.training.fitting import (
 )
 from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import typed
 from tests.refusals import refuses
 
 SETTINGS = FitSettings(
@@ -76,12 +74,6 @@ def test_every_method_says_which_settings_made_it(dataset: Dataset) -> None:
     }
 
 
-def test_a_fixed_selector_keeps_its_envelopes(dataset: Dataset) -> None:
-    selector = learn_selector("heuristic", dataset).selector
-    assert isinstance(selector, FixedSelector)
-    assert selector.envelopes.provenance["method"] == "heuristic"
-
-
 @pytest.mark.parametrize(
     ("method", "values", "message"),
     [
@@ -126,10 +118,6 @@ def test_too_few_rows_are_refused_with_the_count_that_was_given(
     some = np.concatenate([dataset.feasible[:feasible], dataset.infeasible[:infeasible]])
     with refuses(f"{feasible} feasible and {infeasible} infeasible"):
         learn("neural", dataset.select(some), SETTINGS)
-
-
-def test_a_mapping_becomes_typed_settings() -> None:
-    assert typed(GeneticSettings, {"population": 7}, "genetic") == GeneticSettings(population=7)
 
 
 def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> None:
