@@ -85,7 +85,7 @@ def draw(
         raise InvalidInput(
             f"draw: expected no answer and no envelope with a {type(subject).__name__}"
         )
-    if executed is not None and isinstance(subject, Problem | Trajectory):
+    if executed is not None and isinstance(subject, Problem | Trajectory | Answer | Certificate):
         raise InvalidInput(
             f"draw: expected no execution with a {type(subject).__name__}: film what was executed"
         )

@@ -170,8 +170,8 @@ def fit(
     tries of leaps.
 
     Arguments:
-        dataset: the data set that ``label`` returned, or its folder; or several of one class, as
-            one; for "modes" one per terrain.
+        dataset: the data set that ``label`` returned, or its folder; for "modes" several, one per
+            terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by
             line), "gmm" (its boundary is fitted by P1's margins), "ga", "gradient", "modes" (for
             mode switching); "neural", "joint" (for P1 joined with the lift) and "rl"
@@ -308,7 +308,7 @@ Selector = Learned | EnvelopeSet | str | Path
 @overload
 def evaluate(
     selector: Mapping[str, Selector],
-    dataset: Rows | Sequence[Rows],
+    dataset: Rows,
     *,
     projections: Sequence[Projection] = ...,
     name: str = ...,
@@ -318,7 +318,7 @@ def evaluate(
 @overload
 def evaluate(
     selector: Selector,
-    dataset: Rows | Sequence[Rows],
+    dataset: Rows,
     *,
     projections: Sequence[Projection] = ...,
     name: str = ...,
@@ -328,7 +328,7 @@ def evaluate(
 @checked
 def evaluate(
     selector: Selector | Mapping[str, Selector],
-    dataset: Rows | Sequence[Rows],
+    dataset: Rows,
     *,
     projections: Sequence[Projection] = ("fix-p", "scp"),
     name: str = "selector",
@@ -342,8 +342,8 @@ def evaluate(
         selector: the selector that ``fit`` returned, envelopes, a file of either, the name of one
             that ships, or "FILE.py:NAME"; or "lift", which needs no envelopes. Several by name to
             compare them.
-        dataset: labelled rows that it was not learned from, or their folder, or several; a
-            ``Dataset`` has parts for that, see ``Dataset.only``.
+        dataset: labelled rows that it was not learned from, or their folder; a ``Dataset`` has
+            parts for that, see ``Dataset.only``.
         projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p".
         name: name of the row.
         workers: processes, or an executor, for example of a Ray cluster.

@@ -49,8 +49,8 @@ class Fit:
     dataset: Annotated[
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")
     ]
-    """Data set folder of `stancekit label`, or several of one class; for modes one a terrain, in the
-    order in which z counts them."""
+    """Data set folder of `stancekit label`; for modes one a terrain, in the order in which z counts
+    them; for surrogate one or more of one class."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
     part: Literal["all", "train", "test", "calibration"] = "all"

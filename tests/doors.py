@@ -33,7 +33,7 @@ from stancekit.planners.problem.posture_batch import PostureBatch
 from stancekit.planners.projection.held import PRESSES
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.answer import objective_of
-from stancekit.planners.search.batch import solve_all
+from stancekit.planners.search.batch import decide_all
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
@@ -299,7 +299,7 @@ def by_solve_command(question: Question, folder: Path) -> Reply:
 def by_label(question: Question, folder: Path) -> Reply:
     """The search that labels problems in batches."""
     assert question.posture is not None
-    (outcome,) = solve_all(Exact(), PostureBatch.stacked([question.posture]))
+    (outcome,) = decide_all(Exact(), PostureBatch.stacked([question.posture])).outcomes
     return Reply(
         status=outcome.status.value, proved=_proved(outcome.status.value, question.posture)
     )

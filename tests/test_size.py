@@ -30,30 +30,30 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1424, 16190),
-    "cli": (3610, 40383),
+    "api": (1472, 16879),
+    "cli": (3585, 40048),
     "configs": (3, 30),
-    "envs": (3128, 42828),
-    "learners": (5323, 77983),
-    "planners": (36046, 581223),
-    "runner": (6857, 92475),
-    "views": (4413, 68808),
+    "envs": (3139, 42949),
+    "learners": (5345, 78425),
+    "planners": (36113, 584612),
+    "runner": (6817, 91840),
+    "views": (4462, 69832),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
-    "soles": 3,
+    "soles": 0,
     "slopes and doors": 0,
     "MJCF": 0,
-    "training": 80,
+    "training": 0,
     "promises": 0,
-    "worlds": 3,
+    "worlds": 0,
     "formats": 0,
     "stepping over": 0,
     "sequences": 0,
-    "pictures": 40,
-    "speed": 7,
+    "pictures": 0,
+    "speed": 1,
     "margins": 0,
 }
 """Statements by which the package may still rise, per piece of work."""

@@ -33,7 +33,6 @@ from ..scenes import LabelledScene
 from .ledger import (
     Counts,
     Header,
-    Joined,
     Ledger,
     Part,
     folder_and_part,
@@ -338,43 +337,6 @@ class Dataset:
         ledger = Ledger.whole(path, Header)
         return cls(ledger=ledger, chosen=np.arange(ledger.starts[-1]))
 
-    @classmethod
-    def joined(cls, datasets: Sequence[Dataset]) -> Dataset:
-        """The rows of several data sets of one class, robot and legs as one; the data set itself
-        where there is one.
-
-        Raises InvalidInput for rows of different problems, and for the same draws twice.
-        """
-        if len(datasets) == 1:
-            return datasets[0]
-        check_alike(datasets)
-        datasets = [each for one in datasets for each in one.folders]
-        if len({one.header.first_sample for one in datasets}) < len(datasets):
-            raise InvalidInput(
-                f"data sets: expected draws of different seeds, got {len(datasets)} with one twice"
-            )
-        sizes = [one.ledger.starts[-1] for one in datasets]
-        starts = itertools.accumulate(sizes, initial=0)
-        chosen = [one.chosen + start for one, start in zip(datasets, starts, strict=False)]
-        parts = {one.part for one in datasets}
-        return cls(
-            ledger=Joined.of([one.ledger for one in datasets]),
-            chosen=np.concatenate(chosen),
-            part=parts.pop() if len(parts) == 1 else "all",
-        )
-
-    @property
-    def folders(self) -> tuple[Dataset, ...]:
-        """The same rows, a data set per folder."""
-        if not isinstance(self.ledger, Joined):
-            return (self,)
-        rows, start = list[Dataset](), 0
-        for one in self.ledger.ledgers:
-            mine = self.chosen[(self.chosen >= start) & (self.chosen < start + one.starts[-1])]
-            rows.append(Dataset(ledger=one, chosen=mine - start, part=self.part))
-            start += one.starts[-1]
-        return tuple(rows)
-
     @property
     def header(self) -> Header:
         """Header of the set: the problems that were planned, and the settings."""
@@ -537,24 +499,16 @@ class Dataset:
             raise InvalidInput(f"part: expected one of {', '.join(get_args(Part))}, got {part!r}")
         if part == "all":
             return self
-        shards = [self.ledger.read(shard, ["problem"]) for shard in self.shards]
+        shards = [self.ledger.read(shard, ["problem"]) for shard in range(self.header.plan.shards)]
         texts = [text for shard in shards for text in shard.column("problem").to_pylist()]
         members = [part_of(texts[k]) == part for k in self.chosen]
         return replace(self, chosen=self.chosen[np.array(members, dtype=bool)], part=part, _open={})
 
     @property
-    def shards(self) -> range:
-        """Numbers of the shards."""
-        return range(len(self.ledger.tallies))
-
-    @property
-    def origin(self) -> dict[str, Any]:
+    def origin(self) -> dict[str, str]:
         """Origin of these rows, which a selector keeps: digest of the set, of its draws, the part,
-        and which rows of the set they are where they are not all, a bit each. Rows of several
-        folders have that of each, as ``datasets``.
+        and which rows of the set they are where they are not all, a bit each.
         """
-        if len(self.folders) > 1:
-            return {"datasets": [one.origin for one in self.folders]}
         origin = {
             "dataset": self.header.digest,
             "first_sample": self.header.first_sample,
@@ -592,7 +546,7 @@ class Dataset:
     def _kinds(self) -> NDArray[np.str_]:
         """Labels with "trivial" set apart, shape (K,)."""
         names = ["label", "trivial"]
-        tables = [self.ledger.read(shard, names) for shard in self.shards]
+        tables = [self.ledger.read(shard, names) for shard in range(self.header.plan.shards)]
         label, trivial = (
             np.concatenate([table.column(name).to_numpy() for table in tables]) for name in names
         )
@@ -602,7 +556,7 @@ class Dataset:
     def _points(self) -> Array:
         """Points of all rows, NaN where there is none, shape (K, N, 6)."""
         result = []
-        for shard in self.shards:
+        for shard in range(self.header.plan.shards):
             column = self.ledger.read(shard, ["point"]).column("point").combine_chunks()
             points = np.full((len(column), len(self.header.legs), 6), np.nan)
             there = column.drop_null()
@@ -643,27 +597,6 @@ class Dataset:
             raise InvalidInput(
                 f"{self.ledger.folder / shard_name(shard)}: row {row}: {error}"
             ) from None
-
-
-def check_alike(datasets: Sequence[Dataset]) -> None:
-    """Raise InvalidInput where there is none, and unless data sets are of one class, robot and
-    legs.
-    """
-    if not datasets:
-        raise InvalidInput("data sets: expected one or more, got none")
-    first = datasets[0]
-    for other in datasets[1:]:
-        for name in ("problem_class", "robot"):
-            mine, theirs = (getattr(one, name) or "the default hexapod" for one in (first, other))
-            if mine != theirs:
-                raise InvalidInput(
-                    f"data sets: expected rows of one class and robot, got {mine} and {theirs}"
-                )
-        if other.header.legs != first.header.legs:
-            raise InvalidInput(
-                f"data sets: expected rows of the same legs, got {first.header.legs} and "
-                f"{other.header.legs}"
-            )
 
 
 def scenes_of(dataset: Dataset) -> list[LabelledScene]:

@@ -12,7 +12,7 @@ import itertools
 import json
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from importlib.metadata import version
@@ -376,44 +376,6 @@ class Ledger:
         """Times of the shards, of those that have any."""
         paths = (self.folder / _timing_name(shard) for shard in self.tallies)
         return [_read_json(path, ShardTiming) for path in paths if path.exists()]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Joined(Ledger):
-    """Shards of several data sets of one kind, one after another, under the header of the first.
-
-    Arguments:
-        ledgers: the data sets' own, in their order.
-    """
-
-    ledgers: tuple[Ledger, ...]
-
-    @classmethod
-    def of(cls, ledgers: Sequence[Ledger]) -> Joined:
-        """Join ledgers; ``first_sample`` of the header stands for all of them."""
-        names = "".join(one.header.digest for one in ledgers).encode()
-        header = ledgers[0].header.model_copy(
-            update={"first_sample": hashlib.sha256(names).hexdigest()}
-        )
-        tallies = [one.tallies[k] for one in ledgers for k in range(len(one.tallies))]
-        return cls(
-            folder=ledgers[0].folder,
-            header=header,
-            tallies=dict(enumerate(tallies)),
-            ledgers=tuple(ledgers),
-        )
-
-    def read(self, shard: int, columns: list[str] | None = None) -> pa.Table:
-        """All rows of a shard, see ``Ledger.read``."""
-        for one in self.ledgers:
-            if shard < len(one.tallies):
-                return one.read(shard, columns)
-            shard -= len(one.tallies)
-        raise IndexError(shard)
-
-    def timings(self) -> list[ShardTiming]:
-        """Times of all shards that have any."""
-        return [timing for one in self.ledgers for timing in one.timings()]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -174,13 +174,13 @@ class Quota:
 
 
 def rows_of(
-    source: Dataset | str | Path | Sequence[Dataset | str | Path],
+    source: Dataset | str | Path,
     part: Part = "all",
     robot: str | None = None,
     terrain: str | Path | None = None,
 ) -> Dataset:
-    """The rows of a data set, of its folder, or of one that ships by its name; of several as one;
-    or a part of them, which FOLDER:PART names, too.
+    """The rows of a data set, of its folder, or of one that ships by its name; or a part of them,
+    which FOLDER:PART names, too.
 
     Arguments:
         robot, terrain: whose they have to be, where given.
@@ -188,8 +188,6 @@ def rows_of(
     Raises:
         InvalidInput: for what is no data set, and for another's.
     """
-    if isinstance(source, Sequence) and not isinstance(source, str):
-        return Dataset.joined([rows_of(each, part, robot, terrain) for each in source])
     if not isinstance(source, Dataset):
         folder, part = ledger.folder_and_part(source, part)
         source = Dataset.open(folder)
@@ -228,16 +226,6 @@ def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) ->
             alone. Two different parts of the split by hash have no row in common, and parts of one
             set may have none.
     """
-    if isinstance(provenance.get("calibration"), dict):
-        check_unseen(dataset, provenance["calibration"], where)
-    several = provenance.get("datasets")
-    for rows in dataset.folders:
-        for each in several if isinstance(several, list) else [provenance]:
-            if isinstance(each, dict):
-                _check_unseen(rows, each, where)
-
-
-def _check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) -> None:
     mine, theirs = (
         dataset.origin,
         {name: provenance.get(name) for name in ("dataset", "first_sample")},
@@ -247,6 +235,8 @@ def _check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) -
         seen, asked = (int(str(each), 16) for each in known)
         if not seen & asked:
             theirs = {}
+    if isinstance(provenance.get("calibration"), dict):
+        check_unseen(dataset, provenance["calibration"], where)
     parts = {mine["part"], provenance.get("part", "all")}
     if len(parts) == 2 and "all" not in parts:
         return

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import torch
@@ -22,7 +22,6 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 from torch import Tensor, nn
 from torch.nn import functional
 
-from stancekit.envs.data.dataset import Dataset, check_alike
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch, slacks
 from stancekit.planners.errors import InvalidInput
@@ -58,6 +57,9 @@ from .calibration import (
     thresholds,
 )
 from .features import CORNER, TOKEN, Features, Seer
+
+if TYPE_CHECKING:
+    from stancekit.envs.data.dataset import Dataset
 
 _CLIP = 8.0
 """Standard deviations beyond which a feature counts for no more."""
@@ -555,7 +557,7 @@ class LabelledBatch:
         Raises InvalidInput for rows of several classes or robots, and for rows on other than
         triangles.
         """
-        check_alike(datasets)
+        _check_alike(datasets)
         first = datasets[0]
         like = next(iter(first.problems()), None)
         if like is None:
@@ -613,9 +615,27 @@ class LabelledBatch:
         return self.select(np.array(fresh, dtype=np.intp))
 
 
+def _check_alike(datasets: Sequence[Dataset]) -> None:
+    """Raise InvalidInput unless data sets are of one class, robot and legs."""
+    first = datasets[0]
+    for other in datasets[1:]:
+        for name in ("problem_class", "robot"):
+            mine, theirs = (getattr(one, name) or "the default hexapod" for one in (first, other))
+            if mine != theirs:
+                raise InvalidInput(
+                    f"data sets: expected rows of one class and robot, got {mine} and {theirs}"
+                )
+        if other.header.legs != first.header.legs:
+            raise InvalidInput(
+                f"data sets: expected rows of the same legs, got {first.header.legs} and "
+                f"{other.header.legs}"
+            )
+
+
 def _raw(dataset: Dataset) -> list[dict[str, Any]]:
     """Columns of the chosen rows."""
-    rows = [row for k in dataset.shards for row in dataset.ledger.read(k, COLUMNS).to_pylist()]
+    shards = range(dataset.header.plan.shards)
+    rows = [row for k in shards for row in dataset.ledger.read(k, COLUMNS).to_pylist()]
     return [rows[k] for k in dataset.chosen.tolist()]
 
 
@@ -690,7 +710,7 @@ def fit_surrogate(
     origin = [one.origin for one in datasets]
     held = None
     if calibration is not None:
-        check_alike([datasets[0], calibration])
+        _check_alike([datasets[0], calibration])
         held = LabelledBatch.of([calibration])
         if held.screened is not None:
             raise InvalidInput(

@@ -159,7 +159,7 @@ class FitRequest:
     """Argument of a method of fitting: it is called with this alone, and returns what it learned.
 
     Arguments:
-        datasets: rows to learn from; for "modes" one per mode, for the others joined, ``dataset``.
+        datasets: rows to learn from; all but "modes" want one, ``dataset``.
         progress: gets steps done and in all, where a method takes its time.
         calibration: rows to calibrate on, never those of a test; a part of the data set where None.
         checkpoint: file or folder by which a method that takes long goes on where it was stopped.
@@ -175,11 +175,13 @@ class FitRequest:
 
     @property
     def dataset(self) -> Dataset:
-        """All rows as one data set.
+        """The one data set.
 
-        Raises InvalidInput for rows of different classes.
+        Raises InvalidInput where there are several.
         """
-        return Dataset.joined(self.datasets)
+        if len(self.datasets) != 1:
+            raise InvalidInput(f"data sets: expected one, got {len(self.datasets)}")
+        return self.datasets[0]
 
 
 def missing(method: str, error: ImportError) -> InvalidInput:

@@ -206,11 +206,6 @@ class Decided:
     relaxed: dict[int, Plan]
 
 
-def solve_all(planner: Exact, batch: PostureBatch) -> list[Answer[Plan]]:
-    """``decide_all`` without what was found on the way."""
-    return decide_all(planner, batch).outcomes
-
-
 def decide_all(planner: Exact, batch: PostureBatch, *, points: bool = False) -> Decided:
     """Decide every problem as ``planner.solve`` does, with the same verdicts and certificates, and
     with canonical witnesses.

@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, fields
 from importlib import util
-from typing import TYPE_CHECKING, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -45,7 +45,6 @@ if TYPE_CHECKING:  # cvxpy and CasADi are loaded where one of these methods is a
 MOST_INTERVALS = 64
 """A finer grid takes minutes to write down and more memory than most machines have."""
 _Start = Literal["nominal", "p1"]
-STARTS: tuple[_Start, ...] = get_args(_Start)
 
 
 @dataclass(frozen=True, kw_only=True)

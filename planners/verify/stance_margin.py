@@ -35,6 +35,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
@@ -357,7 +358,7 @@ class Stances:
         tolerance: float = 1e-4,
         close: float = 0.02,
         decide: float = math.nan,
-        which: Array | None = None,
+        which: NDArray[np.bool_] | None = None,
         first: int = 4,
     ) -> Margins:
         """Bounds of the margins.
@@ -395,7 +396,11 @@ class Stances:
         return 1.0 - most
 
     def _solved(
-        self, rows: Array, balanced: int, asked: Sequence[float], which: Array | None = None
+        self,
+        rows: Array,
+        balanced: int,
+        asked: Sequence[float],
+        which: NDArray[np.bool_] | None = None,
     ) -> Margins:
         """The bounds, with so many rows of the balance (``_stance``).
 

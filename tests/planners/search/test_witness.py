@@ -15,7 +15,7 @@ from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search import witness
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.batch import LONG, SHORT, canonical, solve_all
+from stancekit.planners.search.batch import LONG, SHORT, canonical, decide_all
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.witness import Iteration, witnesses
 from stancekit.planners.verify import check_plan
@@ -94,8 +94,8 @@ def test_no_solver_takes_part_in_a_witness(name, programs):
     """
     batch = batch_of(name, 30, seed=4)
     found = contents(canonical(batch))
-    answers = solve_all(Exact(programs=programs, time_limit_s=np.inf), batch)
-    other = solve_all(Exact(programs=OraclePrograms(), time_limit_s=np.inf), batch)
+    answers = decide_all(Exact(programs=programs, time_limit_s=np.inf), batch).outcomes
+    other = decide_all(Exact(programs=OraclePrograms(), time_limit_s=np.inf), batch).outcomes
     for k, (ours, theirs) in enumerate(zip(answers, other, strict=True)):
         assert ours.status is theirs.status
         if k in found:
@@ -125,7 +125,7 @@ def test_a_claim_that_the_verifier_refuses_is_none():
 def test_of_nothing_nothing_is_found(programs):
     nothing = batch_of("wall-3", 0)
     assert canonical(nothing) == {}
-    assert solve_all(Exact(programs=programs), nothing) == []
+    assert decide_all(Exact(programs=programs), nothing).outcomes == []
 
 
 @pytest.mark.parametrize("low", [0.0, 0.2])
@@ -153,7 +153,7 @@ def test_a_body_that_may_not_move_has_no_middle_and_is_left_to_the_search(read_o
     batch = batch_of("ground-3", 20)
     stiff = replace(batch, like=batch.like.posture_with(**{read_only: 0.0}))
     assert canonical(stiff) == {}
-    answers = solve_all(Exact(programs=programs, time_limit_s=np.inf), stiff)
+    answers = decide_all(Exact(programs=programs, time_limit_s=np.inf), stiff).outcomes
     assert sum(answer.status is Status.FEASIBLE for answer in answers) > 10
 
 
@@ -161,7 +161,7 @@ def test_a_body_that_may_not_move_has_no_middle_and_is_left_to_the_search(read_o
 def test_a_batch_is_decided_as_its_problems_are_one_by_one(name, programs):
     planner = Exact(programs=programs, acceptance=Acceptance(), time_limit_s=np.inf)
     batch = batch_of(name, 40, seed=8)
-    answers, found = solve_all(planner, batch), contents(canonical(batch))
+    answers, found = decide_all(planner, batch).outcomes, contents(canonical(batch))
     for k, (together, problem) in enumerate(zip(answers, batch.problems, strict=True)):
         alone = planner.solve(problem)
         assert (together.status, together.method) == (alone.status, alone.method)
@@ -192,7 +192,7 @@ def test_what_neither_iteration_nor_lift_decides_goes_through_the_search(program
         patch.setattr(
             Exact, "solve", lambda it, one, root: asked.append(one) or solve(it, one, root=root)
         )
-        answers = solve_all(planner, batch)
+        answers = decide_all(planner, batch).outcomes
     assert 0 < len(asked) < 40
     assert [a.status for a in answers] == [planner.solve(p).status for p in batch.problems]
     assert Status.UNDECIDED in {a.status for a in answers}
@@ -232,7 +232,7 @@ def test_what_the_search_finds_is_put_into_the_middle_of_what_its_toes_leave(pro
         return real(iteration, until)
 
     monkeypatch.setattr(Iteration, "claims", none_but_of_held_toes)
-    answers = solve_all(planner, batch)
+    answers = decide_all(planner, batch).outcomes
     assert sum(held) >= len(easy)
     for k in easy:
         found, alone = answers[k].solution, planner.solve(batch.problems[k]).solution
