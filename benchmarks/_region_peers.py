@@ -66,7 +66,7 @@ class Mixed:
         one[layout.candidate_footholds, n + np.arange(count)] = 1.0  # Σ_r z_r = 1
         wide = sp.hstack([matrix, sp.csr_matrix((matrix.shape[0], count))]).tocsr()
         spans, at = [], 0
-        for cone in lift.rows.cones:
+        for cone in lift.rows.cone_list:
             spans.append((type(cone).__name__, slice(at, at + cone.dim)))  # type: ignore[attr-defined]
             at += cone.dim  # type: ignore[attr-defined]
         zero = [wide[span] for name, span in spans if name.startswith("Zero")] + [one]

@@ -70,7 +70,7 @@ class Rows(Generic[D]):
 
     def __init__(self, *, keep: bool) -> None:
         self._keep = keep
-        self.cones: list[Any] = []
+        self.cone_list: list[Any] = []
         self._blocks: list[tuple[Index, Index, Values[D]]] = []
         self._right: list[tuple[Index, Values[D]]] = []
         self._squares: list[tuple[Index, Index, Fill[D] | float]] = []
@@ -110,7 +110,7 @@ class Rows(Generic[D]):
             The numbers of the rows, shape (count, size).
         """
         rows = self.shape[0] + np.arange(count * size).reshape(count, size)
-        self.cones += [clarabel.SecondOrderConeT(size)] * count
+        self.cone_list += [clarabel.SecondOrderConeT(size)] * count
         self.groups[name], self.shape = rows, (self.shape[0] + rows.size, self.shape[1])
         return rows
 
@@ -165,7 +165,7 @@ class Rows(Generic[D]):
             hessian, q, matrix, b = self.load(data)
             begin = time.perf_counter()
             settings = solver_settings(equilibrate=not self._keep)
-            self._solver = clarabel.DefaultSolver(hessian, q, matrix, b, self.cones, settings)
+            self._solver = clarabel.DefaultSolver(hessian, q, matrix, b, self.cone_list, settings)
         else:
             self._update(self._solver, data)
         answer = self._solver.solve()
@@ -175,7 +175,7 @@ class Rows(Generic[D]):
         if status not in STATUS:  # rare: ask again, with refined steps
             hessian, q, matrix, b = self.load(data)
             careful = solver_settings(equilibrate=True, careful=True)
-            answer = clarabel.DefaultSolver(hessian, q, matrix, b, self.cones, careful).solve()
+            answer = clarabel.DefaultSolver(hessian, q, matrix, b, self.cone_list, careful).solve()
             status = answer.status
         value, constant = float(answer.obj_val), self.constant(data)
         return ConicSolution(
@@ -239,7 +239,7 @@ class Rows(Generic[D]):
         size = int(np.prod(shape, dtype=int))
         rows = self.shape[0] + np.arange(size).reshape(shape)
         if size:
-            self.cones.append(kind(size))
+            self.cone_list.append(kind(size))
         self.groups[name], self.shape = rows, (self.shape[0] + size, self.shape[1])
         return rows
 
