@@ -221,9 +221,9 @@ def margins(
         ([0.15], [[1.0, 0.0]])
     """
     if isinstance(subject, Problem):
-        from .postures import solve
+        from stancekit.planners.search.two_stage import TwoStage  # slow to import
 
-        subject = solve(subject)
+        subject = TwoStage().solve(subject)
     plan = _evidence(subject) if isinstance(subject, Answer) else subject
     stances = (
         stances_of(plan)

@@ -281,7 +281,9 @@ def p1_cold(scenes: list[Any]) -> None:
     box = Envelope(low=-half, high=half)
     for scene in scenes:
         data = model.rows.load(Boxed(scene.scaled, boxes=(box,)))
-        clarabel.DefaultSolver(*data, model.rows.cone_list, solver_settings(equilibrate=False)).solve()
+        clarabel.DefaultSolver(
+            *data, model.rows.cone_list, solver_settings(equilibrate=False)
+        ).solve()
 
 
 def timed(work: Callable[[], None]) -> float:

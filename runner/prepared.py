@@ -18,7 +18,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import crossing_motion, gait_motion, plans_of
 from stancekit.planners.motion.leap_motion import leap_motion
 from stancekit.planners.motion.motion import Played
-from stancekit.planners.motion.path import LIFT_M
+from stancekit.planners.motion.path import LIFT_M, path_of
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .acceptance import Accepted, check_fits, check_joints, check_stands
@@ -256,7 +256,7 @@ def _of_plan(
         settings.body,
         wished,
         world.drives,
-        plan.path.touch_downs_m,
+        path_of(plan).touch_downs_m,
     )
     first = tracker.start()
     if resumption is not None:
@@ -268,10 +268,10 @@ def _of_plan(
         tracker=tracker,
         first=first,
         sees=sees,
-        clearance_m=plan.path.lift_m,
+        clearance_m=path_of(plan).lift_m,
         terrain=course.terrain,
         surfaces=motion.solids,
-        touch_downs_m=plan.path.touch_downs_m,
+        touch_downs_m=path_of(plan).touch_downs_m,
     )
 
 

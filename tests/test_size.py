@@ -30,13 +30,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1472, 16879),
+    "api": (1472, 16882),
     "cli": (3585, 40048),
     "configs": (3, 30),
     "envs": (3139, 42949),
     "learners": (5345, 78425),
-    "planners": (36113, 584612),
-    "runner": (6817, 91840),
+    "planners": (36112, 584671),
+    "runner": (6817, 91844),
     "views": (4462, 69832),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_name, grain
 from ..problem import Problem
@@ -19,10 +18,6 @@ from ..robot.robot_file import joint_names
 from ..terrain.frame import Frame
 from ..terrain.patch import Patch
 from .motion import Evidence, Motion, dulled
-
-if TYPE_CHECKING:
-    from ..motion.leap_motion import LeapBody
-    from ..motion.path import PlanPath
 
 FORMAT = "stancekit/motion/1"
 OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
@@ -294,16 +289,6 @@ class LeapPlan(Motion):
         known = {name: getattr(self, name) for name in leap_shapes(self.problem)}
         return {name: np.asarray(value) for name, value in known.items() if value is not None}
 
-    @cached_property
-    def body(self) -> LeapBody:
-        """The leap with its legs, at samples; made once for whoever judges, runs or shows it.
-
-        Raises InvalidInput for a robot without legs of its own, and without pinocchio.
-        """
-        from ..motion.leap_motion import LeapBody
-
-        return LeapBody(self)
-
     @property
     def turned_rad(self) -> Array:
         """``legs_turn_rad``, 0 where it is not known, shape (M, 3) [rad]."""
@@ -550,17 +535,6 @@ class Plan(Motion):
             points_m=None if points_m is None else np.asarray(points_m),
             point_forces_n=None if point_forces_n is None else np.asarray(point_forces_n)[None],
         )
-
-    @cached_property
-    def path(self) -> PlanPath:
-        """The path of body and feet through its key frames; made once for whoever judges, runs or
-        shows it.
-
-        Raises InvalidInput where all limbs lift at once.
-        """
-        from ..motion.path import PlanPath
-
-        return PlanPath(self)
 
     def toes_at(self, frame: int) -> Array:
         """Places where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""

@@ -23,6 +23,7 @@ from ..answer.plan import LeapPlan, Plan
 from ..equilibrium.programs import programs_of_this_thread
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
+from ..motion.leap_motion import body_of
 from ..problem.candidates import CandidatePatches
 from ..problem.contact import Foothold
 from ..problem.course_between import LaidBetween
@@ -484,7 +485,7 @@ def surface_of(terrain: Terrain, piece: Patch) -> Patch:
 
 def landed(plan: LeapPlan) -> Standing:
     """Pose of a robot where it has landed, its body turned as its legs turn it."""
-    body, leap = plan.body, plan.problem
+    body, leap = body_of(plan), plan.problem
     last = leap.holds[-1]
     return Standing(
         com_m=plan.com_m[-1],

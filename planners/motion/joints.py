@@ -25,7 +25,7 @@ from ..robot.kinematics import JointAnswer, Kinematics
 from ..robot.legged import robot_of
 from ..robot.robot_model import RobotModel
 from ..terrain.patch import solids_of
-from .path import APART_M, PathMoments, PlanPath
+from .path import APART_M, PathMoments, PlanPath, path_of
 
 _WALK_ROUNDS = 6
 """The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth
@@ -406,7 +406,7 @@ def path_torques(
 
     Raises TimeEnded after the deadline (``time.perf_counter()``).
     """
-    path, forces_n = plan.path, plan.forces_n
+    path, forces_n = path_of(plan), plan.forces_n
     if plan.moments_nm is not None:
         forces_n = np.concatenate([forces_n, plan.moments_nm], axis=2)
     moments, postures = JointPath(path, solver).judged(deadline=deadline)

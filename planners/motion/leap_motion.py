@@ -275,6 +275,15 @@ class LeapBody:
         return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec())
 
 
+def body_of(plan: LeapPlan) -> LeapBody:
+    """The leap with its legs, at samples; made once for whoever judges, runs or shows it.
+
+    Raises InvalidInput for a robot without legs of its own, and without pinocchio.
+    """
+    body: LeapBody = vars(plan).get("_body") or vars(plan).setdefault("_body", LeapBody(plan))
+    return body
+
+
 def gaps(stands: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Rows before and behind every stretch in which a limb does not stand; −1 and K beyond the
     ends.
@@ -403,7 +412,7 @@ def leap_motion(plan: LeapPlan, settle_s: float = SETTLE_S, rest_s: float = REST
     """
     from scipy.interpolate import CubicSpline, make_interp_spline  # slow to import
 
-    body, feet = plan.body, feet_of_leap(plan)
+    body, feet = body_of(plan), feet_of_leap(plan)
     vectors = CubicSpline(body.times_s, body.rotation_rad, bc_type="clamped")
     centres = CubicSpline(body.times_s, body.centres_m, bc_type="clamped")
     normals, rates = make_interp_spline(body.times_s, body.normals, k=1), vectors.derivative()

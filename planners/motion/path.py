@@ -476,3 +476,13 @@ class PlanPath:
         return max(
             segment.length_m, float(np.linalg.norm(self.plan.com_m[last] - self.plan.com_m[first]))
         )
+
+
+def path_of(plan: Plan) -> PlanPath:
+    """The path of body and feet through a plan's key frames; made once for whoever judges, runs or
+    shows it.
+
+    Raises InvalidInput where all limbs lift at once.
+    """
+    path: PlanPath = vars(plan).get("_path") or vars(plan).setdefault("_path", PlanPath(plan))
+    return path

@@ -19,7 +19,7 @@ from ..files.arrays import Array, check_numbers
 from ..robot.chain import rotation_of
 from .joints import support_forces
 from .motion import Played, Samples, smooth, smooth_rate
-from .path import PathMoments, PlanPath, Segment
+from .path import PathMoments, PlanPath, Segment, path_of
 
 KNOTS = 10
 """Postures are chosen so often in every phase."""
@@ -87,7 +87,7 @@ def plan_motion(
             control can do that.
     """
     lifts_all = uncarried and plan.problem.uncarried
-    path = PlanPath(plan, uncarried=True) if lifts_all else plan.path
+    path = PlanPath(plan, uncarried=True) if lifts_all else path_of(plan)
     forces = plan.forces_n if forces_n is None else forces_n
     if (moments := plan.moments_nm) is not None:
         forces = np.concatenate([forces[..., :3], moments], axis=2)

@@ -30,7 +30,7 @@ from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..motion.joints import STRAY_M, JointPath, key_postures
-from ..motion.path import LIFT_M, PathMoments, PlanPath
+from ..motion.path import LIFT_M, PathMoments, PlanPath, path_of
 from ..problem import Problem
 from ..robot.bodies import Bodies, link_shapes
 from ..robot.chain import rotations_of
@@ -95,7 +95,7 @@ class PathClearance:
         """Find the bodies that are nearer than that and a little more, at moments this far apart:
         of every pair of bodies where it is nearest, and wherever it is too near.
         """
-        path = JointPath(plan.path, self._solver, apart_m)
+        path = JointPath(path_of(plan), self._solver, apart_m)
         moments, postures = _with_keys(
             path.path, *path.judged(turn_rad=np.inf, deadline=self._deadline)
         )
@@ -432,7 +432,7 @@ def _legs(plan: Plan) -> tuple[Array, NDArray[np.int_]]:
     it stands on, lifts off or comes down to, shape (T, N).
     """
     solver = Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
-    moments, at = JointPath(plan.path, solver).judged()
+    moments, at = JointPath(path_of(plan), solver).judged()
     chains = np.array([solver.chains(angles) for angles in at.angles])
     ends = at.origin_m[:, None, None] + np.einsum("tij,tnkj->tnki", at.rotation, chains)
     first, last = ends[:, :, :-1, None], ends[:, :, 1:, None]

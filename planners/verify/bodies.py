@@ -232,6 +232,7 @@ def check_bodies(
         InvalidInput: without coal.
     """
     from ..motion.joints import STRAY_M, JointPath, key_postures  # slow to import
+    from ..motion.path import path_of
     from ..robot.bodies import Bodies
     from ..terrain.obstacles import Obstacles
 
@@ -253,7 +254,7 @@ def check_bodies(
     if unchecked:
         return group, Group("motion", unit="m", message=unchecked, verdict="not checked")
     try:
-        moments, postures = JointPath(plan.path, solver).judged(deadline=deadline)
+        moments, postures = JointPath(path_of(plan), solver).judged(deadline=deadline)
     except TimeEnded:
         return group, Group("motion", unit="m", message=LATE, verdict="not checked")
     except InvalidInput as error:

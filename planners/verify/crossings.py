@@ -134,11 +134,12 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=leap.footholds[j].limb)
     name = f"{k}: flight"
     try:
+        from ..motion.leap_motion import body_of
         from ..terrain.obstacles import Obstacles
         from .leaps import LeapBodyMeasurements
 
         obstacles = Obstacles.of(crossing.terrain)
-        yield LeapBodyMeasurements(plan.body).bodies(obstacles).group(name)
+        yield LeapBodyMeasurements(body_of(plan)).bodies(obstacles).group(name)
     except InvalidInput as error:  # no legs, no pinocchio, no coal
         yield Group(name, unit="m", message=str(error), verdict="not checked")
 

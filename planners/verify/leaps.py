@@ -20,7 +20,7 @@ from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..motion.leap_motion import LeapBody, gaps
+from ..motion.leap_motion import LeapBody, body_of, gaps
 from ..physics import GRAVITY_M_S2
 from ..robot.joint_limits import speed_doubts
 from ..terrain.obstacles import Obstacles
@@ -217,7 +217,7 @@ def _body_groups(plan: LeapPlan) -> tuple[Group, ...]:
     without pinocchio.
     """
     try:
-        return tuple(LeapBodyMeasurements(plan.body).groups())
+        return tuple(LeapBodyMeasurements(body_of(plan)).groups())
     except InvalidInput as error:
         return _unjudged(str(error))
 

@@ -189,9 +189,10 @@ def test_a_triangle_that_faces_the_other_way_is_turned(kind, saved):
     box = trimesh.creation.box((1.0, 1.0, 1.0))
     faces = box.faces.copy()
     faces[3] = faces[3][::-1]
-    file = saved(trimesh.Trimesh(box.vertices, faces, process=False), kind)
     with pytest.warns(UserWarning, match="1 triangles"):
-        patches = read_mesh(file, friction=0.5)
+        patches = read_mesh(
+            saved(trimesh.Trimesh(box.vertices, faces, process=False), kind), friction=0.5
+        )
     assert [round(area(patch), 4) for patch in patches] == [1.0] * 6
     assert all(patch.normal @ patch.centre_m > 0.0 for patch in patches)
 

@@ -18,6 +18,7 @@ from matplotlib.colors import to_rgb
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import check_file
+from stancekit.planners.motion.path import path_of
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.views.playground import pictures as session_module
@@ -541,7 +542,7 @@ def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch)
 
     answer = patient_answer(KeysScenario.of("walls", frames=3))
     plan = answer.plan
-    now = key_sample(plan.path, 2)
+    now = key_sample(path_of(plan), 2)
     rows = loads(plan, now, solver_of(plan.problem))
     assert [row.force_n for row in rows] == pytest.approx(np.linalg.norm(plan.forces_at(2), axis=1))
     share, frame, limb = margins(plan)
