@@ -85,11 +85,12 @@ def draw(
         raise InvalidInput(
             f"draw: expected no answer and no envelope with a {type(subject).__name__}"
         )
-    if executed is not None and isinstance(subject, Problem | Trajectory | Answer | Certificate):
-        raise InvalidInput(
-            f"draw: expected no execution with a {type(subject).__name__}: film what was executed"
-        )
     if executed is not None:
+        if not isinstance(subject, Plan | LeapPlan | Crossing):
+            raise InvalidInput(
+                f"draw: expected no execution with a {type(subject).__name__}: film what was "
+                "executed"
+            )
         _check_executed(subject, executed)
     match subject:
         case Problem():

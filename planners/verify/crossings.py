@@ -17,6 +17,7 @@ from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.codec import to_json
+from ..motion.leap_motion import body_of
 from ..physics import GRAVITY_M_S2
 from ..problem.passage import Passage
 from ..problem.problem import Problem
@@ -134,7 +135,6 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=leap.footholds[j].limb)
     name = f"{k}: flight"
     try:
-        from ..motion.leap_motion import body_of
         from ..terrain.obstacles import Obstacles
         from .leaps import LeapBodyMeasurements
 
@@ -182,7 +182,8 @@ def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
         return com, rotation, part.toes_at(part.problem.frames - 1 if last else 0), angles
     toes = part.toes_m[part.problem.holds[k]]
     with suppress(InvalidInput):  # no legs, or no pinocchio
-        return com, part.body.rotation_rad[k], toes, part.body.postures.angles[k]
+        body = body_of(part)
+        return com, body.rotation_rad[k], toes, body.postures.angles[k]
     return com, rotation, toes, None
 
 

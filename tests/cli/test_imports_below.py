@@ -78,9 +78,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: (
             "planners.gait.charts.warped",
             "views.gaits",
-            "views.page",
             "views.sheet",
-            "views.video",
         ),
     },
     "main": {TOOL: ("planners.plugins",)},
@@ -121,8 +119,10 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.verify",
         ),
     },
+    "picture": {LATER: ("planners.formats.motion_file",)},
     "play": {
         CHOICES: (
+            "planners.problem",
             "planners.terrain.families",
             "planners.terrain.import_options",
             "planners.terrain.reference",
