@@ -102,7 +102,7 @@ def test_a_slope_that_friction_forbids_names_friction_and_how_much_it_needs(
     [
         ([(-1.0, 0.0), (0.4, 0.0), (0.8, 0.4767), (2.0, 0.4767)], "slope of 50 degrees at (0.4,"),
         ([(-1.0, 0.0), (0.6, 0.0), (0.6, -0.3), (2.0, -0.3)], "step at (0.6,"),
-        ([(-1.0, 0.0), (0.6, 0.0), (0.6, 0.25), (2.0, 0.25)], "wall at (0.6,"),
+        ([(-1.0, 0.0), (0.6, 0.0), (0.6, 0.45), (2.0, 0.45)], "wall at (0.6,"),
     ],
 )
 def test_what_is_in_the_way_is_named_at_its_place(profile, words, tmp_path):
