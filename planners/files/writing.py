@@ -211,7 +211,7 @@ def check_writable(path: str | Path, *, folder: bool = False) -> Path:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
     except (OSError, RuntimeError, ValueError) as error:
         # RuntimeError: links that lead back to themselves; ValueError: a name that no file can have
-        raise _unwritable(path, error) from None
+        raise (error if isinstance(error, InvalidInput) else _unwritable(path, error)) from None
     return target
 
 

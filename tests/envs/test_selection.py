@@ -140,6 +140,7 @@ def test_a_class_that_is_none_is_refused(name):
         gymnasium.make(name, problem="ice-3")
 
 
+@pytest.mark.filterwarnings("ignore:invalid escape sequence")  # of moviepy, where it is compiled
 @pytest.mark.parametrize("name", OF_POSTURES)
 def test_gymnasium_records_a_film_of_an_episode(name, tmp_path):
     pytest.importorskip("moviepy")
