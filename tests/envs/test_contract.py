@@ -405,3 +405,14 @@ def test_the_hubs_file_makes_vector_environments_that_step(use_async_envs: bool)
         final = info["final_info"]  # and reads success from there
         assert (final["is_success"] == (final["p1_feasible"] == final["label"])).all()
         env.close()
+
+
+@pytest.mark.filterwarnings("ignore:invalid escape sequence")  # of moviepy, where it is compiled
+@pytest.mark.parametrize("name", ["EnvelopeSelection-v0", "EnvelopeRefinement-v0"])
+def test_gymnasium_records_a_film_of_an_episode(name, tmp_path):
+    pytest.importorskip("moviepy")
+    env = gym.make(f"stancekit/{name}", render_mode="rgb_array")
+    env = gym.wrappers.RecordVideo(env, str(tmp_path / "films"), episode_trigger=lambda index: True)
+    env.reset(seed=0)
+    env.close()
+    assert [path.name for path in (tmp_path / "films").iterdir()] == ["rl-video-episode-0.mp4"]

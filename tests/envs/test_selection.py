@@ -140,19 +140,6 @@ def test_a_class_that_is_none_is_refused(name):
         gymnasium.make(name, problem="ice-3")
 
 
-@pytest.mark.filterwarnings("ignore:invalid escape sequence")  # of moviepy, where it is compiled
-@pytest.mark.parametrize("name", OF_POSTURES)
-def test_gymnasium_records_a_film_of_an_episode(name, tmp_path):
-    pytest.importorskip("moviepy")
-    env = gymnasium.make(name, render_mode="rgb_array")
-    env = gymnasium.wrappers.RecordVideo(
-        env, str(tmp_path / "films"), episode_trigger=lambda index: True
-    )
-    env.reset(seed=0)
-    env.close()
-    assert [path.name for path in (tmp_path / "films").iterdir()] == ["rl-video-episode-0.mp4"]
-
-
 @pytest.mark.parametrize(("name", "mode"), MODES)
 def test_every_way_to_render_works_without_a_screen(name, mode):
     import matplotlib.pyplot as plt
