@@ -102,7 +102,7 @@ def test_bad_input_is_refused_and_leaves_nothing(dataset: Dataset, tmp_path: Pat
     for name, rows, out, how in (
         ("full", dataset, "full", {}),
         ("file", dataset, "file", {}),
-        ("file/where", dataset, "file/where", {}),
+        ("file", dataset, "file/where", {}),
         ("room", dataset, "out", {"room": 0.0}),
         ("data set", dataset.select([]), "out", {}),
     ):
