@@ -19,6 +19,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Report
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.formats.motion_file import FileCheck
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
@@ -199,8 +200,8 @@ def margins(
         push: margins are of horizontal pushes at the centre of mass, in units of the weight; else of
             places of it [m].
         yields_m: how far the body gives way under a push as large as its weight [m].
-        tolerance: bounds are sought this close to each other; typically 1e-2 to 1e-5. Ask for 1e-4
-            or less where gradients are used.
+        tolerance: bounds are sought this close to each other, 1e-6 to 1; typically 1e-2 to 1e-4.
+            Ask for 1e-4 or less where gradients are used.
 
     Returns:
         ``Margins``: ``lower``, ``upper``, ``direction`` in which the stance ends first, ``forces``
@@ -232,11 +233,15 @@ def margins(
     )
     found = stances.margins(
         pushes(stances.borne, yields_m) if push else places(stances.borne),
-        tolerance=tolerance,
+        tolerance=checked_number(tolerance, "tolerance", least=1e-6, most=1.0),
         close=0.0,
     )
-    shape = found.forces.shape if isinstance(plan, Plan) else np.shape(plan)
-    return replace(found, forces=found.forces.reshape(shape))
+    return replace(
+        found,
+        forces=found.forces.reshape(
+            found.forces.shape if isinstance(plan, Plan) else np.shape(plan)
+        ),
+    )
 
 
 def _proof(answer: Answer[Any]) -> Certificate | None:

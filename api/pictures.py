@@ -122,17 +122,16 @@ def _draw_why(subject: Answer[Any] | Certificate, caption: str, **posture: Any) 
 
     Raises InvalidInput for one that is neither a posture, nor a course, nor a way between places.
     """
-    question, lack = subject.problem, None
+    question = subject.problem
     proof = subject if isinstance(subject, Certificate) else subject.certificate
     if not isinstance(question, Problem | Passage):
         raise InvalidInput(
             f"draw: expected a posture, a course or two places without an answer, got {came(question)}"
         )
+    why, lack = getattr(subject, "message", "") or "undecided", None
     if proof is not None:
         found = explain(proof.of(question))
         why, lack = found.message, next(iter(found.relaxations), None)
-    else:
-        why = getattr(subject, "message", "") or "undecided"
     if isinstance(question, Problem) and question.is_posture:
         return draw_posture(question, why=why, lack=lack, caption=caption, **posture)
     return draw_asked(question, why, lack, caption=caption)

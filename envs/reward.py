@@ -248,7 +248,11 @@ def weighted(weights: Any, kind: type[Weights], *, named: bool = False) -> tuple
         if key in terms or (last in known and name != last):
             raise InvalidInput(f"weights: expected terms of different names, got {key} twice")
         try:
-            terms[key] = name, checked(weight, f"weights.{name}"), _TERMS.get(name, known=known)
+            terms[key] = (
+                name,
+                checked(weight, f"weights.{name}"),
+                _TERMS.get(name, known=(*known, "support", "push")),
+            )
         except InvalidInput as error:
             said = re.sub(r"^(reward term|weights\.\S+): ", "", str(error))
             raise InvalidInput(f"weights.{name}: {said}") from None

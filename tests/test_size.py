@@ -30,12 +30,12 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1472, 16882),
+    "api": (1472, 16878),
     "cli": (3585, 40048),
     "configs": (3, 30),
-    "envs": (3139, 42949),
+    "envs": (3139, 42955),
     "learners": (5345, 78425),
-    "planners": (36112, 584671),
+    "planners": (36113, 584744),
     "runner": (6817, 91844),
     "views": (4462, 69832),
 }
@@ -53,7 +53,7 @@ ALLOWANCES: dict[str, int] = {
     "stepping over": 0,
     "sequences": 0,
     "pictures": 0,
-    "speed": 1,
+    "speed": 0,
     "margins": 0,
 }
 """Statements by which the package may still rise, per piece of work."""

@@ -202,8 +202,8 @@ def aligned(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.int
     """Triangles, those turned that are wound against their neighbours, and how many these are.
 
     Neighbours share an edge that no third triangle has. Of the two ways to wind a surface that is
-    taken which more of its area has as given, where what looks up counts twice; in an open surface
-    it stays so. Nothing is turned in a surface with a single side.
+    taken which more of its area has as given, and by which more of it looks up: an open surface is
+    ground. In one what looks up stays so. Nothing is turned in a surface with a single side.
 
     Arguments:
         corners: each given once, shape (V, 3) [m].
@@ -230,20 +230,15 @@ def aligned(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.int
     )
     spread = corners[triangles]
     doubles = np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
-    up = doubles[:, 2] > _FLAT * np.linalg.norm(doubles, axis=1)
-    area, outward = (
-        np.linalg.norm(doubles, axis=1) * (1.0 + up),
-        _TIE * _volumes(corners, triangles),
-    )
-    share = np.bincount(given, area + outward, 2 * count) - np.bincount(
-        opposite, outward, 2 * count
-    )
+    area, up = np.linalg.norm(doubles, axis=1), doubles[:, 2] + _TIE * _volumes(corners, triangles)
+    share = np.bincount(given, area + up, 2 * count) - np.bincount(opposite, up, 2 * count)
     wrong = share[given] < share[opposite]
-    result = np.where(wrong[:, None], triangles[:, ::-1], triangles)
-    sides, ahead, edge, _ = _edges(result, len(corners))
+    sides, ahead, edge, _ = _edges(
+        np.where(wrong[:, None], triangles[:, ::-1], triangles), len(corners)
+    )
     piece = np.minimum(given, opposite)
     closed = _balanced(piece[sides], edge, np.where(ahead, 1, -1))
-    wrong &= ~up | closed[piece]
+    wrong &= (doubles[:, 2] < _FLAT * area) | closed[piece]
     return np.where(wrong[:, None], triangles[:, ::-1], triangles), int(wrong.sum())
 
 

@@ -39,10 +39,11 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
+from ..files.documents import shown
 from ..files.writing import cache_folder
 from ..plugins import foreign
 
-MANY, MOST, STEPS, HALVINGS = 40, 32, 60, 5
+MANY, MOST, STEPS, HALVINGS = 40, 32, 300, 5
 """Stances from which on the loops are compiled, where numba is installed; most directions that are
 tried; most steps of Newton's method to an end or a proof; halvings of the interval in which the least
 share of the friction is sought."""
@@ -207,13 +208,13 @@ def _stance(
         return (0.0 if stands == 1 else lower), (lower if stands == -1 else upper), count
     goal = AIM * asked[0] / (2.0 * len(A) + 1.0)
     while True:
+        if count > 0:
+            lower, angle, one, two, part = _nearest(P, order, count)
+        near = upper - lower <= asked[0] + asked[1] * abs(upper)
+        if count >= asked[3] and (near or lower >= asked[2] or count == len(turn)):
+            break
         if count < asked[3]:
             angle = 2.0 * math.pi * (count + 0.5) / asked[3]
-        else:
-            lower, angle, one, two, part = _nearest(P, order, count)
-            near = upper - lower <= asked[0] + asked[1] * abs(upper)
-            if near or lower >= asked[2] or count == len(turn):
-                break
         for a in range(4):
             w[a] = DOWN * middle[a]
         w[4], w[5] = math.cos(angle), math.sin(angle)
@@ -451,17 +452,20 @@ def stances_from(
 
     Raises InvalidInput that names the first row of what cannot be.
     """
-    shape = np.shape(contacts_m)
-    if len(shape) != 3 or shape[1] < 1 or shape[2] != 3:
-        raise InvalidInput(f"contacts_m: expected shape (N, n, 3), got {shape}")
+    plain = contacts_m if isinstance(contacts_m, np.ndarray) else np.array(contacts_m, dtype=object)
+    if plain.ndim != 3 or 0 in plain.shape or plain.shape[2] != 3:
+        raise InvalidInput(
+            "subject: expected a plan, an answer with one, a Problem, or points that bear, shape "
+            f"(N, n, 3), got {plain.shape or shown(contacts_m)}"
+        )
     given = {
-        "contacts_m": (contacts_m, shape),
-        "normals": (normals, shape),
-        "friction": (friction, shape[:2]),
-        "low": (low, shape[:2]),
-        "high": (high, shape[:2]),
-        "com_m": (com_m, (shape[0], 3)),
-        "wrench": (wrench, (shape[0], 6)),
+        "subject": (contacts_m, plain.shape),
+        "normals": (normals, plain.shape),
+        "friction": (friction, plain.shape[:2]),
+        "low": (low, plain.shape[:2]),
+        "high": (high, plain.shape[:2]),
+        "com_m": (com_m, (plain.shape[0], 3)),
+        "wrench": (wrench, (plain.shape[0], 6)),
     }
     known = dict[str, Array]()
     for name, (value, wanted) in given.items():
@@ -473,15 +477,16 @@ def stances_from(
         ("friction", "numbers above 0", known["friction"] <= 0.0),
         ("low", "0 or more", known["low"] < 0.0),
         ("high", "more than low", known["high"] <= known["low"]),
+        ("wrench", "less lift than the weight", known["wrench"][:, 2] >= 1.0),
     ]
     for name, must, bad in wrong:
-        for row in np.flatnonzero(bad.reshape(shape[0], -1).any(axis=1))[:1]:
+        for row in np.flatnonzero(bad.reshape(len(plain), -1).any(axis=1))[:1]:
             raise InvalidInput(f"{name}[{row}]: expected {must}, got {known[name][row].tolist()}")
     return Stances(
-        arms_m=(known["contacts_m"] - known["com_m"][:, None]).reshape(-1, 3),
+        arms_m=(known["subject"] - known["com_m"][:, None]).reshape(-1, 3),
         normals=known["normals"].reshape(-1, 3),
         **{name: known[name].ravel() for name in ("friction", "low", "high")},
-        counts=np.full(shape[0], shape[1]),
+        counts=np.full(len(plain), plain.shape[1]),
         borne=np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) - known["wrench"],
     )
 

@@ -176,7 +176,7 @@ def many(path):
             "mm.npy",
             lambda p: np.save(p, 1000.0 * np.eye(9)),
             {},
-            "m from lowest to highest; see unit_m",
+            "NaN where there is none, got 0 to 1000 m; see unit_m",
         ),
         (
             "out.stl",
