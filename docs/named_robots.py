@@ -1,11 +1,11 @@
 """The page of robots by name, measured/named-robots.md, and its picture, images/robots.png.
 
-    python docs/named_robots.py [--rows docs/results/robots.jsonl] [--limit 20] [--page]
+    python docs/named_robots.py [--limit 20] [--page | --kept docs/results/robots.jsonl]
 
 Every robot that ships or that an installed package names is read, drawn as it stands, asked for a
 plan over 1 m of flat ground, and what is planned is executed in MuJoCo. Rows are kept, one a line,
-and an interrupted run goes on. --page writes page and picture of the rows that are kept. Limits are
-of CPU time, so that a busy machine gives the same answers.
+and an interrupted run goes on. --page writes page and picture of the rows that are kept, --kept
+prints their table. Limits are of CPU time, so that a busy machine gives the same answers.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def page(rows: list[dict[str, object]]) -> str:
         "",
         f"![Drawings of {len(named)} robots as they stand, each with its name](../images/robots.png)",
         "",
-        "<!-- figures: python docs/named_robots.py -->",
+        "<!-- table: python docs/named_robots.py --kept docs/results/robots.jsonl -->",
         "| robot | legs × joints | mass [kg] | planned | executed | what stops it |",
         "|---|---|---|---|---|---|",
     ]
@@ -125,12 +125,16 @@ def sheet_of(rows: list[dict[str, object]], path: Path) -> None:
 def main() -> None:
     """Measure what is missing, or write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rows", type=Path, default=DOCS / "results" / "robots.jsonl")
+    parser.add_argument("--kept", type=Path)
     parser.add_argument("--limit", type=float, default=20.0)
     parser.add_argument("--page", action="store_true")
     given = parser.parse_args()
-    text = given.rows.read_text(encoding="utf-8") if given.rows.exists() else ""
+    kept = given.kept or DOCS / "results" / "robots.jsonl"
+    text = kept.read_text(encoding="utf-8") if kept.exists() else ""
     rows = [json.loads(line) for line in text.splitlines()]
+    if given.kept is not None:
+        print(page(rows))
+        return
     if not given.page:
         time.perf_counter = time.process_time
         sys.path.insert(0, str(DOCS.parent / "benchmarks"))
@@ -142,7 +146,7 @@ def main() -> None:
                 if negative or name in known:
                     continue
                 rows.append(row(name, Path(folder), given.limit))
-                with given.rows.open("a", encoding="utf-8") as stream:
+                with kept.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(rows[-1]) + "\n")
                 print(name, {k: v for k, v in rows[-1].items() if k != "picture"}, flush=True)
     (DOCS / "measured" / "named-robots.md").write_text(page(rows), encoding="utf-8")

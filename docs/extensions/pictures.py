@@ -56,6 +56,7 @@ STUDIES = {
     "crossing.png": "stancekit plan gaps:0.375:0 --start=-0.377,0 --goal=0.823,0 --robot go1.urdf "
     "--time-limit-s 900 --out crossing.json --picture crossing.png",
     "fitness.png": "python benchmarks/fitness.py FILE --picture fitness.png",
+    "robots.png": "python docs/named_robots.py",
 }
 """Pictures that take longer than a build, and the command that writes them or their folder."""
 BROWSER = {"playground.png"}
