@@ -359,7 +359,10 @@ def _turned(plan: LeapPlan, k: NDArray[np.int_], s: Array, last: Array) -> tuple
 
 def _surfaces(holds: NDArray[np.int_]) -> NDArray[np.int_]:
     """The foothold that every limb has, comes to, or else had last, in every interval, shape (M,
-    N); holds: −1 in the air.
+    N).
+
+    Arguments:
+        holds: the one that it has, −1 in the air, shape (M, N).
     """
     surface = holds.copy()
     for i in range(surface.shape[1]):
