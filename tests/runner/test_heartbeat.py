@@ -25,6 +25,7 @@ import sys, time
 from stancekit.runner.safety.heartbeat import HeartbeatMonitor
 
 with HeartbeatMonitor(float(sys.argv[1]), "it holds") as monitor:
+    monitor.beat()
     print("beating", flush=True)
     while True:
         monitor.beat()
