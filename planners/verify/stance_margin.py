@@ -211,7 +211,7 @@ def _stance(
         if count > 0:
             lower, angle, one, two, part = _nearest(P, order, count)
         near = upper - lower <= asked[0] + asked[1] * abs(upper)
-        if count >= asked[3] and (near or lower >= asked[2] or count == len(turn)):
+        if lower >= asked[2] or (count >= asked[3] and (near or count == len(turn))):
             break
         if count < asked[3]:
             angle = 2.0 * math.pi * (count + 0.5) / asked[3]
