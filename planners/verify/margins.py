@@ -93,7 +93,7 @@ def borne_share(plan: Plan, shares: Sequence[float], yields_m: float = 0.0) -> f
     at = stances_of(plan)
     shifts = pushes(at.borne, yields_m)
     sure = _sure_distances(plan, at, shifts)
-    weakest = np.arange(len(sure)) == sure.argmin()  # where one fails, this one mostly does
+    weakest = np.isin(np.arange(len(sure)), sure.argsort()[:1])  # where one fails, this mostly does
     for share in shares:
         if all(
             (at.margins(shifts, decide=share, which=which).lower[which] >= share).all()
