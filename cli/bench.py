@@ -82,7 +82,7 @@ class _BenchEnvelopes:
         make_folder(folder)
         minutes = bench.expected_s(experiment, self.workers) / 60.0
         err.print(
-            f"about {minutes:.2g} minutes on {self.workers} idle cores, less what {folder} has",
+            f"about {minutes:.2g} minutes with {self.workers} idle core(s), less what {folder} has",
             highlight=False,
         )
         table: list[dict[str, Any]] = []

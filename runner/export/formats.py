@@ -77,6 +77,8 @@ def scene_of(subject: Motion) -> tuple[Robot | None, tuple[str, ...], Terrain, f
 
 _FELL_RAD = 0.6
 """Farther turned from the motion than this the body has fallen."""
+_SUNK_M = 0.1
+"""A body that is lower than its motion's by more than this has fallen, of a robot of usual size."""
 _PACES = (1.0, 0.5)
 """Paces that are tried, one after another."""
 
@@ -85,7 +87,8 @@ def played(moved: Moved) -> str:
     """Say at which pace, and with which gains, a motion stands open loop in MuJoCo, or where it
     falls; nothing of one without joints.
 
-    Every joint is sent its row's angle, and by how much its loop yields to the row's torque.
+    Every joint is sent its row's angle, and by how much its loop yields to the row's torque. A body
+    falls that turns away from its rows or sinks below them; where it drifts to is not looked at.
     """
     table, fell = moved.table, list[str]()
     if moved.robot is None or table.torques_nm is None:
@@ -98,18 +101,19 @@ def played(moved: Moved) -> str:
         targets, known, turn = _targets(table, world.drives), table.arrays(), table.rotation
         world.connect(moved.terrain, known["angles_rad"][0], known["origin_m"][0], turn[0])
         world.preload(targets[0])
-        gains = _gains(world.drives)
-        steps = np.arange(1, int(len(turn) / table.rate_hz / pace * world.rate_hz))
-        for row in (steps * pace * table.rate_hz / world.rate_hz).astype(int):
+        rows_per_step = pace * table.rate_hz / world.rate_hz
+        for row in (np.arange(1, int(len(turn) / rows_per_step)) * rows_per_step).astype(int):
             world.send(targets[row])
-            turned = 0.5 * (np.einsum("ij,ij->", world.read().rotation, turn[row]) - 1.0)
-            if turned < np.cos(_FELL_RAD):
+            state = world.read()
+            if (
+                0.5 * (np.einsum("ij,ij->", state.rotation, turn[row]) - 1.0) < np.cos(_FELL_RAD)
+                or known["origin_m"][row, 2] - state.position_m[2] > _SUNK_M * moved.robot.size
+            ):
                 fell.append(f"fell after {table.time_s[row] / pace:.2f} s at pace {pace:g}")
                 break
         else:
-            return "; ".join([*fell, f"stood at pace {pace:g} with {gains}"])
-        world.close()
-    return f"{'; '.join(fell)}, with {gains}"
+            return "; ".join([*fell, f"stood at pace {pace:g} with {_gains(world.drives)}"])
+    return f"{'; '.join(fell)}, with {_gains(world.drives)}"
 
 
 def _gains(drives: Drives) -> str:
