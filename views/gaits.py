@@ -21,7 +21,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.motion.motion import Played, Samples
-from stancekit.planners.robot.chain import rotation_of
+from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.runner.execution import Execution
 from stancekit.runner.log import TOUCH_N

@@ -31,8 +31,8 @@ from ..problem.leap import BodyState, Leap, LeapLimits, Phase
 from ..problem.leap_classes import SPINS
 from ..problem.problem import Problem
 from ..projection.whole_body import WholeBodyLimits
-from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import Robot
+from ..robot.walker import leaping_robot, no_motors
 from ..search.answer import Planner
 from ..search.pieces import Standing, course_window
 from ..search.plan_course import plan_course

@@ -24,7 +24,7 @@ from ..files.arrays import (
 )
 from ..files.codec import INLINE, LATER, Within, check_limits, fields_to_json
 from ..files.documents import shown
-from ..robot.reach import ReachRows
+from ..robot.model import ReachRows
 from ..terrain.patch import Patch
 from ..terrain.sole import checked_sole, sole_offsets, sole_region
 

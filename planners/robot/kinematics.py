@@ -19,10 +19,9 @@ from ..arguments import cached_property
 from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.patch import Solid
-from .chain import rotation_of
+from .drawn_legs import limb_postures
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
-from .leg import Mount, levelled
-from .leg_ik import limb_postures
+from .leg import Mount, levelled, rotation_of
 from .model import Robot
 from .robot_file import Servo
 from .robot_model import resisting_nm

@@ -26,10 +26,11 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, archive_of, read_archive
 from ..files.writing import cache_folder, write_bytes
+from ..terrain.patch import hull_of
 from .hulls import Polytope
 from .leg import FULL_TURN, Leg
-from .limb import Limb
 from .meshes import Shape, shape_points, solid_shapes
+from .model import Limb
 from .robot_model import RobotModel
 from .urdf_reader import base_joint, pinocchio
 
@@ -150,14 +151,8 @@ def _summed(one: _Cloud, two: _Cloud) -> _Cloud:
 
 def _extreme(points: Array) -> Array:
     """The points whose hull is that of all; all of them where they are in one plane."""
-    if len(points) < 5:
-        return points
-    from scipy.spatial import ConvexHull, QhullError  # slow to import
-
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except QhullError:
-        return points
+    hull = hull_of(points) if len(points) > 4 else None
+    return points if hull is None else np.asarray(points[hull.vertices])
 
 
 def _thinned(points: Array, most: float) -> tuple[Array, float]:
@@ -459,17 +454,14 @@ def _box(shape: Shape, robot: RobotModel) -> Array | None:
     """Largest upright box in a shape of the base, None in one whose solid is not known: a mesh that
     its hull is much larger than.
     """
-    from scipy.spatial import ConvexHull, QhullError  # slow to import
-
     corners = shape_points(shape)
     if corners is None or shape.parts_m:
         return None
     mount = robot.mounts[shape.link]
     points = (shape.origin_m + corners @ shape.rotation.T) @ mount.rotation.T + mount.origin_m
-    try:
-        faces = np.unique(ConvexHull(points).equations.round(12), axis=0)
-    except QhullError:
+    if (hull := hull_of(points)) is None:
         return None
+    faces = np.unique(hull.equations.round(12), axis=0)
     return Polytope(normals=faces[:, :3], offsets_m=-faces[:, 3]).largest_box()
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,6 +123,18 @@ class Solid:
         shape (…, 3) to (…) [m].
         """
         return np.asarray((points @ self.normals.T - self.offsets_m).max(axis=-1))
+
+
+def hull_of(points: Array) -> Any:
+    """The convex hull of points, shape (P, 3) [m], as scipy has it; None where they span no
+    volume.
+    """
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError):
+        return None
 
 
 class Solids:

@@ -18,8 +18,7 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.robot.limb import Foot
-from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories
 from stancekit.planners.verify.trajectories import GROUPS, WalkLimits, check_trajectory
