@@ -26,7 +26,7 @@ from ..files.codec import INLINE, LATER, Within, check_limits, fields_to_json
 from ..files.documents import shown
 from ..robot.model import ReachRows
 from ..terrain.patch import Patch
-from ..terrain.sole import checked_sole, sole_offsets, sole_region
+from ..terrain.polygon import checked_sole, sole_offsets, sole_region
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -267,8 +267,7 @@ def _read_hull(path: Path, scale: Array) -> tuple[Array, tuple[Array, ...]] | st
             {str(k): part for k, part in enumerate(whole)} if len(whole) == len(parts) else {}
         )  # all, or none
 
-    parts = kept(key, made, lambda arrays: _parts_of(arrays, corners))
-    return corners, parts or ()
+    return corners, kept("meshes/", key, made, lambda arrays: _parts_of(arrays, corners))
 
 
 def _parts_of(arrays: Mapping[str, Array], corners: Array) -> tuple[Array, ...]:

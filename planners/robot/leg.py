@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, cross, read_only
 from ..files.codec import LATER
-from ..terrain.polygon import half_planes
-from ..terrain.sole import checked_sole
+from ..terrain.polygon import checked_sole, half_planes
 
 _SMALL_RAD = 1e-3
 """Below this angle, sin(a/2) / a is its series."""

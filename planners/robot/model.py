@@ -38,8 +38,8 @@ from ..files.arrays import (
 from ..files.codec import LATER, UNWRITTEN, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
-from ..terrain.frame import Frame
-from ..terrain.sole import checked_sole
+from ..terrain.patch import Frame
+from ..terrain.polygon import checked_sole
 from .actuators import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
 
 if TYPE_CHECKING:
@@ -313,21 +313,20 @@ def no_legs(name: str) -> InvalidInput:
     return InvalidInput(f"robot {name}: {_NO_LEGS}")
 
 
+@dataclass(frozen=True, eq=False)
 class LegSource:
-    """Knowledge about the legs of one robot: none beside a mass and the reach of limbs, unless a
-    class below has more.
-
-    Arguments:
-        own: whether legs and reach are those of a file, so that plans keep to inner sets of the
-            legs and have joints, and proofs are over outer sets.
-        identity: that of the robot whose reach it is; empty where it is no robot's.
-        point: whether feet are points.
+    """Knowledge about the legs of one robot: those of its own file, those of four joints that are
+    drawn up for its limbs, or none beside a mass and the reach of limbs.
     """
 
-    own: bool = False
+    robot: Robot
 
-    def __init__(self, name: str, limbs: int, identity: str = "", *, point: bool = False) -> None:
-        self.name, self.limbs, self.identity, self.point = name, limbs, identity, point
+    @property
+    def own(self) -> bool:
+        """Tell whether legs and reach are those of a file, so that plans keep to inner sets of the
+        legs and have joints, and proofs are over outer sets.
+        """
+        return self.robot.model is not None
 
     def legs(self, servo: Servo | None = None) -> RobotModel:
         """The robot joint by joint; loads pinocchio.
@@ -338,188 +337,96 @@ class LegSource:
         Raises:
             InvalidInput: where no legs are known.
         """
-        raise no_legs(self.name)
+        robot = self.robot
+        if robot.model is not None:
+            return robot.model
+        if robot.drawn is None:
+            raise no_legs(robot.name)
+        from .drawn_legs import drawn_model  # slow to import
+
+        return drawn_model(robot.name, robot.mass_kg, robot.limbs, servo or robot.drawn)
 
     def own_model(self) -> RobotModel:
         """The model of the robot's own file.
 
         Raises InvalidInput for a robot without one.
         """
-        raise InvalidInput(
-            f"robot: expected one whose legs are known, got {self.name}, of which only the limbs "
-            "are known"
-        )
+        if self.robot.model is None:
+            raise InvalidInput(
+                f"robot: expected one whose legs are known, got {self.robot.name}, of which only "
+                "the limbs are known"
+            )
+        return self.robot.model
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of all joints, limb by limb, from the base outward; none where no legs are
-        known.
+        """Names of all joints, limb by limb, from the base outward, yaw, hip, roll and knee of
+        those drawn up (``LF_yaw``); none where no legs are known.
         """
-        return ()
+        if self.robot.model is not None:
+            return self.robot.model.joint_names
+        limbs = () if self.robot.drawn is None else self.robot.limb_names
+        return tuple(f"{limb}_{joint}" for limb in limbs for joint in JOINTS)
 
     @property
     def foot_radii_m(self) -> Array:
-        """Radii of the feet, shape (N,) [m]."""
-        return np.full(self.limbs, 0.0 if self.point else FOOT_RADIUS_M)
+        """Radii of the feet, shape (N,) [m]: as the file has them, or by the reach of limbs."""
+        robot = self.robot
+        if robot.model is not None:
+            return np.array([leg.radius_m for leg in robot.model.legs])
+        if robot.drawn is not None:
+            return np.array([limb.reach_m / USUAL_REACH_M * FOOT_RADIUS_M for limb in robot.limbs])
+        return np.full(len(robot.limbs), 0.0 if robot.feet else FOOT_RADIUS_M)
 
     @property
     def known_radius_m(self) -> float:
         """Largest radius of a foot that the robot's file has, 0 where none says one [m]."""
-        return 0.0
-
-    @property
-    def origin_m(self) -> Array:
-        """p_BO, the origin that limbs are given from, in the base of the legs, shape (3,) [m]."""
-        return np.zeros(3)
-
-    @property
-    def inertia_kgm2(self) -> Array | None:
-        """Inertia about the centre of mass, shape (3, 3) [kg m²]; None where unknown."""
-        return None
+        return float(self.foot_radii_m.max()) if self.own else 0.0
 
     @property
     def digest(self) -> str:
         """SHA-256 of a file's legs; empty without a file."""
-        return ""
+        return "" if self.robot.model is None else self.robot.model.digest
 
     @property
     def unrunnable(self) -> tuple[str, ...]:
         """Reasons why a simulation refuses the legs as their file is, a line each."""
-        return ()
+        return () if self.robot.model is None else self.robot.model.unrunnable
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Numbers of the robot's file that are hard to believe, one line each."""
-        return ()
+        return () if self.robot.model is None else self.robot.model.doubts
 
     @property
     def hindrance(self) -> str:
-        """The reason why nothing executes plans of such legs; empty where something does."""
-        return str(no_legs(self.name))
-
-    def to_json(self) -> dict[str, Any]:
-        """The keys of a robot in files that say its legs, or whose reach it has."""
-        return {"identity": self.identity} if self.identity else {}
-
-
-class OwnLegs(LegSource):
-    """The legs of the robot's own file."""
-
-    own = True
-
-    def __init__(self, model: RobotModel) -> None:
-        super().__init__(model.name, len(model.legs))
-        self.model = model
-
-    def own_model(self) -> RobotModel:
-        """The model as it was read."""
-        return self.model
-
-    def legs(self, servo: Servo | None = None) -> RobotModel:
-        """The model as it was read; its file says what its joints can."""
-        return self.model
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, as the file has them."""
-        return self.model.joint_names
-
-    @property
-    def foot_radii_m(self) -> Array:
-        """Radii of the feet, as the file has them [m]."""
-        return np.array([leg.radius_m for leg in self.model.legs])
-
-    @property
-    def known_radius_m(self) -> float:
-        """The largest of them."""
-        return float(self.foot_radii_m.max())
-
-    @property
-    def origin_m(self) -> Array:
-        """The centre of mass of the standing robot, which Lin et al. take for the body's origin."""
-        return self.model.body.com_m
-
-    @property
-    def inertia_kgm2(self) -> Array:
-        """Inertia of the standing robot."""
-        return self.model.body.inertia_kgm2
-
-    @property
-    def digest(self) -> str:
-        """The model's."""
-        return self.model.digest
-
-    @property
-    def unrunnable(self) -> tuple[str, ...]:
-        """The reasons that the model gives."""
-        return self.model.unrunnable
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """The model's."""
-        return self.model.doubts
-
-    @property
-    def hindrance(self) -> str:
-        """None: what its joints cannot do, ``unrunnable`` names."""
-        return ""
-
-    def to_json(self) -> dict[str, Any]:
-        """The model, from which it is read again."""
-        from .robot_file import model_to_json  # reads URDFs, which is slow to import
-
-        return {"model": model_to_json(self.model)}
-
-
-class DrawnLegs(LegSource):
-    """Legs of four joints that are drawn up for every limb, and the servo that drives them."""
-
-    def __init__(
-        self,
-        name: str,
-        mass_kg: float,
-        limbs: Sequence[Limb],
-        servo: Servo,
-        identity: str = "",
-        *,
-        said: bool,
-    ) -> None:
-        super().__init__(name, len(limbs), identity)
-        self._mass_kg, self._limbs, self._servo = mass_kg, limbs, servo
-        self._said = said
-
-    def legs(self, servo: Servo | None = None) -> RobotModel:
-        """The model of ``drawn_urdf``, which is kept."""
-        from .drawn_legs import drawn_model  # slow to import
-
-        return drawn_model(self.name, self._mass_kg, self._limbs, servo or self._servo)
-
-    @property
-    def foot_radii_m(self) -> Array:
-        """Radii of the feet, which follow the reach of their limbs [m]."""
-        return np.array([limb.reach_m / USUAL_REACH_M * FOOT_RADIUS_M for limb in self._limbs])
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Yaw, hip, roll and knee of every limb, e.g. ``LF_yaw``."""
-        return tuple(f"{limb.name}_{joint}" for limb in self._limbs for joint in JOINTS)
-
-    @property
-    def hindrance(self) -> str:
-        """The reason why its legs cannot be drawn up."""
+        """The reason why nothing executes plans of such legs; empty where something does: what the
+        joints of a file cannot do, ``unrunnable`` names.
+        """
+        robot = self.robot
+        if robot.drawn is None:
+            return "" if self.own else str(no_legs(robot.name))
         from .drawn_legs import drawn_urdf  # asked for by few
 
         try:
-            drawn_urdf(self.name, self._mass_kg, self._limbs, self._servo)
+            drawn_urdf(robot.name, robot.mass_kg, robot.limbs, robot.drawn)
         except InvalidInput as error:
             return str(error)
         return ""
 
     def to_json(self) -> dict[str, Any]:
-        """The identity, and the servo where the limbs do not say it, as those of the default
-        hexapod do.
+        """The keys of a robot in files that say its legs, or whose reach it has; a servo where the
+        limbs do not say it, as those of the default hexapod do.
         """
-        return super().to_json() | ({"legs": to_json(self._servo)} if self._said else {})
+        robot = self.robot
+        if robot.model is not None:
+            from .robot_file import model_to_json  # reads URDFs, which is slow to import
+
+            return {"model": model_to_json(robot.model)}
+        if robot.drawn is None:
+            return {"identity": robot.identity} if robot.identity and not robot.feet else {}
+        legs = {} if robot.usual else {"legs": to_json(robot.drawn)}
+        return {**({"identity": robot.identity} if robot.identity else {}), **legs}
 
 
 _HEXAPOD = "hexapod"
@@ -744,17 +651,13 @@ class Robot:
 
     @property
     def source(self) -> LegSource:
-        """Source of its legs: its own file, drawn-up ones, or nowhere."""
-        if self.model is not None:
-            return OwnLegs(self.model)
-        if self.drawn is not None:
-            differs = self.drawn != _USUAL_SERVO or not self._is_hexapod()
-            return DrawnLegs(
-                self.name, self.mass_kg, self.limbs, self.drawn, self.identity, said=differs
-            )
-        if self.feet:
-            return LegSource(self.name, len(self.feet), point=True)
-        return LegSource(self.name, len(self.limbs), self.identity)
+        """What is known of its legs."""
+        return LegSource(self)
+
+    @property
+    def usual(self) -> bool:
+        """Tell whether it is the hexapod with its usual drives."""
+        return self.drawn == _USUAL_SERVO and self._is_hexapod()
 
     @property
     def legs(self) -> RobotModel:
@@ -823,7 +726,7 @@ class Robot:
         """
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
-        return self.source.inertia_kgm2
+        return None if self.model is None else self.model.body.inertia_kgm2
 
     @property
     def origin_m(self) -> Array:
@@ -833,7 +736,7 @@ class Robot:
         Of a model it is the centre of mass as it stands, which Lin et al. take for the body's
         origin; else it is 0.
         """
-        return self.source.origin_m
+        return np.zeros(3) if self.model is None else self.model.body.com_m
 
     @property
     def limb_names(self) -> tuple[str, ...]:

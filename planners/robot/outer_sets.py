@@ -12,10 +12,8 @@ part, those of arms as well, each over its whole range; one without limits over 
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import lru_cache, reduce
 from itertools import permutations
@@ -24,12 +22,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, archive_of, read_archive
-from ..files.writing import cache_folder, write_bytes
+from ..files.arrays import Array
 from ..terrain.patch import hull_of
 from .hulls import Polytope
 from .leg import FULL_TURN, Leg
-from .meshes import Shape, shape_points, solid_shapes
+from .meshes import Shape, kept, shape_points, solid_shapes
 from .model import Limb
 from .robot_model import RobotModel
 from .urdf_reader import base_joint, pinocchio
@@ -291,17 +288,13 @@ def contact_radii_m(robot: RobotModel) -> Array:
 @lru_cache(maxsize=16)
 def _measured(urdf: str, legs: tuple[Leg, ...], tree: _Tree) -> OuterSets:
     numbers = [_VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in legs)]
-    key = hashlib.sha256(json.dumps([*numbers, [leg.joint_names for leg in legs]]).encode())
-    path = cache_folder() / "workspaces" / f"outer-{key.hexdigest()}.npz"
-    with suppress(InvalidInput, KeyError, ValueError):
-        arrays = read_archive(path)
-        return OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)})
-    sets = tree.sets(legs)
-    with suppress(InvalidInput, OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        arrays = {each.name: getattr(sets, each.name) for each in fields(sets)}
-        write_bytes(path, archive_of(arrays))
-    return sets
+    said = json.dumps([*numbers, [leg.joint_names for leg in legs]]).encode()
+    return kept(
+        "workspaces/outer-",
+        said,
+        lambda: vars(tree.sets(legs)),
+        lambda arrays: OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)}),
+    )
 
 
 class _Tree:
@@ -521,7 +514,7 @@ class Extent:
         reach = np.array([limb.reach_m for limb in robot.limbs]) + soles
         between = np.linalg.norm(shoulders[:, None] - shoulders, axis=2) + reach[:, None] + reach
         try:
-            boxes, origin = _boxes(robot.source.legs()), np.asarray(robot.source.origin_m)
+            boxes, origin = _boxes(robot.source.legs()), np.asarray(robot.origin_m)
         except InvalidInput:  # its legs are not known, nor is its trunk
             boxes, origin = [], np.zeros(3)
         return cls(

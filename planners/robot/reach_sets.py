@@ -17,11 +17,9 @@ within it proves nothing.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -29,12 +27,12 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, archive_of, read_archive
+from ..files.arrays import Array
 from ..files.documents import read_text
-from ..files.writing import cache_folder, write_bytes
 from .hulls import Polytope
 from .inverse_kinematics import REACHED_M, Seeds, descend, starts_of
 from .leg import Leg
+from .meshes import kept
 from .model import MOST_ROWS, Limb, ReachRows, RelativeReach, Robot
 from .outer_sets import contact_radii_m, enclosing_ball, outer_sets
 from .robot_model import RobotModel
@@ -321,37 +319,22 @@ def _kept(leg: Leg) -> Workspace:
         *sole,
         *(each.tolist() for each in (*numbers, leg.lower_rad, leg.upper_rad, leg.stance_rad)),
     ]
-    path = (
-        cache_folder()
-        / "workspaces"
-        / f"{hashlib.sha256(json.dumps(key_parts).encode()).hexdigest()}.npz"
-    )
-    with suppress(InvalidInput):
-        return _read(path)
-    measured = workspace_of(leg)
-    with suppress(InvalidInput, OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, _packed(measured))
-    return measured
-
-
-def _packed(each: Workspace) -> bytes:
-    return archive_of(
-        {
-            "normals": each.inner.normals,
-            "offsets": each.inner.offsets_m,
-            "ball": each.ball_m,
-            "box": each.box_m,
-            "shares": [each.reach_m, each.cover, each.unreachable],
-        }
+    return kept(
+        "workspaces/",
+        json.dumps(key_parts).encode(),
+        lambda: _arrays(workspace_of(leg)),
+        _workspace,
     )
 
 
-def _read(path: Path) -> Workspace:
-    try:
-        return _workspace(read_archive(path))
-    except (KeyError, ValueError):
-        raise InvalidInput(f"{path}: expected the workspace of a leg, got something else") from None
+def _arrays(each: Workspace) -> dict[str, Any]:
+    return {
+        "normals": each.inner.normals,
+        "offsets": each.inner.offsets_m,
+        "ball": each.ball_m,
+        "box": each.box_m,
+        "shares": [each.reach_m, each.cover, each.unreachable],
+    }
 
 
 def _workspace(arrays: Mapping[str, Any]) -> Workspace:

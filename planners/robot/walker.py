@@ -31,7 +31,7 @@ from ..files.codec import LATER, from_json
 from ..files.documents import YAML, read_text, read_yaml, validated
 from .hulls import Polytope
 from .leg import Leg
-from .meshes import shape_points, solid_shapes
+from .meshes import Shape, shape_points, solid_shapes
 from .model import DEEPEST, Foot, LegLimits, Limb, Robot, half_sides, hexapod, no_legs
 from .reach_sets import Sets, Workspace, limbs_over, soles_apart, standing_toes, workspaces_of
 from .robot_file import (
@@ -45,7 +45,7 @@ from .robot_file import (
     unknown,
 )
 from .robot_model import RobotModel, model_of
-from .urdf_reader import matching, pinocchio, speed_doubts
+from .urdf_reader import hold, matching, speed_doubts
 
 
 def robot_of(model: RobotModel) -> Robot:
@@ -222,21 +222,33 @@ def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
             f"mass_kg: expected more than the {others:.3g} kg of all but the body, got {wanted:g}"
         )
     heaviest.set("value", repr(wanted - others))
+    return _again(model, root, model.legs, model.shapes)
+
+
+def _again(
+    model: RobotModel, root: Element, legs: tuple[Leg, ...], shapes: tuple[Shape, ...]
+) -> RobotModel:
+    """The model of a changed URDF that stands on these of its legs as it did."""
     again = model_of(
         ElementTree.tostring(root, encoding="unicode"),
         where=model.name,
         folder=None,
         hulls={},
-        feet={leg.name: leg.foot for leg in model.legs},
+        feet={leg.name: leg.foot for leg in legs},
         name=model.name,
-        contacts={leg.name: leg.contact for leg in model.legs if leg.contact is not None},
-        posture_rad={
-            joint: angle
-            for leg in model.legs
-            for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
-        },
+        contacts={leg.name: leg.contact for leg in legs if leg.contact is not None},
+        posture_rad=_standing_rad(legs),
     )
-    return again.changed(legs=model.legs, shapes=model.shapes, disabled_pairs=model.disabled_pairs)
+    return again.changed(legs=legs, shapes=shapes, disabled_pairs=model.disabled_pairs)
+
+
+def _standing_rad(legs: Sequence[Leg]) -> dict[str, float]:
+    """Angles in which legs stand, by joint."""
+    return {
+        joint: angle
+        for leg in legs
+        for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
+    }
 
 
 def _rides(model: RobotModel, link: str) -> bool:
@@ -340,16 +352,9 @@ def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
     """
     if names == model.leg_names:
         return model
-    root, legs = deepcopy(model.tree), [leg for leg in model.legs if leg.name in names]
+    root, legs = deepcopy(model.tree), tuple(leg for leg in model.legs if leg.name in names)
     idle = [leg for leg in model.legs if leg.name not in names]
-    held = {
-        name: angle
-        for leg in idle
-        for name, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
-    }
-    for joint in root.findall("joint"):
-        if (name := joint.get("name", "")) in held:
-            _hold(joint, held[name])
+    hold(root, _standing_rad(idle))
     unseen = {
         link
         for link, mount in model.mounts.items()
@@ -359,46 +364,7 @@ def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
         for kind in _SHAPES if link.get("name") in unseen else ():
             for shape in link.findall(kind):
                 link.remove(shape)
-    again = model_of(
-        ElementTree.tostring(root, encoding="unicode"),
-        where=model.name,
-        folder=None,
-        hulls={},
-        feet={leg.name: leg.foot for leg in legs},
-        name=model.name,
-        contacts={leg.name: leg.contact for leg in legs if leg.contact is not None},
-        posture_rad={
-            joint: angle
-            for leg in legs
-            for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
-        },
-    )
-    shapes = tuple(shape for shape in model.shapes if shape.link not in unseen)
-    return again.changed(legs=tuple(legs), shapes=shapes, disabled_pairs=model.disabled_pairs)
-
-
-def _hold(joint: Element, angle: float) -> None:
-    """Make a joint one that does not move, at this angle [rad, or m where it slides]."""
-    pin = pinocchio()
-    origin = joint.find("origin")
-    if origin is None:
-        origin = ElementTree.SubElement(joint, "origin")
-    place, turn = (
-        np.array(origin.get(key, "0 0 0").split(), dtype=np.float64) for key in ("xyz", "rpy")
-    )
-    axis_element = joint.find("axis")
-    axis = np.array(
-        (axis_element.get("xyz", "1 0 0") if axis_element is not None else "1 0 0").split(),
-        dtype=np.float64,
-    )
-    axis, rotation = axis / np.linalg.norm(axis), np.array(pin.rpy.rpyToMatrix(*turn))
-    if joint.get("type") == "prismatic":
-        place = place + rotation @ (angle * axis)
-    else:
-        rotation = rotation @ np.array(pin.exp3(angle * axis))
-    origin.set("xyz", " ".join(map(repr, place.tolist())))
-    origin.set("rpy", " ".join(map(repr, np.array(pin.rpy.matrixToRpy(rotation)).tolist())))
-    joint.set("type", "fixed")
+    return _again(model, root, legs, tuple(s for s in model.shapes if s.link not in unseen))
 
 
 BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_walker}

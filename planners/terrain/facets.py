@@ -22,8 +22,7 @@ from scipy.spatial import KDTree
 
 from ..errors import not_installed
 from ..files.arrays import Array
-from .certainty import Certainty
-from .patch import Patch
+from .patch import Certainty, Patch
 from .polygon import shear_of, width
 from .triangle_mesh import TriangleMesh
 

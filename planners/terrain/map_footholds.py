@@ -25,7 +25,6 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .certainty import Certainty
 from .correlation import (
     GroundCells,
     Labels,
@@ -51,7 +50,7 @@ from .map_rungs import MapRung, map_rungs
 from .map_solids import ROOM, Overhead, box_patches, on_surfaces, standing_boxes
 from .mesh_footholds import standing_pieces
 from .noisy_surfaces import COARSE_SD_M, LARGEST_M, correlated_surfaces, halves_of, noisy_surfaces
-from .patch import Patch
+from .patch import Certainty, Patch
 from .polygon import SMALLEST_M
 
 _WINDOW_M = 0.06

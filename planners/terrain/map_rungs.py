@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
 from ..files.arrays import Array
-from .certainty import Certainty
 from .correlation import GroundCells, Labels
 from .facets import connected
 from .footholds import FootholdLimits, Rung, TerrainPatch, held_on_both_sides
-from .patch import Patch
+from .patch import Certainty, Patch
 
 _SLIMMEST_M, _WIDEST_M = 8e-3, 0.06
 """Radii of rungs that a map shows [m]."""

@@ -10,8 +10,20 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.documents import read_bytes
-from .mesh_formats import READERS
-from .mesh_formats.numbers import MOST_TRIANGLES, Surface, TooMany
+from .mesh_formats.collada import read_collada
+from .mesh_formats.glb import read_glb
+from .mesh_formats.numbers import MOST_TRIANGLES, Reader, Surface, TooMany
+from .mesh_formats.ply import read_obj, read_off, read_ply, read_stl
+
+READERS: dict[str, Reader] = {
+    ".stl": read_stl,
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".dae": read_collada,
+    ".off": read_off,
+    ".glb": read_glb,
+}
+"""The reader of each format, by the ending of a file's name."""
 
 MOST_BYTES = 128_000_000
 _LARGEST = 1e9

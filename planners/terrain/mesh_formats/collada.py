@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from ...files.arrays import Array
 from ...files.documents import parse_xml, shown
-from .fields import check_fields
 from .numbers import (
     Node,
     Surface,
     Triangles,
     broken,
     check_count,
+    check_fields,
     fans,
     joined,
     moved,

@@ -13,8 +13,18 @@ from numpy.typing import NDArray
 
 from ...files.arrays import Array
 from ...files.documents import decoded, parse_json, shown
-from .fields import check_fields
-from .numbers import Node, Surface, broken, check_count, fans, joined, so_many, strip, walked
+from .numbers import (
+    Node,
+    Surface,
+    broken,
+    check_count,
+    check_fields,
+    fans,
+    joined,
+    so_many,
+    strip,
+    walked,
+)
 
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
