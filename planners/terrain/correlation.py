@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.special import chdtri
 
 from ..files.arrays import Array
@@ -54,9 +56,8 @@ class GroundCells:
         known = np.isfinite(terrain.heights_m)
         z = np.where(known, terrain.heights_m - lowest, 0.0)
         one = known.astype(np.float64)
-        i, j = one * np.indices(z.shape)
         return cls(
-            moments=np.stack([one, i, j, i * i, i * j, j * j, z, i * z, j * z, z * z]),
+            moments=moments_of(one, *(one * np.indices(z.shape)), z),
             corner_m=np.array([terrain.x_m[0], terrain.y_m[0], lowest]),
             spacing_m=terrain.spacing_m,
         )
@@ -133,6 +134,18 @@ class GroundCells:
             for share in _QUIETEST
         ]
         return float(np.sqrt(min(least)))
+
+
+def moments_of(one: Array, x: Array, y: Array, z: Array) -> Array:
+    """The moments 1, x, y, xx, xy, yy, z, xz, yz, zz of heights, one each, shape (10, …)."""
+    return np.stack([one, x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
+
+
+def connected(one: Labels, other: Labels, count: int) -> tuple[int, Labels]:
+    """Number of parts that hang together by pairs of so many things, and the part of each."""
+    links = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
+    number, part = connected_components(links, directed=False)
+    return int(number), np.asarray(part, dtype=np.int_)
 
 
 def boxed(moments: Array, side: int) -> Array:

@@ -13,11 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate, maximum_filter, minimum_filter
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
-from .correlation import GroundCells, Labels, Noise, boxed, residuals
+from .correlation import GroundCells, Labels, Noise, boxed, connected, residuals
 
 _WINDOW_M, _FEWEST = 0.06, 2
 """Half width of the window that a step is looked for in [m], and the fewest cells."""
@@ -179,9 +177,9 @@ def one_sided(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.i
     of_two = np.flatnonzero(uses[edge] == 4)
     order = np.lexsort((face[both][owner[of_two]], ahead[of_two], edge[of_two]))
     one, other, ahead_one, ahead_other = owner[of_two[order]].reshape(-1, 4).T
-    piece = _joined(
+    piece = connected(
         np.concatenate([one, other]), np.concatenate([ahead_other, ahead_one]), len(both)
-    )
+    )[1]
     spread = corners[triangles[both]]
     doubles = np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
     areas = np.bincount(piece, np.linalg.norm(doubles, axis=1))
@@ -221,11 +219,11 @@ def aligned(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.int
         return triangles, 0
     count = len(triangles)
     given, opposite = np.split(
-        _joined(
+        connected(
             np.concatenate([one, one + count]),
             np.concatenate([other + count * against, other + count * ~against]),
             2 * count,
-        ),
+        )[1],
         2,
     )
     spread = corners[triangles]
@@ -294,13 +292,13 @@ def _pieces(
     ahead = np.where(upward, 1, -1)
     paired = np.flatnonzero(uses[edge] == 2)
     paired = paired[np.argsort(edge[paired], kind="stable")]
-    piece = _joined(owner[paired[::2]], owner[paired[1::2]], len(triangles))
+    piece = connected(owner[paired[::2]], owner[paired[1::2]], len(triangles))[1]
     alone = _balanced(piece[owner], edge, ahead)
     volume = np.bincount(piece, _volumes(corners, triangles))
     # pieces that are open, by the edges that they share
     first = np.full(len(uses), -1)
     first[edge] = piece[owner]
-    group = _joined(first[edge], piece[owner], len(alone))
+    group = connected(first[edge], piece[owner], len(alone))[1]
     opened = ~alone[piece[owner]]
     together = _balanced(
         group[piece[owner]][opened], edge[opened], ahead[opened], int(group.max()) + 1
@@ -319,12 +317,6 @@ def _edges(
     key = sides.min(axis=1) * corners + sides.max(axis=1)
     _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
     return np.repeat(np.arange(len(triangles)), 3), sides[:, 0] < sides[:, 1], edge, uses
-
-
-def _joined(one: NDArray[np.int_], other: NDArray[np.int_], count: int) -> NDArray[np.int_]:
-    """The component of each of so many things that pairs join."""
-    links = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int_)
 
 
 def _balanced(

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..files.arrays import Array
+from .correlation import connected
 from .facets import (
     COPLANAR_RAD,
     FLAT_M,
     MEASURED_M,
     FlatPiece,
     Plane,
-    connected,
     edge_pairs,
     facets_of,
     parts_of,
@@ -103,7 +103,7 @@ def _rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[_M
     normals = doubles / size[:, None]
     pairs = edge_pairs(mesh.triangles)
     smooth = np.vecdot(normals[pairs[:, 0]], normals[pairs[:, 1]]) > np.cos(TURN_RAD)
-    count, label = connected(pairs[smooth], len(corners))
+    count, label = connected(*pairs[smooth].T, len(corners))
     spread = np.array(
         [
             [
