@@ -480,8 +480,8 @@ def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
     """A trajectory as the world had it: the body, the feet and what they felt, a sample a control
     period.
     """
-    trace, legs = execution.trace, trajectory.robot.source
-    centre, radii = legs.origin_m, legs.foot_radii_m
+    trace, robot = execution.trace, trajectory.robot
+    centre, radii = robot.origin_m, robot.source.foot_radii_m
     return replace(
         trajectory,
         times_s=trace.time_s,
