@@ -236,12 +236,21 @@ class OuterSets:
         return True
 
 
+@lru_cache(maxsize=16)
 def outer_sets(robot: RobotModel) -> OuterSets:
     """The outer sets of a robot from its file, measured once and kept on disk.
 
     Raises InvalidInput for joints of unknown range.
     """
-    return _measured(robot.urdf, tuple(robot.legs), _Tree(robot))
+    tree = _Tree(robot)
+    numbers = [_VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in robot.legs)]
+    said = json.dumps([*numbers, [leg.joint_names for leg in robot.legs]]).encode()
+    return kept(
+        "workspaces/outer-",
+        said,
+        lambda: vars(tree.sets(robot.legs)),
+        lambda arrays: OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)}),
+    )
 
 
 def outward_m(robot: RobotModel) -> float:
@@ -283,18 +292,6 @@ def contact_radii_m(robot: RobotModel) -> Array:
                 radius = max(radius, float(np.linalg.norm(away, axis=1).max()))
         radii.append(radius)
     return np.array(radii)
-
-
-@lru_cache(maxsize=16)
-def _measured(urdf: str, legs: tuple[Leg, ...], tree: _Tree) -> OuterSets:
-    numbers = [_VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in legs)]
-    said = json.dumps([*numbers, [leg.joint_names for leg in legs]]).encode()
-    return kept(
-        "workspaces/outer-",
-        said,
-        lambda: vars(tree.sets(legs)),
-        lambda arrays: OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)}),
-    )
 
 
 class _Tree:
@@ -352,12 +349,6 @@ class _Tree:
                 for axis, slides, low, high in self.joints.values()
             ),
         ]
-
-    def __hash__(self) -> int:
-        return hash(json.dumps(self.numbers))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Tree) and self.numbers == other.numbers
 
     def sets(self, legs: tuple[Leg, ...]) -> OuterSets:
         """The outer sets for the feet of these legs."""

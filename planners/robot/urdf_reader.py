@@ -328,16 +328,16 @@ def mend_limits(root: Element, file: str) -> tuple[bool, dict[str, str]]:
         name, limit = joint.get("name", ""), joint.find("limit")
         where = f"{file}: joint {name}"
         if joint.get("type") in ("revolute", "continuous") and limit is not None:
-            effort, velocity = (_number(limit, key, where) for key in ("effort", "velocity"))
+            effort, velocity = (number_in(limit, key, where) for key in ("effort", "velocity"))
             if effort > 0.0 and velocity <= 0.0:
                 limit.set("velocity", repr(GUESSED_RAD_S))
                 joint.set(_SPEED, _GUESSED)
                 written = True
         if joint.get("type") not in ("revolute", "prismatic"):
             continue
-        ends = [_number(limit, key, where) for key in ("lower", "upper")]
+        ends = [number_in(limit, key, where) for key in ("lower", "upper")]
         soft = joint.find("safety_controller")
-        inner = [_number(soft, f"soft_{key}_limit", where) for key in ("lower", "upper")]
+        inner = [number_in(soft, f"soft_{key}_limit", where) for key in ("lower", "upper")]
         low, high = ends
         if low < inner[0] < inner[1] <= high or low <= inner[0] < inner[1] < high:
             low, high = inner
@@ -410,7 +410,7 @@ def _in_degrees(low: float, high: float) -> bool:
     return far and max(abs(low), abs(high)) <= _MOST_DEGREES
 
 
-def _number(element: Element | None, key: str, where: str) -> float:
+def number_in(element: Element | None, key: str, where: str) -> float:
     """A number of a limit, 0 where it is not said."""
     text = "0" if element is None else element.get(key, "0")
     try:

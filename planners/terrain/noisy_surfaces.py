@@ -28,6 +28,8 @@ from .correlation import (
     boxed,
     connected,
     fitted,
+    half_window,
+    hidden_edges,
     mean_square,
     moments_of,
     renumbered,
@@ -35,7 +37,6 @@ from .correlation import (
     sums_of,
 )
 from .footholds import FootholdLimits
-from .inside_out import half_window, hidden_edges
 
 _FINE_SD_M = 0.0035
 """Deviation that the height of a square's plane is to have at its middle; squares are as large as

@@ -31,7 +31,7 @@ from stancekit.planners.robot.meshes import numbers_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.robot.walker import walking_robot
-from stancekit.planners.terrain.scene_file import compiled_mjcf
+from stancekit.planners.terrain.mesh_file import compiled_mjcf
 
 from ..motion.time_parametrization import RATE_HZ, joint_motion
 from ..worlds.drives import Drives
