@@ -63,8 +63,9 @@ class GroundCells:
         known = np.isfinite(terrain.heights_m)
         z = np.where(known, terrain.heights_m - lowest, 0.0)
         one = known.astype(np.float64)
+        i, j = one * np.indices(z.shape)
         return cls(
-            moments=moments_of(one, *(one * np.indices(z.shape)), z),
+            moments=moments_of(one, i, j, z),
             corner_m=np.array([terrain.x_m[0], terrain.y_m[0], lowest]),
             spacing_m=terrain.spacing_m,
         )

@@ -365,7 +365,7 @@ def _joined(
         within = np.full(len(corners), -1)
         within[left] = np.arange(len(left))
         some = within[pairs[np.all(within[pairs] >= 0, axis=1)]]
-        number, group = connected(*some.T, len(left))
+        number, group = connected(some[:, 0], some[:, 1], len(left))
         seed = left[_largest(group, area[left], number)]
         plane = normals[seed[group]]
         off = np.einsum("kij,kj->ki", corners[left] - corners[seed[group], :1], plane)

@@ -195,7 +195,7 @@ class HeightField:
             checked_name(self.name, "name")
         where = self.name or "terrain"
         for axis in ("x_m", "y_m"):
-            object.__setattr__(self, axis, _grid_lines(getattr(self, axis), f"{where}: {axis}"))
+            object.__setattr__(self, axis, grid_lines(getattr(self, axis), f"{where}: {axis}"))
         try:
             heights = np.asarray(self.heights_m)
         except (TypeError, ValueError):  # rows of different lengths
@@ -416,7 +416,11 @@ class HeightField:
         return cls(arrays["x_m"], arrays["y_m"], arrays["heights_m"], name)
 
 
-def _grid_lines(lines: Array, where: str) -> Array:
+def grid_lines(lines: Array, where: str, hint: str = "") -> Array:
+    """Lines of a grid, increasing, shape (X,) [m].
+
+    Raises InvalidInput for others, with a hint where they are too wide.
+    """
     lines = read_only(lines, (None,), where)
     if len(lines) < FEWEST:
         raise InvalidInput(f"{where}: expected {FEWEST} or more grid lines, got {len(lines)}")
@@ -427,7 +431,7 @@ def _grid_lines(lines: Array, where: str) -> Array:
     if lines[-1] - lines[0] > WIDEST_M:
         raise InvalidInput(
             f"{where}: expected {WIDEST_M:g} m or less from end to end, got "
-            f"{lines[-1] - lines[0]:g} m"
+            f"{lines[-1] - lines[0]:g} m{hint}"
         )
     return lines
 

@@ -122,7 +122,8 @@ def map_rungs(
         with np.errstate(invalid="ignore"):
             near = free[one] & free[other] & (np.abs(heights[one] - heights[other]) <= most)
         pairs.append(np.stack([number[one][near], number[other][near]], axis=1))
-    count, group = connected(*np.concatenate(pairs).T, len(i))
+    one, other = np.concatenate(pairs).T
+    count, group = connected(one, other, len(i))
     x, y = (each[i, j] for each in cells.places)
     places = np.column_stack([spacing * x, spacing * y, heights[i, j]]) + cells.corner_m
     weights = cells.moments[0][i, j] / cells.weight

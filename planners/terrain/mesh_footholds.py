@@ -103,7 +103,7 @@ def _rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[_M
     normals = doubles / size[:, None]
     pairs = edge_pairs(mesh.triangles)
     smooth = np.vecdot(normals[pairs[:, 0]], normals[pairs[:, 1]]) > np.cos(TURN_RAD)
-    count, label = connected(*pairs[smooth].T, len(corners))
+    count, label = connected(pairs[smooth, 0], pairs[smooth, 1], len(corners))
     spread = np.array(
         [
             [
@@ -429,9 +429,9 @@ class _Around:
         self._shapely, self._headroom_m = shapely_module(), headroom_m
         self._corners, border = mesh.spread_m, _open_edges(mesh.triangles)
         self._open = mesh.corners_m[border]
-        ends = mesh.triangles[:, :2].ravel(), mesh.triangles[:, 1:].ravel()
+        first, then = mesh.triangles[:, :2].ravel(), mesh.triangles[:, 1:].ravel()
         piece, lowest = (
-            connected(*ends, len(mesh.corners_m))[1],
+            connected(first, then, len(mesh.corners_m))[1],
             np.full(len(mesh.corners_m), np.inf),
         )
         np.minimum.at(lowest, piece[border], self._open[..., 2])
