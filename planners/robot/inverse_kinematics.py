@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -298,12 +299,13 @@ class InverseKinematics:
             seeds: seeds of every leg, in the robot's order.
         """
         self.legs = tuple(seeds)
+        self.standing = [seed.leg.stance_rad for seed in seeds]
 
     def solve(
         self,
         feet: ArrayLike,
         *,
-        near: Sequence[ArrayLike] | None = None,
+        near: ArrayLike | None = None,
         up: ArrayLike = (0.0, 0.0, 1.0),
     ) -> LegPostures:
         """Angles for feet in the base's frame, shape (K, N, 3) [m].
@@ -311,7 +313,7 @@ class InverseKinematics:
         Raises InvalidInput for feet of another shape.
 
         Arguments:
-            near: postures to stay near to, one per leg, as ``Seeds.solve`` takes them.
+            near: postures to stay near to, all joints in the legs' order, shape (K, J) or (J,) [rad].
             up: normals below soles in the base's frame, shape (K, N, 3) or (3,).
         """
         target = np.asarray(feet, dtype=np.float64)
@@ -319,10 +321,11 @@ class InverseKinematics:
             raise InvalidInput(
                 f"feet: expected shape (any, {len(self.legs)}, 3), got {target.shape}"
             )
-        ups = np.broadcast_to(up, target.shape)
+        ups, ends = np.broadcast_to(up, target.shape), np.cumsum([0, *map(len, self.standing)])
+        starts = None if near is None else np.broadcast_to(near, (len(target), ends[-1]))
         answers = [
-            leg.solve(target[:, i], None if near is None else near[i], ups[:, i])
-            for i, leg in enumerate(self.legs)
+            leg.solve(target[:, i], None if starts is None else starts[:, a:b], ups[:, i])
+            for i, (leg, (a, b)) in enumerate(zip(self.legs, pairwise(ends), strict=True))
         ]
         return LegPostures(
             angles=tuple(q for q, _ in answers), error_m=np.stack([e for _, e in answers], axis=1)
@@ -355,14 +358,8 @@ class ToeKinematics:
                 standing posture.
         """
         feet = self.centres(com_m, rotation, toes_m, normals)
-        standing = np.concatenate([leg.stance_rad for leg in self.model.legs])
-        start = (
-            np.broadcast_to(standing, (len(feet), len(standing)))
-            if near is None
-            else np.asarray(near)
-        )
-        ends = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
-        return self._solver.solve(feet, near=np.split(start, ends, axis=1))
+        start = np.concatenate(self._solver.standing) if near is None else near
+        return self._solver.solve(feet, near=start)
 
     def centres(
         self, com_m: ArrayLike, rotation: ArrayLike, toes_m: ArrayLike, normals: ArrayLike

@@ -22,10 +22,9 @@ from ..errors import InvalidInput, not_installed
 from ..files.arrays import Array
 from ..files.documents import parse_xml, read_bytes, read_text
 from .import_options import doubt
-from .mesh_formats.collada import read_collada
-from .mesh_formats.glb import read_glb
 from .mesh_formats.numbers import MOST_TRIANGLES, Reader, Surface, TooMany, Triangles, check_count
 from .mesh_formats.ply import read_obj, read_off, read_ply, read_stl
+from .mesh_formats.scenes import read_collada, read_glb
 
 READERS: dict[str, Reader] = {
     ".stl": read_stl,
