@@ -23,7 +23,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from ..errors import InvalidInput, not_installed
+from ..errors import InvalidInput, installed
 from ..files.arrays import LARGEST
 from ..files.documents import parse_xml, shown
 from .leg import rotation_of
@@ -208,11 +208,7 @@ def pinocchio() -> Any:
 
     Raises InvalidInput where it is not installed.
     """
-    try:
-        import pinocchio as module
-    except ImportError:
-        raise not_installed("joints", "pinocchio", "URDFs and joint angles", "robots") from None
-    return module
+    return installed("pinocchio", "joints", "pinocchio", "URDFs and joint angles", "robots")
 
 
 def coal() -> Any:
@@ -220,11 +216,7 @@ def coal() -> Any:
 
     Raises InvalidInput where it is not installed.
     """
-    try:
-        import coal as module
-    except ImportError:
-        raise not_installed("bodies", "coal", "collisions", "robots") from None
-    return module
+    return installed("coal", "bodies", "coal", "collisions", "robots")
 
 
 def built(text: str, where: str) -> Any:

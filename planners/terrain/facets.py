@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ..errors import not_installed
+from ..errors import installed
 from ..files.arrays import Array
 from .correlation import connected
 from .patch import Certainty, Patch
@@ -182,11 +182,7 @@ def shapely_module() -> Any:
 
     Raises InvalidInput without it.
     """
-    try:
-        import shapely
-    except ImportError:
-        raise not_installed("terrain", "shapely", "facets", "terrain") from None
-    return shapely
+    return installed("shapely", "terrain", "shapely", "facets", "terrain")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

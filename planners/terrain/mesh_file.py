@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..errors import InvalidInput, not_installed
+from ..errors import InvalidInput, installed
 from ..files.arrays import Array
 from ..files.documents import parse_xml, read_bytes, read_text
 from .import_options import doubt
@@ -128,10 +128,7 @@ def compiled_mjcf(path: Path) -> tuple[Any, set[str], list[str]]:
         raise InvalidInput(
             text if text.startswith(str(path)) else f"{path}: expected an MJCF: {text}"
         ) from None
-    try:
-        import mujoco
-    except ImportError:
-        raise not_installed(str(path), "mujoco", "MJCF", "robots") from None
+    mujoco = installed("mujoco", str(path), "mujoco", "MJCF", "robots")
     warned, before = list[str](), mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(warned.append)  # else it prints, and writes a log where it runs
     try:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InvalidInput, not_installed
+from ..errors import InvalidInput, installed
 from ..files.arrays import Array, array_of, checked, told, unpacked
 from ..files.documents import decoded, read_bytes, shown
 from .elevation import ElevationMap
@@ -127,10 +127,7 @@ def table(content: bytes, path: Path, *, points: bool = False) -> Array:
 
 def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -> Array:
     """Grey values as heights, shape (columns, rows): x to the right, y upwards."""
-    try:
-        from PIL import Image
-    except ImportError:
-        raise not_installed(str(path), "Pillow", ".png terrains", "terrain") from None
+    reader = installed("PIL.Image", str(path), "Pillow", ".png terrains", "terrain")
     if height_m is None:
         raise InvalidInput(
             f"{path}: expected height_m with a .png, the heights of black and white [m], got none"
@@ -139,7 +136,7 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of Pillow, on pictures that are refused below
-            image = Image.open(io.BytesIO(content), formats=["PNG"])
+            image = reader.open(io.BytesIO(content), formats=["PNG"])
         with image:
             if image.width * image.height > MOST_POINTS:
                 raise InvalidInput(
@@ -209,10 +206,7 @@ def _of_ply(content: bytes, path: Path) -> Array:
 
 
 def _of_pcd(content: bytes, path: Path) -> Array:
-    try:
-        from pypcd4.pypcd4 import PointCloud
-    except ImportError:
-        raise not_installed(str(path), "pypcd4", ".pcd clouds", "terrain") from None
+    reader = installed("pypcd4.pypcd4", str(path), "pypcd4", ".pcd clouds", "terrain")
     head = content[:4096]
     declared = re.search(rb"^POINTS\s+(\d{1,18})", head, re.MULTILINE)
     if declared and int(declared[1]) > min(_MOST_POINTS, 40 * len(content)):
@@ -221,7 +215,7 @@ def _of_pcd(content: bytes, path: Path) -> Array:
             "bytes"
         )
     try:
-        cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
+        cloud = reader.PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
         with np.errstate(all="ignore"):  # of numbers that are none, which are left out below
             return np.asarray(cloud.numpy(("x", "y", "z")), dtype=np.float64)
     except Exception as error:  # as above
