@@ -315,7 +315,7 @@ def surface_patch(vertices_m: Array, friction: float, *, towards_m: Array | None
         InvalidInput: for corners that are no convex planar polygon.
     """
     vertices = np.asarray(vertices_m, dtype=np.float64)
-    normal = _newell(vertices)
+    normal = np.asarray(_newells(vertices[None])[0])
     if towards_m is not None and (towards_m - vertices.mean(axis=0)) @ normal < 0.0:
         normal = -normal
     return Patch(
@@ -347,15 +347,10 @@ def shear_of(normal: Array) -> Array:
     return np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < STEEP else np.array([1.0, 0.0, 0.0])
 
 
-def _newell(vertices: Array) -> Array:
-    """Unit normal of a polygon by its corners' order; (0, 0, 1) where it has no area, which Patch
-    then refuses.
-    """
-    return np.asarray(_newells(vertices[None])[0])
-
-
 def _newells(vertices: Array) -> Array:
-    """The unit normals of polygons of as many corners each, shape (K, U, 3) to (K, 3)."""
+    """The unit normals of polygons of as many corners each by their order, shape (K, U, 3) to (K, 3);
+    (0, 0, 1) where one has no area, which Patch then refuses.
+    """
     about = vertices - vertices.mean(axis=1, keepdims=True)
     total = np.zeros((len(vertices), 3))
     for k in range(vertices.shape[1]):
