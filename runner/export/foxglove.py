@@ -105,7 +105,7 @@ def write_mcap(moved: Moved, path: Path) -> None:
             now = round(time_s * _NANO)
             for topic, message in _messages(moved, known, row, now).items():
                 writer.add_message(channels[topic], now, message, now, row)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
 
 
 def _definition(kind: str) -> str:
