@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3137, 42953),
     "learners": (5344, 78424),
-    "planners": (35716, 582324),
+    "planners": (35714, 582310),
     "runner": (6805, 91837),
     "views": (4460, 69823),
 }
