@@ -7,7 +7,7 @@ from pathlib import Path
 from stancekit.planners.arguments import checked, settings_from
 from stancekit.planners.problem.terrain_spec import footholds_for
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.terrain.families import TERRAIN_FAMILIES
+from stancekit.planners.terrain.families import TERRAIN_FAMILIES, Terrain
 from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits, Footholds
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
@@ -16,7 +16,6 @@ from stancekit.planners.terrain.reference import (
     named_terrain,
     names_ground,
 )
-from stancekit.planners.terrain.terrain import Terrain
 
 
 @checked

@@ -22,8 +22,8 @@ from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk as Walk
 from stancekit.planners.robot.model import Robot
+from stancekit.planners.terrain.families import Terrain
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.terrain.terrain import Terrain
 
 _OF_WALK = (
     "start_yaw_rad",

@@ -22,8 +22,7 @@ import numpy as np
 from _bench import Lines, Row, tally
 
 import stancekit
-from stancekit.planners.robot.catalogue import as_they_come, catalogue, provider_folder
-from stancekit.planners.robot.robot_file import BUILT_IN
+from stancekit.planners.robot.robot_file import BUILT_IN, as_they_come, catalogue, provider_folder
 from stancekit.planners.terrain.families import SCENES
 
 HALF_M = 1.5

@@ -28,7 +28,7 @@ from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.whole_body import whole_body
-from stancekit.planners.robot.chain import rotation_of
+from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot

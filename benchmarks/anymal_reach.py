@@ -21,9 +21,8 @@ import tyro
 
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.robot_file import RobotKeys, model_of_keys
-from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.robot.urdf_reader import JointCorrection
-from stancekit.planners.robot.walker import walker_of
+from stancekit.planners.robot.walker import anymal, walker_of
 
 POSTURE = {
     "L?_HAA": -0.1,

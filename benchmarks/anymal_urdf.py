@@ -24,8 +24,8 @@ import numpy as np
 import tyro
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.chain import Chain
-from stancekit.planners.robot.single_body import read_walker
+from stancekit.planners.robot.leg import Chain
+from stancekit.planners.robot.walker import read_walker
 
 ROBOTS = Path(__file__).resolve().parents[1] / "configs" / "robots"
 COM_M = np.array([-0.001, -0.001, -0.021])

@@ -47,13 +47,12 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_terrain import FileTerrain
 from stancekit.planners.projection.held import PRESSES
-from stancekit.planners.robot.catalogue import as_they_come, provider_folder
-from stancekit.planners.robot.robot_file import robot_of
+from stancekit.planners.robot.robot_file import as_they_come, provider_folder, robot_of
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStage
-from stancekit.planners.terrain.frame import Frame
+from stancekit.planners.terrain.patch import Frame
 from stancekit.views.playground.page_parts import patient_answer
 from stancekit.views.playground.scenario import BetweenScenario
 

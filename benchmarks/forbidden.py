@@ -26,7 +26,7 @@ from stancekit.planners.gait.forbidden import forbidden
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 

@@ -37,12 +37,11 @@ from _crossings import rows as crossings
 from _robot_step import REACHED_M, step_line, step_row
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot.catalogue import provider_folder
 from stancekit.planners.robot.inverse_kinematics import InverseKinematics, Seeds
 from stancekit.planners.robot.outer_sets import directions_of, foot_cloud
-from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot.reach_sets import Workspace, workspace_of
+from stancekit.planners.robot.robot_file import named_robot, provider_folder
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.workspace import Workspace, workspace_of
 
 OTHERS = {
     "pybullet": (

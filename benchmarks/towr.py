@@ -35,8 +35,8 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import LeapClass, leap_class
+from stancekit.planners.terrain.families import Terrain
 from stancekit.planners.terrain.polygon import VOID_M
-from stancekit.planners.terrain.terrain import Terrain
 
 HERE = Path(__file__).parent / "towr"
 SPACING_M = 0.02

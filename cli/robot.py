@@ -14,8 +14,8 @@ from .options import OptionalPath, OptionalText
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from stancekit.planners.robot.reach_sets import Workspace
     from stancekit.planners.robot.robot_model import Remark, RobotModel
-    from stancekit.planners.robot.workspace import Workspace
 
 
 @dataclass
@@ -51,8 +51,8 @@ class ShowRobot:
         """Read, measure, draw, say."""
         from stancekit.planners.errors import InvalidInput
         from stancekit.planners.files.writing import check_writable
+        from stancekit.planners.robot.reach_sets import workspaces_of
         from stancekit.planners.robot.robot_file import named_robot
-        from stancekit.planners.robot.workspace import workspaces_of
 
         if self.robot is None:
             return self._list()
@@ -88,13 +88,14 @@ class ShowRobot:
         Raises InvalidInput for an option.
         """
         from stancekit.planners.errors import InvalidInput, install_command, package_command
-        from stancekit.planners.robot.catalogue import (
+        from stancekit.planners.robot.robot_file import (
+            BUILT_IN,
             CATALOGUE,
             as_they_come,
             catalogue,
             provider_folder,
+            read_keys,
         )
-        from stancekit.planners.robot.robot_file import BUILT_IN, read_keys
 
         for name, value in (("--picture", self.picture), ("--srdf", self.srdf)):
             if value is not None:

@@ -27,8 +27,7 @@ from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.single_body import anymal
-from stancekit.planners.robot.walker import walker_from
+from stancekit.planners.robot.walker import anymal, walker_from
 
 from .distributions.courses import SampledTasks, Tasks
 from .episodes import Step, TaskEnv, boxes, checked_action

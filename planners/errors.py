@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,17 @@ def not_installed(where: str, package: str | None, use: str, extra: str) -> Inva
     return InvalidInput(
         f"{where}: expected {package} for {use}, it is not installed: {install_command(extra)}"
     )
+
+
+def installed(module: str, where: str, package: str, use: str, extra: str) -> Any:
+    """A module of a package that may not be installed.
+
+    Raises InvalidInput where it is not, with arguments as of ``not_installed``.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise not_installed(where, package, use, extra) from None
 
 
 def install_command(extra: str) -> str:

@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1472, 16878),
-    "cli": (3585, 40048),
+    "api": (1470, 16876),
+    "cli": (3584, 40047),
     "configs": (3, 30),
-    "envs": (3139, 42955),
-    "learners": (5345, 78425),
-    "planners": (36113, 584829),
-    "runner": (6817, 91867),
-    "views": (4462, 69832),
+    "envs": (3137, 42953),
+    "learners": (5344, 78424),
+    "planners": (35714, 582310),
+    "runner": (6805, 91837),
+    "views": (4460, 69823),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

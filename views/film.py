@@ -19,7 +19,7 @@ from matplotlib.colors import to_rgb as rgb
 from matplotlib.colors import to_rgba
 from PIL import Image
 
-from stancekit.planners.errors import InvalidInput, not_installed
+from stancekit.planners.errors import InvalidInput, installed
 from stancekit.planners.files.arrays import Array
 
 from .scene import (
@@ -353,10 +353,7 @@ def _mujoco() -> Any:
 
     Raises InvalidInput where it is missing.
     """
-    try:
-        return import_module("mujoco")
-    except ImportError:
-        raise not_installed("video", "MuJoCo", "frames", "viz") from None
+    return installed("mujoco", "video", "MuJoCo", "frames", "viz")
 
 
 @DEFAULT_STYLE

@@ -21,7 +21,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.motion.motion import Played, Samples
-from stancekit.planners.robot.chain import rotation_of
+from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.runner.execution import Execution
 from stancekit.runner.log import TOUCH_N
@@ -480,8 +480,8 @@ def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
     """A trajectory as the world had it: the body, the feet and what they felt, a sample a control
     period.
     """
-    trace, legs = execution.trace, trajectory.robot.source
-    centre, radii = legs.origin_m, legs.foot_radii_m
+    trace, robot = execution.trace, trajectory.robot
+    centre, radii = robot.origin_m, robot.source.foot_radii_m
     return replace(
         trajectory,
         times_s=trace.time_s,

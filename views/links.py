@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.drawn_legs import base_of
+from stancekit.planners.robot.inverse_kinematics import base_of
 from stancekit.planners.robot.meshes import Shape, shape_points, thinned_mesh
 from stancekit.planners.robot.robot_model import RobotModel
 

@@ -30,9 +30,9 @@ from stancekit.planners.errors import InvalidInput, install_command, not_install
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import check_writable, write_bytes
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.robot.chain import rotation_of
-from stancekit.planners.robot.drawn_legs import ToeKinematics
+from stancekit.planners.robot.inverse_kinematics import ToeKinematics
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
 

@@ -19,7 +19,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.robot.chain import rotation_of
+from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify.explain import Relaxation
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.reach_sets import Workspace
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.workspace import Workspace
 
 from .links import Links
 from .scene import Arrow, Camera, DrawnBody, Facet, Label, Layer, Path, Scene, Sheet

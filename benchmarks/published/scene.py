@@ -27,11 +27,9 @@ from stancekit.planners.problem.terrain_spec import SolePoints
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach_sets import ReachSets, read_reach, same_limb
 from stancekit.planners.robot.robot_file import named_robot
-from stancekit.planners.robot.single_body import anymal
-from stancekit.planners.robot.walker import contact_robot
+from stancekit.planners.robot.walker import anymal, contact_robot
 from stancekit.planners.terrain.patch import Patch
-from stancekit.planners.terrain.polygon import Surface, surface_patch
-from stancekit.planners.terrain.sole import sole_offsets, sole_region
+from stancekit.planners.terrain.polygon import Surface, sole_offsets, sole_region, surface_patch
 
 FOLDER = Path(__file__).parent
 SCENES = tuple(sorted(path.stem for path in (FOLDER / "scenes").glob("*.yaml")))

@@ -67,7 +67,7 @@ SECTIONS = (
     Section(
         "Walkers",
         "YAML of a walking robot's numbers, without a URDF; see [gaits](../concepts/gaits.md).",
-        values=("planners.robot.single_body:WalkerKeys",),
+        values=("planners.robot.walker:WalkerKeys",),
     ),
     Section(
         "Actuators",
@@ -119,7 +119,7 @@ SECTIONS = (
     Section(
         "Courses laid out",
         "`stancekit/course/1`, JSON, as plans and proofs contain it.",
-        ("planners.robot.model_json:ModelJson",),
+        ("planners.robot.robot_file:ModelJson",),
         ("planners.problem.problem:Problem",),
         ours=True,
     ),

@@ -31,7 +31,7 @@ from stancekit.planners.problem.course_terrain import (
 )
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.families import (
     SMOOTH,
     TERRAIN_FAMILIES,

@@ -56,7 +56,7 @@ class NominalStance:
     centre of mass, shape (N, 3) each [m].
 
     With legs of half-spaces the body is level: a tilt would leave many scenes undecided, feasible
-    by what bounds take for their reach and not by what plans take (``planners.robot.reach``); where
+    by what bounds take for their reach and not by what plans take (``planners.robot.model``); where
     it is 0 both are the sets themselves.
 
     Arguments:
@@ -136,9 +136,11 @@ class StandingRobot:
                 reach_m=_PAPER_REACH_M,
                 paper=True,
             )
-        from stancekit.planners.robot.reach_sets import standing_toes  # slow to import
+        from stancekit.planners.robot.reach_sets import (
+            standing_toes,  # slow to import
+            workspaces_of,
+        )
         from stancekit.planners.robot.walker import contact_robot  # slow to import
-        from stancekit.planners.robot.workspace import workspaces_of
 
         model = named_robot(robot) if isinstance(robot, str) else robot.source.own_model()
         try:

@@ -43,8 +43,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class, leap_to_json
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.terrain.families import SCENE, family_terrain, terrain_family
-from stancekit.planners.terrain.terrain import Terrain
+from stancekit.planners.terrain.families import SCENE, Terrain, family_terrain, terrain_family
 from stancekit.planners.verify.leap_proof import GUARD, Refuter
 from stancekit.planners.verify.leaps import check_leap
 

@@ -33,7 +33,7 @@ from stancekit.planners.gait.method.budget import SolveBudget
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.walk_table import GaitSettings, read_walk, walk_names
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain import reference
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain

@@ -15,8 +15,7 @@ from ..problem import Problem
 from ..problem.leap import Leap
 from ..robot.model import Robot
 from ..robot.robot_file import joint_names
-from ..terrain.frame import Frame
-from ..terrain.patch import Patch
+from ..terrain.patch import Frame, Patch
 from .motion import Evidence, Motion, dulled
 
 FORMAT = "stancekit/motion/1"

@@ -168,7 +168,7 @@ class Trajectory(Motion):
         Of a robot without a model the groups of ``WALK_BODY`` are no hindrance: the runner asks the
         servos of the world.
         """
-        from ..robot.legged import walking_robot  # slow to import
+        from ..robot.walker import walking_robot  # slow to import
 
         left = [name for name in unchecked if self.robot.source.own or name not in WALK_BODY]
         if left:
@@ -195,7 +195,7 @@ def robot_from_json(data: Any) -> Robot:
 
     Raises InvalidInput, also for one that is called as a built-in one and is another.
     """
-    from ..robot.single_body import walker_from_json
+    from ..robot.walker import walker_from_json
 
     try:
         robot = walker_from_json(data)

@@ -12,8 +12,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..problem import Contact
-from ..robot.model import Limb, Robot
-from ..robot.reach import ReachRows, turned_most
+from ..robot.model import Limb, ReachRows, Robot, turned_most
 from .layout import Index, Layout, Of
 from .rows import Rows
 

@@ -20,7 +20,7 @@ from ..arguments import cached_property
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.problem import Weights
-from ..robot.reach import turned_most
+from ..robot.model import turned_most
 from .half_spaces import HalfSpaces, RelativeHalfSpaces
 from .layout import Index, Layout, shared
 

@@ -35,8 +35,7 @@ from ..problem.leap import FORMAT as LEAP
 from ..problem.leap import Leap
 from ..problem.passage import Passage
 from ..problem.posture import FORMAT as POSTURE
-from ..robot.model_json import robot_numbers
-from ..robot.robot_file import named_robot
+from ..robot.robot_file import named_robot, robot_numbers
 from ..search.pieces import beginning, course_window
 from ..verify import check_plan, explain
 from ..verify.judge import judge

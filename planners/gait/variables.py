@@ -22,7 +22,7 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.walk import FootPhases, Walk
-from ..terrain.bspline import cubics, rows_of
+from ..terrain.heightfield import cubics, rows_of
 from .charts.warped import Chart, Pushforward
 from .transcription.taylor import Features, Rows, Selection, TaylorMap, VariableGroup, identity
 from .walk_table import GaitSettings

@@ -26,7 +26,7 @@ from ..files.arrays import Array
 from ..motion.joints import MovingBody
 from ..motion.leap_motion import GATHER, LeapBody
 from ..problem.leap import MOST_INTERVALS, Leap, Phase
-from ..robot.leg_limits import no_motors
+from ..robot.walker import no_motors
 from ..terrain.obstacles import Obstacles
 from ..verify.leaps import JOINT_SPEED, JOINTS_M, TORQUE, LeapBodyMeasurements, check_leap
 from .numbers import JointRows, LeapGiven, LeapNumbers, LeapPoint

@@ -31,15 +31,15 @@ from ..problem.leap import BodyState, Leap, LeapLimits, Phase
 from ..problem.leap_classes import SPINS
 from ..problem.problem import Problem
 from ..projection.whole_body import WholeBodyLimits
-from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import Robot
+from ..robot.walker import leaping_robot, no_motors
 from ..search.answer import Planner
 from ..search.pieces import Standing, course_window
 from ..search.plan_course import plan_course
+from ..terrain.families import Terrain
 from ..terrain.obstacles import Obstacles
 from ..terrain.patch import Patch
 from ..terrain.polygon import Surface, half_planes
-from ..terrain.terrain import Terrain
 from ..verify.crossings import check_crossing
 from .bend import judged_answer
 from .finder import LeapFinder, find_leap

@@ -14,7 +14,7 @@ from ..equilibrium.programs import ConicSolution, ConicStatus, Programs
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
-from ..robot.reach import turned_most
+from ..robot.model import turned_most
 from .numbers import LeapGiven, LeapNumbers
 from .scp import (
     HEIGHT_RESERVE_M,

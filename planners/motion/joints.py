@@ -18,12 +18,11 @@ from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..robot.chain import rotations_of
-from ..robot.drawn_legs import ToeKinematics
-from ..robot.inverse_kinematics import LegPostures, WholeBody, descend
+from ..robot.inverse_kinematics import LegPostures, ToeKinematics, WholeBody, descend
 from ..robot.kinematics import JointAnswer, Kinematics
-from ..robot.legged import robot_of
+from ..robot.leg import rotations_of
 from ..robot.robot_model import RobotModel
+from ..robot.walker import robot_of
 from ..terrain.patch import solids_of
 from .path import APART_M, PathMoments, PlanPath, path_of
 

@@ -14,7 +14,7 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
-from ..robot.chain import rotations_of
+from ..robot.leg import rotations_of
 from ..terrain.patch import solids_of
 from .joints import MovingBody, WalkPostures
 from .motion import Played, Samples

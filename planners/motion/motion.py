@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..answer.plan import MotionTable
 from ..files.arrays import Array, cached_arrays, checked, cross
-from ..robot.chain import rotations_of
+from ..robot.leg import rotations_of
 from ..terrain.patch import Solid, contact_frames
 
 if TYPE_CHECKING:

@@ -20,9 +20,8 @@ from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..robot.chain import rotations_of
 from ..robot.inverse_kinematics import descend
-from ..robot.leg import levelled
+from ..robot.leg import levelled, rotations_of
 from ..robot.robot_file import FOOT_RADIUS_M
 from ..terrain.patch import Solids, solids_of
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..files.arrays import Array, check_numbers
-from ..robot.chain import rotation_of
+from ..robot.leg import rotation_of
 from .joints import support_forces
 from .motion import Played, Samples, smooth, smooth_rate
 from .path import PathMoments, PlanPath, Segment, path_of

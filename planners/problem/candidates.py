@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ..errors import NoPlace
 from ..files.arrays import Array
 from ..robot.model import Limb
+from ..terrain.families import Terrain
 from ..terrain.patch import Patch
 from ..terrain.polygon import Corners, Surface, nearest, patches_of
-from ..terrain.terrain import Terrain
 
 _COMFORT = 0.85
 """A nominal toe is at most this share of the limb's reach away from the nominal shoulder."""

@@ -24,9 +24,9 @@ from ..files.arrays import (
 )
 from ..files.codec import INLINE, LATER, Within, check_limits, fields_to_json
 from ..files.documents import shown
-from ..robot.reach import ReachRows
+from ..robot.model import ReachRows
 from ..terrain.patch import Patch
-from ..terrain.sole import checked_sole, sole_offsets, sole_region
+from ..terrain.polygon import checked_sole, sole_offsets, sole_region
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

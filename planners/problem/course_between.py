@@ -19,10 +19,10 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked_int, read_only
 from ..files.documents import validated
 from ..robot.model import Robot, hexapod
+from ..terrain.families import Terrain
 from ..terrain.footholds import Footholds
-from ..terrain.frame import Frame
+from ..terrain.patch import Frame
 from ..terrain.polygon import STEEP, Surface
-from ..terrain.terrain import Terrain
 from .alternatives import AS_ASKED, Alternative
 from .contact import Weights
 from .course_keys import AS_IT_STANDS, BodySpec, CourseSpec, toe_offset

@@ -16,7 +16,7 @@ from ..files.documents import no_numbers, parse_yaml, read_json, read_yaml, vali
 from ..files.writing import first_difference
 from ..plugins import split_name
 from ..robot.model import Robot
-from ..robot.model_json import robot_numbers
+from ..robot.robot_file import robot_numbers
 from ..terrain.families import TERRAIN_FAMILIES, drawn_name
 from .alternatives import AS_ASKED, Alternative
 from .course_keys import MADE_UP, PLAIN, CourseSpec

@@ -23,8 +23,7 @@ from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from ..files.codec import KEYS
 from ..robot.actuators import Servo
-from ..robot.model import Limb, Robot, hexapod
-from ..robot.reach import ReachRows
+from ..robot.model import Limb, ReachRows, Robot, hexapod
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
 from .problem import MOST_FRAMES, StepLimits
@@ -344,8 +343,7 @@ class CourseSpec(_Keys):
             return robot if mass_kg is None else replace(robot, mass_kg=mass_kg)
         if robot is not None and mass_kg is None:
             return robot if sets == "inner" else robot.sets(sets)
-        from ..robot.payload import with_mass
-        from ..robot.walker import contact_robot
+        from ..robot.walker import contact_robot, with_mass
 
         model = self._named(folder) if robot is None else robot.source.own_model()
         return contact_robot(model if mass_kg is None else with_mass(model, mass_kg), sets=sets)

@@ -15,8 +15,7 @@ from ..errors import InvalidInput, NoPlace
 from ..files.arrays import Array
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
-from ..terrain.polygon import STEEP, Surface
-from ..terrain.sole import sole_offsets, sole_region
+from ..terrain.polygon import STEEP, Surface, sole_offsets, sole_region
 from .alternatives import AS_ASKED, Alternative
 from .candidates import CandidatePatches, NoFooting
 from .contact import at_point

@@ -16,10 +16,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..terrain.families import Terrain
 from ..terrain.footholds import Rung
 from ..terrain.patch import Patch
 from ..terrain.polygon import surface_patch, surface_patches
-from ..terrain.terrain import Terrain
 from .terrain_spec import MOST_PATCHES
 from .terrain_spec import FamilyScene as FamilyScene
 from .terrain_spec import FileTerrain as FileTerrain

@@ -27,8 +27,8 @@ from ..terrain.polygon import half_planes
 from .standing_map import INFEASIBLE, UNLIKELY
 
 if TYPE_CHECKING:
+    from ..terrain.families import Terrain
     from ..terrain.heightfield import HeightField
-    from ..terrain.terrain import Terrain
     from .standing_map import StandingMap
 
 LATTICE_M = 0.04
@@ -136,7 +136,7 @@ class Footprint:
                     mount = known.model.mounts[shape.link]
                     at = corners @ shape.rotation.T + shape.origin_m
                     trunk = np.vstack([trunk, at @ mount.rotation.T + mount.origin_m])
-            points.append(np.vstack([chains, trunk]) - robot.source.origin_m)
+            points.append(np.vstack([chains, trunk]) - robot.origin_m)
             high = float(points[1][:, 2].max())
             if len(trunk):
                 own = points[1][len(chains) :]

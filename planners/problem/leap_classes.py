@@ -17,12 +17,11 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked_choice
 from ..files.codec import LATER, fields_to_json, from_json, keys_of, to_json
 from ..files.documents import YAML, read_yaml, shown, validated
-from ..robot.leg_limits import leaping_robot, no_motors
 from ..robot.model import LegLimits, Limb, Robot
-from ..terrain.families import SCENE, family_terrain
+from ..robot.walker import leaping_robot, no_motors
+from ..terrain.families import SCENE, Terrain, family_terrain
 from ..terrain.patch import Patch
 from ..terrain.polygon import VOID_M
-from ..terrain.terrain import Terrain
 from .candidates import CandidatePatches
 from .contact import Foothold
 from .leap import FORMAT, BodyState, Leap, LeapLimits, Phase

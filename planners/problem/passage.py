@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from ..files.arrays import Array, checked, checked_members, read_only
 from ..files.codec import fields_to_json, from_json
 from ..robot.model import Robot
-from ..terrain.frame import Frame
-from ..terrain.patch import Patch
+from ..terrain.patch import Frame, Patch
 
 FACING_UP = 0.3
 """Surfaces whose normals are steeper than this are no ground."""

@@ -37,9 +37,8 @@ from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
-from ..terrain.frame import Frame
-from ..terrain.patch import Patch
-from ..terrain.sole import sole_offsets, sole_region
+from ..terrain.patch import Frame, Patch
+from ..terrain.polygon import sole_offsets, sole_region
 from .contact import OPEN, Contact, checked_wrench
 from .contact import Foothold as Foothold
 from .contact import Stance as Stance

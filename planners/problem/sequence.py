@@ -25,11 +25,10 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, read_archive
 from ..files.documents import read_text, shown, validated
 from ..robot.model import Robot
+from ..terrain.families import Terrain
 from ..terrain.footholds import FRICTION
-from ..terrain.frame import Frame
-from ..terrain.patch import Patch, contact_frames
+from ..terrain.patch import Frame, Patch, contact_frames
 from ..terrain.polygon import Surface
-from ..terrain.terrain import Terrain
 from .course_keys import CourseSpec, toe_offset
 from .problem import MOST_FRAMES, Foothold, Problem, StepLimits, Weights
 

@@ -17,7 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, archive_of
 from ..files.documents import parse_json, read_bytes
 from ..files.writing import write_bytes
-from ..terrain.frame import Frame
+from ..terrain.patch import Frame
 
 FORMAT = "stancekit/standing-map/1"
 _MOST_BYTES = 512_000_000

@@ -24,12 +24,11 @@ from ..files.codec import KEYS
 from ..files.documents import validation_errors
 from ..robot.model import Robot
 from ..robot.robot_file import BUILT_IN, FOOT_RADIUS_M, named_robot
-from ..terrain.families import TERRAIN_FAMILIES, family_terrain, read_draw
+from ..terrain.families import TERRAIN_FAMILIES, Terrain, family_terrain, read_draw
 from ..terrain.footholds import FRICTION, FootholdLimits, Footholds
 from ..terrain.import_options import MOST_TRIANGLES, ImportOptions
 from ..terrain.patch import Patch
-from ..terrain.sole import checked_sole
-from ..terrain.terrain import Terrain
+from ..terrain.polygon import checked_sole
 
 if TYPE_CHECKING:
     from ..robot.model import Robot

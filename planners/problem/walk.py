@@ -15,9 +15,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_choice, collect_errors, read_only
 from ..robot.model import Robot
 from ..robot.walker import walker_from
+from ..terrain.families import Terrain
 from ..terrain.heightfield import HeightField
 from ..terrain.reference import named_terrain
-from ..terrain.terrain import Terrain
 
 
 @dataclass(frozen=True, kw_only=True)

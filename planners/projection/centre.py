@@ -33,10 +33,9 @@ from ..motion.joints import STRAY_M, JointPath, key_postures
 from ..motion.path import LIFT_M, PathMoments, PlanPath, path_of
 from ..problem import Problem
 from ..robot.bodies import Bodies, link_shapes
-from ..robot.chain import rotations_of
 from ..robot.inverse_kinematics import Near, WholeBody, descend
 from ..robot.kinematics import Kinematics
-from ..robot.leg import turning
+from ..robot.leg import rotations_of, turning
 from ..terrain.obstacles import Obstacles
 from ..terrain.patch import Patch
 from ..terrain.polygon import clipped, half_planes

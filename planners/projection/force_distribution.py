@@ -23,9 +23,9 @@ from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..files.arrays import Array
 from ..problem import Problem
-from ..robot.chain import rotation_of
 from ..robot.inverse_kinematics import descend
 from ..robot.kinematics import Kinematics
+from ..robot.leg import rotation_of
 from ..terrain.patch import Patch
 
 if TYPE_CHECKING:

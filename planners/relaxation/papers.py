@@ -29,7 +29,7 @@ import scipy.sparse as sp
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
-from ..robot.reach import turned_most
+from ..robot.model import turned_most
 from .envelope import Envelope
 from .mccormick import Axes
 

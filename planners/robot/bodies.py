@@ -19,12 +19,10 @@ from numpy.typing import NDArray
 from ..files.arrays import Array
 from ..terrain.obstacles import Ground, Obstacles
 from ..terrain.patch import Solid
-from .chain import between_rotations
-from .contacts import Bounds, Index, balls_apart, boxes_apart, feet_of, off_solids
+from .contacts import Bounds, Index, LinksInGround, balls_apart, boxes_apart, feet_of, off_solids
 from .inverse_kinematics import Near, Overlap, WholeBody
 from .kinematics import Kinematics
-from .leg import Mount
-from .links_in_ground import LinksInGround
+from .leg import Mount, between_rotations
 from .meshes import Shape, shape_points, solid_shapes, unknown_shapes
 from .plausibility import shapeless
 from .robot_model import RobotModel

@@ -19,7 +19,7 @@ the lowest plane while it stands level.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -29,8 +29,11 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..terrain.obstacles import Ground
+from ..terrain.patch import hull_of
+from .inverse_kinematics import WholeBody
 from .leg import FootSole, Leg, Mount
-from .meshes import Shape, shape_elements, shape_points, solid_shapes
+from .meshes import Shape, shape_elements, shape_points, solid_shapes, surface_points
 
 Index = NDArray[np.intp]
 _ON_FACE_M = 1e-9
@@ -556,8 +559,6 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
     """Centre, shape (3,), and radius [m] of the ball whose surface the corners of a hull, shape (V,
     3), are on; None where they are on none's.
     """
-    from scipy.spatial import ConvexHull, QhullError
-
     if len(points_m) < 4:
         return None
     middle, away = _about(points_m)
@@ -568,11 +569,77 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
     some = points_m[
         :: 1 + len(points_m) // _ENOUGH
     ]  # whether its planes are a ball's is as clear of fewer corners
-    try:
-        hull = ConvexHull(some)
-    except (QhullError, ValueError):
+    if (hull := hull_of(some)) is None:
         return None
     a, b, c = (some[hull.simplices[:, corner]] for corner in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     near = -(hull.equations[:, :3] @ middle + hull.equations[:, 3]) >= least
     return (middle, radius_m) if areas[near].sum() >= HALF * areas.sum() else None
+
+
+_APART_M = 0.02
+"""Points of a link's surface that are looked for in the ground are about so far apart."""
+
+
+_PATCH_M = 1e-3
+"""A ball touches where it comes so near to the plane that it stands on."""
+
+
+class LinksInGround:
+    """Shapes of links over one ground.
+
+    Shapes are where they are with R_WS and p_WS, (S, 3, 3), (S, 3).
+
+    Arguments:
+        points: whose hulls the shapes are, a shape each, (K, 3) [m].
+        feet: the limb that touches with a shape, −1 for none.
+        radii_m: radii of the limbs' feet.
+    """
+
+    def __init__(
+        self, ground: Ground, points: Sequence[Array], feet: Sequence[int], radii_m: Array
+    ) -> None:
+        self.ground, self._feet = ground, np.array(feet)
+        self._patches_m = np.sqrt(2.0 * radii_m * _PATCH_M) + _PATCH_M
+        self._points, self._surfaces = points, dict[int, Array]()
+
+    def _surface(self, shape: int) -> Array:
+        """Points all over a shape that comes near to the ground, in its own frame, shape (P, 3)
+        [m].
+        """
+        if shape not in self._surfaces:
+            self._surfaces[shape] = surface_points(self._points[shape], _APART_M)
+        return self._surfaces[shape]
+
+    def depths(
+        self, turns: Array, origins: Array, low: Array, high: Array, bodies: WholeBody
+    ) -> Iterator[tuple[int, int, float]]:
+        """Moments and shapes whose boxes, corners (T, S, 3), may be in the ground, and how deep
+        they are, −inf of what is above [m]; of feet that stand on it what is outside the patch on
+        which they touch.
+        """
+        tops = self.ground.tops(low.reshape(-1, 3), high.reshape(-1, 3)).reshape(low.shape[:2])
+        near = low[..., 2] < tops
+        for shape in np.flatnonzero(near.any(axis=0)).tolist():
+            moments, limb = np.flatnonzero(near[:, shape]), int(self._feet[shape])
+            points = (
+                self._surface(shape) @ np.swapaxes(turns[moments, shape], 1, 2)
+                + origins[moments, shape, None]
+            )
+            below = points[..., 2] < tops[moments, shape, None]
+            if limb >= 0:
+                apart = (
+                    np.linalg.norm(points - bodies.toes_m[moments, None, limb], axis=2)
+                    > self._patches_m[limb]
+                )
+                below &= apart | ~bodies.stands[moments, None, limb]
+            depths = np.full(below.shape, -np.inf)
+            depths[below] = self.ground.depth_inside(points[below])
+            for t, depth in zip(moments.tolist(), depths.max(axis=1).tolist(), strict=True):
+                yield t, shape, depth
+
+    def depth(self, turns: Array, origins: Array, shape: int) -> float:
+        """Depth of a shape in the ground [m]."""
+        return float(
+            self.ground.depth(self._surface(shape) @ turns[shape].T + origins[shape]).max()
+        )

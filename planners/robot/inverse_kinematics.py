@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,9 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .leg import Leg, levelled
+
+if TYPE_CHECKING:
+    from .robot_model import RobotModel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -295,12 +299,13 @@ class InverseKinematics:
             seeds: seeds of every leg, in the robot's order.
         """
         self.legs = tuple(seeds)
+        self.standing = [seed.leg.stance_rad for seed in seeds]
 
     def solve(
         self,
         feet: ArrayLike,
         *,
-        near: Sequence[ArrayLike] | None = None,
+        near: ArrayLike | None = None,
         up: ArrayLike = (0.0, 0.0, 1.0),
     ) -> LegPostures:
         """Angles for feet in the base's frame, shape (K, N, 3) [m].
@@ -308,7 +313,7 @@ class InverseKinematics:
         Raises InvalidInput for feet of another shape.
 
         Arguments:
-            near: postures to stay near to, one per leg, as ``Seeds.solve`` takes them.
+            near: postures to stay near to, all joints in the legs' order, shape (K, J) or (J,) [rad].
             up: normals below soles in the base's frame, shape (K, N, 3) or (3,).
         """
         target = np.asarray(feet, dtype=np.float64)
@@ -316,11 +321,59 @@ class InverseKinematics:
             raise InvalidInput(
                 f"feet: expected shape (any, {len(self.legs)}, 3), got {target.shape}"
             )
-        ups = np.broadcast_to(up, target.shape)
+        ups, ends = np.broadcast_to(up, target.shape), np.cumsum([0, *map(len, self.standing)])
+        starts = None if near is None else np.broadcast_to(near, (len(target), ends[-1]))
         answers = [
-            leg.solve(target[:, i], None if near is None else near[i], ups[:, i])
-            for i, leg in enumerate(self.legs)
+            leg.solve(target[:, i], None if starts is None else starts[:, a:b], ups[:, i])
+            for i, (leg, (a, b)) in enumerate(zip(self.legs, pairwise(ends), strict=True))
         ]
         return LegPostures(
             angles=tuple(q for q, _ in answers), error_m=np.stack([e for _, e in answers], axis=1)
         )
+
+
+class ToeKinematics:
+    """All legs of a robot whose body's origin is the centre of mass of the standing robot."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model, self._solver = model, InverseKinematics(seeds_of(model.legs))
+
+    def solve(
+        self,
+        com_m: ArrayLike,
+        rotation: ArrayLike,
+        toes_m: ArrayLike,
+        normals: ArrayLike,
+        near: ArrayLike | None = None,
+    ) -> LegPostures:
+        """Angles of K stances of N legs, each found from the standing posture, so that knees keep
+        their bend.
+
+        Arguments:
+            com_m: p_WC, shape (K, 3) [m].
+            rotation: R_WB, shape (K, 3, 3).
+            toes_m: p_WF, and normals of the ground there, on which a foot is a sphere, shape (K, N,
+                3).
+            near: all joints in the model's order, shape (K, J) [rad], in place of those of the
+                standing posture.
+        """
+        feet = self.centres(com_m, rotation, toes_m, normals)
+        start = np.concatenate(self._solver.standing) if near is None else near
+        return self._solver.solve(feet, near=start)
+
+    def centres(
+        self, com_m: ArrayLike, rotation: ArrayLike, toes_m: ArrayLike, normals: ArrayLike
+    ) -> Array:
+        """Centres of the feet in the base's frame, shape (K, N, 3) [m]; arguments as of
+        ``solve``.
+        """
+        radii = np.array([[leg.radius_m] for leg in self.model.legs])
+        centres = np.asarray(toes_m) + radii * np.asarray(normals)
+        arms = centres - np.asarray(com_m)[:, None]
+        turned = np.einsum("kji,knj->kni", np.asarray(rotation), arms)
+        return np.asarray(turned + self.model.body.com_m)
+
+
+def base_of(model: RobotModel, com_m: Array, rotation: Array) -> Array:
+    """p_WB of the base whose centre of mass is at p_WC, shape (3,) [m]."""
+    return np.asarray(com_m - rotation @ model.body.com_m)

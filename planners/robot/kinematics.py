@@ -19,10 +19,9 @@ from ..arguments import cached_property
 from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.patch import Solid
-from .chain import rotation_of
+from .drawn_legs import limb_postures
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
-from .leg import Mount, levelled
-from .leg_ik import limb_postures
+from .leg import Mount, levelled, rotation_of
 from .model import Robot
 from .robot_file import Servo
 from .robot_model import resisting_nm
@@ -244,7 +243,9 @@ class Kinematics:
                 obstacles=obstacles,
             )
         else:
-            wished = self._near(feet, near, up)
+            start = np.concatenate(self.own.standing) if near is None else near
+            postures = self.own.solve(feet[None], near=start, up=up)
+            wished = np.concatenate(postures.angles, axis=1)[0]
         if near is not None:
             far = self.by_leg(np.abs(wished - near)).max(axis=1) > most_rad
             wished = np.where(self.of_joints(far), near, wished)
@@ -278,22 +279,6 @@ class Kinematics:
         in.
         """
         return InverseKinematics(seeds_of(self.model.legs))
-
-    def _near(self, feet: Array, near: Array | None, up: Array) -> Array:
-        """Postures of own legs for feet in the base's frame, near those given or those in which it
-        stands, (J,).
-
-        Arguments:
-            up: as for ``reach``.
-        """
-        start = (
-            np.concatenate([leg.stance_rad for leg in self.model.legs]) if near is None else near
-        )
-        split = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
-        postures = self.own.solve(
-            feet[None], near=[part[None] for part in np.split(start, split)], up=up
-        )
-        return np.concatenate([angles[0] for angles in postures.angles])
 
     def reach(
         self,

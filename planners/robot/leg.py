@@ -1,18 +1,252 @@
-"""One leg of a robot's model: its joints by name, its chain, and where its foot is."""
+"""One leg of a robot's model: its joints by name, the kinematics of their chain, and where its foot is.
+
+A leg is a chain of n joints from the base to its foot. Every joint's frame is turned so that the
+joint moves about, or along, its own z: then p_BF = P₁ Z₁(q₁) P₂ Z₂(q₂) … Pₙ Zₙ(qₙ) t, where only
+the Z depend on the posture, and a point goes from the foot's end to the base with four products a
+joint. K postures are one array; nothing is looped over them.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, cross, read_only
 from ..files.codec import LATER
-from ..terrain.polygon import half_planes
-from ..terrain.sole import checked_sole
-from .chain import Chain
+from ..terrain.polygon import checked_sole, half_planes
+
+_SMALL_RAD = 1e-3
+"""Below this angle, sin(a/2) / a is its series."""
+
+
+def rotation_of(vector: ArrayLike) -> Array:
+    """exp([v]×): the rotation matrix of a rotation vector, shape (3,) [rad] → (3, 3), read-only."""
+    return _rotation_of(np.array(vector, dtype=np.float64).tobytes())
+
+
+@lru_cache(
+    maxsize=64
+)  # of one control period, and of the postures of one plan: each is asked for several times
+def _rotation_of(vector: bytes) -> Array:
+    matrix = rotations_of(np.frombuffer(vector))
+    matrix.flags.writeable = False
+    return matrix
+
+
+def rotations_of(vectors: Array) -> Array:
+    """Rotation matrices of many vectors, shape (…, 3) to (…, 3, 3), by quaternions.
+
+    SciPy's ``Rotation.from_rotvec(vectors).as_matrix()`` gives the same numbers to the last bit;
+    its import takes longer than a plan takes to find.
+    """
+    x, y, z = np.moveaxis(np.asarray(vectors, dtype=np.float64), -1, 0)
+    angle = np.sqrt(x * x + y * y + z * z)
+    square, each = angle * angle, angle.ravel().tolist()
+    large = np.array([math.sin(0.5 * a) / a if a > _SMALL_RAD else 0.0 for a in each]).reshape(
+        angle.shape
+    )
+    scale = np.where(angle > _SMALL_RAD, large, 0.5 - square / 48.0 + square * square / 3840.0)
+    w = np.array([math.cos(0.5 * a) for a in each]).reshape(angle.shape)
+    x, y, z = scale * x, scale * y, scale * z
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    xy, zw, xz, yw, yz, xw = x * y, z * w, x * z, y * w, y * z, x * w
+    rows = (
+        (xx - yy - zz + ww, 2.0 * (xy - zw), 2.0 * (xz + yw)),
+        (2.0 * (xy + zw), -xx + yy - zz + ww, 2.0 * (yz - xw)),
+        (2.0 * (xz - yw), 2.0 * (yz + xw), -xx - yy + zz + ww),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def continued(vectors: Array) -> Array:
+    """The same rotations by the vectors that are nearest to the one before, shape (K, 3) [rad].
+
+    A heading that passes half a turn goes on there, where rotation vectors jump by a whole one.
+    """
+    result = np.array(vectors, dtype=np.float64)
+    if not np.any(np.linalg.norm(np.diff(result, axis=0), axis=1) > math.pi):
+        return result
+    for before, vector in pairwise(result):  # rows of it, which are changed
+        if (angle := float(np.linalg.norm(vector))) > 0.0:
+            axis = vector / angle
+            vector += math.tau * np.rint((before @ axis - angle) / math.tau) * axis
+    return result
+
+
+def between_rotations(first: Array, last: Array, share: Array) -> Array:
+    """Rotations a share of the way from one to another, each by less than half a turn about one
+    axis: (L, 3, 3).
+    """
+    turn = np.swapaxes(first, 1, 2) @ last
+    skew = 0.5 * (turn - np.swapaxes(turn, 1, 2))
+    axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1.0))
+    share = share * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0.0)
+    return np.asarray(first @ rotations_of(share[:, None] * axis))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chain:
+    """n joints from the base to a foot.
+
+    Arguments:
+        rotations, origins: pose of each joint's frame in the one before it (the first in the base),
+            at q = 0, shapes (n, 3, 3) and (n, 3) [m].
+        axes: unit vectors in the joint's own frame, shape (n, 3).
+        slides: truth values, True for prismatic joints, shape (n,).
+        tip_m: the foot in the last joint's frame, shape (3,) [m].
+    """
+
+    rotations: Array
+    origins: Array
+    axes: Array
+    slides: NDArray[np.bool_]
+    tip_m: Array
+    turns: Array = field(init=False, repr=False)
+    """From every joint's turned frame, whose z is the joint's axis, into its own, shape (n, 3,
+    3)."""
+    steps: Array = field(init=False, repr=False)
+    shifts: Array = field(init=False, repr=False)
+    """``rotations`` and ``origins`` between turned frames."""
+    tip: Array = field(init=False, repr=False)
+    """The foot in the last joint's turned frame, shape (3,) [m]."""
+
+    def __post_init__(self) -> None:
+        for name, shape in (
+            ("rotations", (None, 3, 3)),
+            ("origins", (None, 3)),
+            ("axes", (None, 3)),
+            ("tip_m", (3,)),
+        ):
+            object.__setattr__(self, name, read_only(getattr(self, name), shape, name))
+        turns = np.array([_with_z(axis) for axis in self.axes])
+        before = np.concatenate([np.eye(3)[None], turns[:-1]]).transpose(0, 2, 1)
+        steps = np.einsum("nij,njk,nkl->nil", before, self.rotations, turns)
+        shifts = np.einsum("nij,nj->ni", before, self.origins)
+        for name, value in (
+            ("turns", turns),
+            ("steps", steps),
+            ("shifts", shifts),
+            ("tip", turns[-1].T @ self.tip_m),
+        ):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @property
+    def joints(self) -> int:
+        """n, the number of joints."""
+        return len(self.axes)
+
+    @property
+    def length_m(self) -> float:
+        """From the first joint to the foot by way of the joints between [m]: if none slides, no
+        foot is farther.
+        """
+        return float(np.linalg.norm(self.origins[1:], axis=1).sum() + np.linalg.norm(self.tip_m))
+
+    def feet(self, angles: ArrayLike) -> Array:
+        """Feet p_BF for postures of shape (K, n) [rad, or m where a joint slides], shape (K, 3)
+        [m].
+        """
+        q = np.asarray(angles, dtype=np.float64)
+        moved = np.repeat(self.tip[:, None, None], len(q), axis=2)
+        for i in reversed(range(self.joints)):
+            moved = self.outward(i, moved, q[:, i])
+        return np.ascontiguousarray(moved[:, 0].T)
+
+    def feet_and_jacobian(self, angles: ArrayLike) -> tuple[Array, Array]:
+        """Feet, shape (K, 3) [m], and ∂p_BF/∂q, shape (K, 3, n) [m per rad, or per m], both in the
+        base's frame.
+        """
+        q = np.asarray(angles, dtype=np.float64)
+        moved = np.empty(
+            (3, self.joints + 1, len(q))
+        )  # the foot, then a column a joint: all of them turn alike
+        moved[:, 0] = self.tip[:, None]
+        for i in reversed(range(self.joints)):
+            column = moved[:, self.joints - i]
+            if self.slides[i]:
+                column[:] = np.array([0.0, 0.0, 1.0])[:, None]
+            else:
+                column[0], column[1], column[2] = (
+                    -moved[1, 0],
+                    moved[0, 0],
+                    0.0,
+                )  # z × v, before z turns it
+            part = moved[:, : self.joints - i + 1]
+            part[:] = self._turned(i, part, q[:, i])
+            part[:, 0] += self._shift(i, q[:, i])
+        return np.ascontiguousarray(moved[:, 0].T), np.ascontiguousarray(
+            moved[:, :0:-1].transpose(2, 0, 1)
+        )
+
+    def frames(self, angles: ArrayLike) -> tuple[Array, Array]:
+        """Frames of the joints as the URDF has them: R_BJ, shape (K, n, 3, 3), and p_BJ, shape (K,
+        n, 3) [m].
+        """
+        q = np.asarray(angles, dtype=np.float64)
+        turns, places = np.empty((len(q), self.joints, 3, 3)), np.empty((len(q), self.joints, 3))
+        turn, place = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
+        for i in range(self.joints):
+            place = place + turn @ self.origins[i]
+            turn = turn @ self.rotations[i]
+            if self.slides[i]:
+                place = place + (turn @ self.axes[i]) * q[:, i : i + 1]
+            else:
+                turn = turn @ _about(self.axes[i], q[:, i])
+            turns[:, i], places[:, i] = turn, place
+        return turns, places
+
+    def outward(self, joint: int, points: Array, angles: Array) -> Array:
+        """Points of one joint's turned frame in the one before it (the base's for the first), at
+        the joint's angles.
+
+        So the feet are this over all joints, from the last to the first.
+
+        Arguments:
+            points: shape (3, M, K).
+            angles: shape (K,).
+        """
+        return self._turned(joint, points, angles) + self._shift(joint, angles)[:, None]
+
+    def _turned(self, joint: int, vectors: Array, angles: Array) -> Array:
+        """Vectors of shape (3, M, K) in the frame before."""
+        if not self.slides[joint]:
+            cosine, sine, (x, y, z) = np.cos(angles), np.sin(angles), vectors
+            vectors = np.empty_like(vectors)
+            vectors[0], vectors[1], vectors[2] = cosine * x - sine * y, sine * x + cosine * y, z
+        return np.asarray((self.steps[joint] @ vectors.reshape(3, -1)).reshape(vectors.shape))
+
+    def _shift(self, joint: int, angles: Array) -> Array:
+        """The frame's origin in the frame before, shape (3, K)."""
+        if not self.slides[joint]:
+            return np.repeat(self.shifts[joint][:, None], len(angles), axis=1)
+        return np.asarray(self.shifts[joint][:, None] + self.steps[joint][:, 2:] * angles)
+
+
+def _with_z(axis: Array) -> Array:
+    """A rotation that takes z to a unit vector, shape (3, 3)."""
+    aside = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    x = cross(aside, axis)
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, cross(axis, x), axis])
+
+
+def _about(axis: Array, angles: Array) -> Array:
+    """Rotations about a unit axis (Rodrigues), shape (K, 3, 3)."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    return np.asarray(np.eye(3) + sine * skew + (1.0 - cosine) * (skew @ skew))
+
 
 FULL_TURN = 2.0 * np.pi - 1e-6
 

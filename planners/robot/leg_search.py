@@ -19,9 +19,8 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
-from .chain import Chain
 from .contacts import Fits, Touch, is_wheel, placed_shapes, sole_of, touch_of
-from .leg import FULL_TURN, FootContact, FootSole, Joint, Leg
+from .leg import FULL_TURN, Chain, FootContact, FootSole, Joint, Leg
 from .meshes import Shape
 from .plausibility import points_up
 from .urdf_reader import base_joint, matching, pinocchio

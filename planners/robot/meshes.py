@@ -403,48 +403,39 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
     Arguments:
         cached: False reads the file and keeps nothing.
     """
-    if not cached:
-        try:
+
+    def made() -> dict[str, Any]:
+        mesh = faced_outward(thinned(read_mesh(path, scale), most))
+        return {"vertices": np.float32(mesh.vertices_m), "faces": np.int32(mesh.faces)}
+
+    said = f"{_VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode()
+    with suppress(InvalidInput):
+        if not cached:
             return faced_outward(thinned(read_mesh(path, scale), most))
-        except InvalidInput:
-            return None
-    try:
-        key = f"{_VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + read_bytes(
-            path, MOST_BYTES
-        )
-    except InvalidInput:
-        return None
-
-    def made() -> dict[str, Any] | None:
-        mesh = thinned_mesh(path, scale, most, cached=False)
-        return (
-            None
-            if mesh is None
-            else {"vertices": np.float32(mesh.vertices_m), "faces": np.int32(mesh.faces)}
-        )
-
-    return kept(key, made, lambda arrays: _checked(arrays["vertices"], arrays["faces"]))
+        said += read_bytes(path, MOST_BYTES)
+        return kept("meshes/", said, made, lambda each: _checked(each["vertices"], each["faces"]))
+    return None
 
 
 def kept(
+    where: str,
     said: bytes,
-    make: Callable[[], dict[str, Any] | None],
+    make: Callable[[], Mapping[str, Any]],
     read: Callable[[Mapping[str, Array]], Value],
-) -> Value | None:
-    """Read arrays that were kept for a mesh, or else make and keep them; None where there are none.
+) -> Value:
+    """Read arrays that were kept, or else make and keep them.
 
     Arguments:
-        said: the mesh's file, and what is made of it.
+        where: beginning of the file's name in the folder of what is kept.
+        said: all that they depend on, e.g. a mesh's file and what is made of it.
         make: the arrays.
         read: raises InvalidInput, KeyError or ValueError for arrays that are damaged, which are
             made anew.
     """
-    file = cache_folder() / "meshes" / f"{hashlib.sha256(said).hexdigest()}.npz"
+    file = cache_folder() / f"{where}{hashlib.sha256(said).hexdigest()}.npz"
     with suppress(InvalidInput, KeyError, ValueError):
         return read(read_archive(file))
     arrays = make()
-    if arrays is None:
-        return None
     with suppress(InvalidInput, OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(file, archive_of(arrays))

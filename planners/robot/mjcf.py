@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
-from ..terrain.scene_file import compiled_mjcf
+from ..terrain.mesh_file import compiled_mjcf
 from .contacts import Index
 from .hulls import hull_corners
 from .meshes import shape_elements, text_of, write_pose

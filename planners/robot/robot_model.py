@@ -27,7 +27,6 @@ from .actuators import Servo
 from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .inverse_kinematics import REACHED_M, descend
-from .joint_limits import GUESSED_RAD_S, hold, limit_doubts, mend_limits, speed_doubts
 from .leg import FootContact, Leg, Mount
 from .leg_search import Found, Waist, legs_of
 from .meshes import Shape, disabled_pairs, remove_empty_shapes, shapes_of
@@ -43,14 +42,19 @@ from .plausibility import (
     wrong_links,
 )
 from .urdf_reader import (
+    GUESSED_RAD_S,
     JointCorrection,
     at_rest,
     built,
     corrected,
+    hold,
+    limit_doubts,
     matching,
+    mend_limits,
     parsed,
     pinocchio,
     remove_root_joint,
+    speed_doubts,
     turned,
 )
 

@@ -1,5 +1,5 @@
-"""A robot's model as a walker: one rigid body, and for every foot the box of its inner set about
-where it stands (W4).
+"""A robot's model as one that walks or leaps: one rigid body, for every foot the box of its inner set
+about where it stands (Pan et al. §III-A, W4), and limits of legs that move fast.
 
 The box R_i of W4 is "the largest rectangular reachable set". Here it is the upright box in the
 leg's inner polytope that has most room about the standing foot, up and down, ahead and back, in and
@@ -10,31 +10,252 @@ where the two stand, so that every foot is nearer to its own place than to anoth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
-from typing import cast, get_args
+from typing import Any, cast, get_args
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from ..errors import InvalidInput
-from ..files.arrays import Array
-from ..files.documents import YAML, read_yaml
+from ..files.arrays import Array, checked
+from ..files.codec import LATER, from_json
+from ..files.documents import YAML, read_text, read_yaml, validated
 from .hulls import Polytope
-from .leg_sources import no_legs
-from .limb import Foot, half_sides
-from .meshes import shape_points, solid_shapes
-from .model import DEEPEST, Limb, Robot
-from .reach_sets import Sets, limbs_over, soles_apart, standing_toes
-from .robot_file import ROBOTS, model_of_keys, named_robot, read_keys, robot_path, unknown
+from .leg import Leg
+from .meshes import Shape, shape_points, solid_shapes
+from .model import DEEPEST, Foot, LegLimits, Limb, Robot, half_sides, hexapod, no_legs
+from .reach_sets import Sets, Workspace, limbs_over, soles_apart, standing_toes, workspaces_of
+from .robot_file import (
+    ROBOTS,
+    LegKeys,
+    model_from_json,
+    model_of_keys,
+    named_robot,
+    read_keys,
+    robot_path,
+    unknown,
+)
 from .robot_model import RobotModel, model_of
-from .single_body import anymal, hexapod_walker, legged_anymal, read_walker
-from .urdf_reader import pinocchio
-from .workspace import Workspace, workspaces_of
+from .urdf_reader import hold, matching, speed_doubts
+
+
+def robot_of(model: RobotModel) -> Robot:
+    """A robot of this model's legs, each reaching as far as it is long, from the centre of mass as
+    it stands.
+    """
+    limbs = tuple(
+        Limb(
+            name=leg.name,
+            shoulder_m=leg.hip_m - model.body.com_m,
+            reach_m=leg.chain.length_m + leg.radius_m,
+        )
+        for leg in model.legs
+    )
+    return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
+
+
+def walking_robot(robot: Robot) -> Robot:
+    """The robot with limbs and joints of a walk's robot.
+
+    Raises InvalidInput where its joints are not known.
+
+    The robot of a walk is a body with boxes of reach, which may have the model of its legs; of the
+    robots that come with the package the hexapod has joints, too.
+    """
+    if robot.source.own:
+        return robot_of(robot.source.own_model())
+    known = hexapod()
+    shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
+    same = robot.limb_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
+    if not same or not all(np.allclose(foot.hip_m, shoulders[foot.name]) for foot in robot.feet):
+        raise no_legs(robot.name)
+    return known
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkerKeys:
+    """The keys of a robot that walks, by its feet, see ``Robot``.
+
+    Arguments:
+        model: the model from the robot's own file.
+        legs: limits of the legs in leaps, by name or pattern.
+        source: origin of the numbers, for readers.
+    """
+
+    name: str
+    mass_kg: float
+    inertia_kgm2: Array
+    feet: tuple[Foot, ...]
+    stand_height_m: float
+    trunk_half_m: Array
+    model: Mapping[str, Any] | None = field(default=None, metadata=LATER)
+    source: Any = field(default=None, metadata=LATER)
+    legs: Any = field(default=None, metadata=LATER)
+
+    def value(self) -> Robot:
+        """The robot.
+
+        Raises InvalidInput.
+        """
+        model = model_from_json(self.model, self.name)
+        numbers = {each.name: getattr(self, each.name) for each in fields(self)[:6]}
+        return Robot(**numbers, model=model)
+
+
+def walker_from_json(data: Any, where: str = "") -> Robot:
+    """The robot that walks which ``Robot.to_json`` wrote, or a person, as in
+    ``configs/robots/anymal.yaml``.
+
+    Arguments:
+        where: the file, which the message begins with.
+
+    Raises:
+        InvalidInput: in one line, with all that is wrong.
+    """
+    keys = from_json(WalkerKeys, data, where=where)
+    try:
+        return keys.value()
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error}" if where else str(error)) from None
+
+
+def read_walker(path: str | Path) -> Robot:
+    """Read a file of the numbers of a robot that walks, as ``configs/robots/anymal.yaml`` is.
+
+    Raises InvalidInput.
+    """
+    return walker_from_json(read_yaml(path), str(path))
+
+
+def anymal() -> Robot:
+    """ANYmal, the robot of Pan et al. §V, by its boxes alone; the file says where its numbers come
+    from.
+    """
+    from stancekit.configs import config_path
+
+    return read_walker(config_path("robots/anymal.yaml"))
+
+
+def legged_anymal() -> Robot:
+    """ANYmal with the same boxes and with legs, those of ``configs/robots/anymal.urdf``.
+
+    Without pinocchio no legs can be read, and it is its boxes.
+    """
+    return anymal() if find_spec("pinocchio") is None else replace(anymal(), model=_anymal_legs())
+
+
+@lru_cache(maxsize=1)
+def _anymal_legs() -> RobotModel:
+    from stancekit.configs import config_path
+
+    urdf, srdf = (read_text(config_path(f"robots/anymal.{kind}")) for kind in ("urdf", "srdf"))
+    feet = {name: f"{name}_FOOT" for name in ("LF", "RF", "LH", "RH")}
+    return model_of(urdf, where="anymal.urdf", srdf=srdf, feet=feet, name="anymal")
+
+
+def hexapod_walker() -> Robot:
+    """The default hexapod of Lin et al. (``robot.model.hexapod``) as a walker: a uniform disc with
+    six feet.
+
+    The feet stand .15 m outward of the shoulders and .2 m below them, as in Lin et al.'s ground
+    problems; their boxes are .2 × .2 × .12 m, whose corners are within the limbs' reach of .35 m.
+    """
+    robot = hexapod()
+    radius_m = float(np.linalg.norm(robot.limbs[0].shoulder_m))
+    feet = []
+    for limb in robot.limbs:
+        nominal = limb.shoulder_m * (1.0 + 0.15 / radius_m) - np.array([0.0, 0.0, 0.2])
+        half = np.array([0.1, 0.1, 0.06])
+        feet.append(
+            Foot(
+                name=limb.name,
+                nominal_m=nominal,
+                reach_min_m=nominal - half,
+                reach_max_m=nominal + half,
+                hip_m=limb.shoulder_m,
+            )
+        )
+    thick_m = 0.08
+    across = robot.mass_kg * (3.0 * radius_m**2 + thick_m**2) / 12.0
+    return Robot(
+        name=robot.name,
+        mass_kg=robot.mass_kg,
+        inertia_kgm2=np.diag([across, across, 0.5 * robot.mass_kg * radius_m**2]),
+        feet=tuple(feet),
+        stand_height_m=0.2,
+        trunk_half_m=np.array([0.127, 0.127, 0.04]),
+    )
+
+
+def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
+    """The model with another mass: the heaviest link that no leg moves has the difference, at its
+    own centre of mass.
+
+    It is another robot, with another digest; whoever reads its URDF reads it so. Raises
+    InvalidInput for a mass that the legs alone have, or that is not a positive number.
+    """
+    wanted = checked(mass_kg, "mass_kg", above=0.0)
+    root = deepcopy(model.tree)
+    loads = {
+        link.get("name", ""): mass
+        for link in root.findall("link")
+        if (mass := link.find("inertial/mass")) is not None and _rides(model, link.get("name", ""))
+    }
+    if not loads:
+        raise InvalidInput(
+            f"mass_kg: expected a robot with a body that has a mass, got {model.name} without one"
+        )
+    heaviest = max(loads.values(), key=lambda mass: float(mass.get("value", "0")))
+    link_mass = float(heaviest.get("value", "0"))
+    others = model.body.mass_kg - link_mass
+    if wanted <= others:
+        raise InvalidInput(
+            f"mass_kg: expected more than the {others:.3g} kg of all but the body, got {wanted:g}"
+        )
+    heaviest.set("value", repr(wanted - others))
+    return _again(model, root, model.legs, model.shapes)
+
+
+def _again(
+    model: RobotModel, root: Element, legs: tuple[Leg, ...], shapes: tuple[Shape, ...]
+) -> RobotModel:
+    """The model of a changed URDF that stands on these of its legs as it did."""
+    again = model_of(
+        ElementTree.tostring(root, encoding="unicode"),
+        where=model.name,
+        folder=None,
+        hulls={},
+        feet={leg.name: leg.foot for leg in legs},
+        name=model.name,
+        contacts={leg.name: leg.contact for leg in legs if leg.contact is not None},
+        posture_rad=_standing_rad(legs),
+    )
+    return again.changed(legs=legs, shapes=shapes, disabled_pairs=model.disabled_pairs)
+
+
+def _standing_rad(legs: Sequence[Leg]) -> dict[str, float]:
+    """Angles in which legs stand, by joint."""
+    return {
+        joint: angle
+        for leg in legs
+        for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
+    }
+
+
+def _rides(model: RobotModel, link: str) -> bool:
+    """Tell whether a link goes with the base."""
+    mount = model.mounts.get(link)
+    return mount is not None and mount.leg is None
+
 
 _SAME_M = 1e-12
 """Sets whose numbers differ by no more than this are the same [m]."""
@@ -131,16 +352,9 @@ def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
     """
     if names == model.leg_names:
         return model
-    root, legs = deepcopy(model.tree), [leg for leg in model.legs if leg.name in names]
+    root, legs = deepcopy(model.tree), tuple(leg for leg in model.legs if leg.name in names)
     idle = [leg for leg in model.legs if leg.name not in names]
-    held = {
-        name: angle
-        for leg in idle
-        for name, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
-    }
-    for joint in root.findall("joint"):
-        if (name := joint.get("name", "")) in held:
-            _hold(joint, held[name])
+    hold(root, _standing_rad(idle))
     unseen = {
         link
         for link, mount in model.mounts.items()
@@ -150,46 +364,7 @@ def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
         for kind in _SHAPES if link.get("name") in unseen else ():
             for shape in link.findall(kind):
                 link.remove(shape)
-    again = model_of(
-        ElementTree.tostring(root, encoding="unicode"),
-        where=model.name,
-        folder=None,
-        hulls={},
-        feet={leg.name: leg.foot for leg in legs},
-        name=model.name,
-        contacts={leg.name: leg.contact for leg in legs if leg.contact is not None},
-        posture_rad={
-            joint: angle
-            for leg in legs
-            for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
-        },
-    )
-    shapes = tuple(shape for shape in model.shapes if shape.link not in unseen)
-    return again.changed(legs=tuple(legs), shapes=shapes, disabled_pairs=model.disabled_pairs)
-
-
-def _hold(joint: Element, angle: float) -> None:
-    """Make a joint one that does not move, at this angle [rad, or m where it slides]."""
-    pin = pinocchio()
-    origin = joint.find("origin")
-    if origin is None:
-        origin = ElementTree.SubElement(joint, "origin")
-    place, turn = (
-        np.array(origin.get(key, "0 0 0").split(), dtype=np.float64) for key in ("xyz", "rpy")
-    )
-    axis_element = joint.find("axis")
-    axis = np.array(
-        (axis_element.get("xyz", "1 0 0") if axis_element is not None else "1 0 0").split(),
-        dtype=np.float64,
-    )
-    axis, rotation = axis / np.linalg.norm(axis), np.array(pin.rpy.rpyToMatrix(*turn))
-    if joint.get("type") == "prismatic":
-        place = place + rotation @ (angle * axis)
-    else:
-        rotation = rotation @ np.array(pin.exp3(angle * axis))
-    origin.set("xyz", " ".join(map(repr, place.tolist())))
-    origin.set("rpy", " ".join(map(repr, np.array(pin.rpy.matrixToRpy(rotation)).tolist())))
-    joint.set("type", "fixed")
+    return _again(model, root, legs, tuple(s for s in model.shapes if s.link not in unseen))
 
 
 BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_walker}
@@ -379,3 +554,127 @@ def _trunk(model: RobotModel) -> Array:
     points = np.vstack(corners) - model.body.com_m
     below = max(-float(points[:, 2].min()), 1e-3)
     return np.array([*np.abs(points[:, :2]).max(axis=0), below])
+
+
+_ANGLES = 9
+"""Postures per joint that are looked at for the shortest and the longest leg."""
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
+    legs: dict[str, LegKeys] = {}
+
+
+def leaping_robot(robot: Robot | str | Path) -> Robot:
+    """A robot as leaps have it: inertia, and for every limb a hip with limits of speed, power and
+    length.
+
+    Arguments:
+        robot: a ``Robot`` with both, which is returned as it is; a robot's name or file. A model's
+            legs reach as far from their hips as their joints let them, in any direction; a walker's
+            file gives boxes, and that of ``anymal`` has the legs of ``configs/robots/anymal.urdf``
+            besides. Its key ``legs`` (by name or pattern) says limits; those of a model follow from
+            the efforts and velocities of its joints.
+
+    Raises:
+        InvalidInput: for a robot without inertia.
+    """
+    if not isinstance(robot, Robot):
+        path = robot_path(robot)
+        if str(robot) == "anymal":
+            from stancekit.configs import config_path
+
+            path = config_path("robots/anymal.yaml")
+        data = read_yaml(path) if path.suffix in YAML else {}
+        keys = validated(_File, data, str(path)).legs
+        if data and "urdf" not in data:
+            walker = legged_anymal() if str(robot) == "anymal" else read_walker(path)
+            robot = _corrected(replace(walker, feet=()), keys)
+        else:
+            keys = read_keys(path).legs if data else {}
+            robot = _with_limits(robot_of(named_robot(robot)), keys)
+    if robot.inertia is None:
+        raise InvalidInput(
+            f"robot {robot.name}: inertia_kgm2: expected the inertia of a body that leaps, got none"
+        )
+    return robot
+
+
+def no_motors(model: RobotModel) -> str:
+    """Gaps in a robot's file about its joints' efforts and velocities, in words; empty where there
+    are all.
+    """
+    guessed = speed_doubts(model.tree)
+    slow = [
+        f"joint {joint.name}"
+        for leg in model.legs
+        for joint in leg.joints
+        if joint.velocity_rad_s <= 0.0 or joint.name in guessed
+    ]
+    lacks = [*model.lines_of(model.torque_doubts)]
+    if slow:
+        lacks.append(f"no velocity limit of {', '.join(slow[:4])}{' …' * (len(slow) > 4)}")
+    if not lacks:
+        return ""
+    return f"expected limits of its joints' torque and speed, which leaps need: {'; '.join(lacks)}"
+
+
+def _limits_of(leg: Leg, com_m: Array) -> LegLimits:
+    """The limits that a leg's joints give: their velocities along the standing leg, all their
+    power, its shortest fold.
+
+    Joints without a limit leave the leg without one.
+
+    Arguments:
+        com_m: the centre of mass in the base's frame, shape (3,) [m].
+    """
+    foot, jacobian = (part[0] for part in leg.chain.feet_and_jacobian(leg.stance_rad[None]))
+    along = (foot - leg.hip_m) / max(float(np.linalg.norm(foot - leg.hip_m)), 1e-9)
+    velocity = np.array([joint.velocity_rad_s for joint in leg.joints])
+    power = float(leg.torque_nm @ velocity)
+    speed = float(np.abs(along @ jacobian) @ velocity)
+    shortest, _ = _lengths(leg)
+    return LegLimits(
+        hip_m=leg.hip_m - com_m,
+        speed_m_s=speed if np.all(velocity > 0.0) else math.inf,
+        power_w=power if np.all(velocity > 0.0) and np.all(leg.torque_nm > 0.0) else math.inf,
+        fold_m=max(shortest - leg.radius_m, 0.0),
+    )
+
+
+def _lengths(leg: Leg) -> tuple[float, float]:
+    """Shortest and longest distance of hip and foot's centre within the joints' limits [m]."""
+    lines = [
+        np.linspace(low, high, _ANGLES)
+        for low, high in zip(leg.lower_rad, leg.upper_rad, strict=True)
+    ]
+    angles = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(leg.joints))
+    lengths = np.linalg.norm(leg.chain.feet(angles) - leg.hip_m, axis=1)
+    return float(lengths.min()), float(lengths.max())
+
+
+def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
+    model = robot.source.own_model()
+    limits = [_limits_of(leg, model.body.com_m) for leg in model.legs]
+    limbs = tuple(
+        replace(limb, leg=each, reach_m=_lengths(leg)[1] + leg.radius_m)
+        for limb, each, leg in zip(robot.limbs, limits, model.legs, strict=True)
+    )
+    return _corrected(replace(robot, limbs=limbs), keys)
+
+
+def _corrected(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
+    """The robot with the limits that its file says.
+
+    Raises InvalidInput for a leg that it does not have.
+    """
+    limbs = {limb.name: limb for limb in robot.limbs}
+    for pattern, keys_of_leg in keys.items():
+        for name in matching(pattern, limbs, f"robot {robot.name}: legs"):
+            leg = limbs[name].leg
+            assert leg is not None
+            values = {
+                key: value for key, value in keys_of_leg.model_dump().items() if value is not None
+            }
+            limbs[name] = replace(limbs[name], leg=replace(leg, **values))
+    return replace(robot, limbs=tuple(limbs.values()))

@@ -33,8 +33,8 @@ from ..problem.sequence import (
 )
 from ..projection.whole_body import WholeBodyLimits
 from ..robot.model import Robot
-from ..terrain.frame import Frame
-from ..terrain.terrain import Terrain
+from ..terrain.families import Terrain
+from ..terrain.patch import Frame
 from ..verify import explain
 from ..verify.margins import stance_margins
 from .plan_course import plan_course

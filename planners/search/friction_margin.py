@@ -23,8 +23,7 @@ from ..problem import Problem
 from ..projection.held import PRESSES, PUSHES, pressing, push_share, pushed, steady
 from ..robot.leg import Leg
 from ..terrain.patch import Patch
-from ..terrain.polygon import half_planes
-from ..terrain.sole import sole_offsets, sole_region
+from ..terrain.polygon import half_planes, sole_offsets, sole_region
 from .answer import COURSE_LIMIT_S, Planner
 from .two_stage import TwoStage
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import LARGEST, Array, read_only
-from .heightfield import FEWEST, MOST_POINTS, WIDEST_M, HeightField
+from ..files.arrays import LARGEST, Array
+from .heightfield import FEWEST, MOST_POINTS, WIDEST_M, HeightField, grid_lines
 from .import_options import OTHER_UNIT, Holes
 
 LAYER_M = 0.05
@@ -49,22 +49,8 @@ class ElevationMap:
 
     def __post_init__(self) -> None:
         for axis in ("x_m", "y_m"):
-            lines = read_only(getattr(self, axis), (None,), f"{self.name}: {axis}")
+            lines = grid_lines(getattr(self, axis), f"{self.name}: {axis}", f"; {OTHER_UNIT}")
             object.__setattr__(self, axis, lines)
-            if len(lines) < FEWEST:
-                raise InvalidInput(
-                    f"{self.name}: {axis}: expected {FEWEST} or more grid lines, got {len(lines)}"
-                )
-            if not float(np.diff(lines).min()) > 0.0:
-                raise InvalidInput(
-                    f"{self.name}: {axis}: expected increasing values, got a step of "
-                    f"{np.diff(lines).min():g} m"
-                )
-            if lines[-1] - lines[0] > WIDEST_M:
-                raise InvalidInput(
-                    f"{self.name}: {axis}: expected {WIDEST_M:g} m or less from end to end, got "
-                    f"{lines[-1] - lines[0]:g} m; {OTHER_UNIT}"
-                )
         if np.size(self.heights_m) > MOST_POINTS:
             raise InvalidInput(
                 f"{self.name}: expected {MOST_POINTS} grid points or fewer, got "

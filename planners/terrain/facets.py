@@ -16,14 +16,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from ..errors import not_installed
+from ..errors import installed
 from ..files.arrays import Array
-from .certainty import Certainty
-from .patch import Patch
+from .correlation import connected
+from .patch import Certainty, Patch
 from .polygon import shear_of, width
 from .triangle_mesh import TriangleMesh
 
@@ -184,11 +182,7 @@ def shapely_module() -> Any:
 
     Raises InvalidInput without it.
     """
-    try:
-        import shapely
-    except ImportError:
-        raise not_installed("terrain", "shapely", "facets", "terrain") from None
-    return shapely
+    return installed("shapely", "terrain", "shapely", "facets", "terrain")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -367,7 +361,7 @@ def _joined(
         within = np.full(len(corners), -1)
         within[left] = np.arange(len(left))
         some = within[pairs[np.all(within[pairs] >= 0, axis=1)]]
-        number, group = connected(some, len(left))
+        number, group = connected(some[:, 0], some[:, 1], len(left))
         seed = left[_largest(group, area[left], number)]
         plane = normals[seed[group]]
         off = np.einsum("kij,kj->ki", corners[left] - corners[seed[group], :1], plane)
@@ -529,15 +523,6 @@ def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
     order = np.lexsort(edges.T)
     same = np.all(edges[order[1:]] == edges[order[:-1]], axis=1)
     return np.stack([owner[order[:-1]][same], owner[order[1:]][same]], axis=1)
-
-
-def connected(pairs: NDArray[np.int_], size: int) -> tuple[int, NDArray[np.int_]]:
-    """Number of parts that hang together by pairs, shape (K, 2), and the part of each of so many,
-    shape (size,).
-    """
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    number, group = connected_components(graph, directed=False)
-    return int(number), np.asarray(group)
 
 
 def _largest(group: NDArray[np.int_], area: Array, number: int) -> NDArray[np.int_]:

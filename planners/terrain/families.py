@@ -1,5 +1,5 @@
-"""Families of terrain: one table of generators, each a ground by its name, a level in [0, 1] and a
-seed.
+"""Terrain, its patches and heights, which show one surface; and families of it: one table of
+generators, each a ground by its name, a level in [0, 1] and a seed.
 
 A family is a pure function of a level and a generator. The level says one physical quantity, by a
 formula that is linear in it; the generator says the rest (phase, offset, friction), in draws that
@@ -15,23 +15,111 @@ start (``SCENE``), walks see all of it (``WIDE``).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from inspect import getdoc, signature
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked
 from ..files.documents import shown
 from ..plugins import Registry, split_name, takes
 from .patch import Patch
-from .polygon import surface_patch
-from .terrain import Terrain
+from .polygon import EDGE_M, UPRIGHT, VOID_M, half_planes, surface_patch
 
 if TYPE_CHECKING:
-    from .heightfield import HeightField
+    from .heightfield import HeightField  # splines are slow to import
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """One ground, for key frames as patches and for walks as heights.
+
+    Arguments:
+        patches: every surface, in order.
+        footing: per patch, whether a toe may stand on it; risers, for one, are only in the way.
+        footholds: where toes may stand instead: pieces of the patches that keep ``inset_m`` from
+            their borders [m].
+        rise: rise of the mean ground per metre along x; None between walls, where the way is up.
+        figures: what was drawn, by name, in SI units.
+        begin_m: point of the ground over which a course begins, shape (3,) [m].
+        laid: makes the heights where they go on beyond the patches; without it they are those of
+            the patches.
+    """
+
+    patches: tuple[Patch, ...]
+    footing: tuple[bool, ...]
+    footholds: tuple[Patch, ...] | None = None
+    inset_m: float = 0.0
+    rise: float | None = 0.0
+    figures: Mapping[str, float] = field(default_factory=dict)
+    begin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    laid: Callable[[], HeightField | None] | None = None
+
+    @property
+    def standing(self) -> tuple[tuple[str, Patch], ...]:
+        """Surfaces that toes may stand on, each with its name in messages."""
+        if self.footholds is not None:
+            return tuple((f"foothold {i}", patch) for i, patch in enumerate(self.footholds))
+        return tuple(
+            (f"terrain patch {i}", self.patches[i])
+            for i, footing in enumerate(self.footing)
+            if footing
+        )
+
+    @property
+    def surfaces(self) -> tuple[tuple[Patch, bool], ...]:
+        """Every surface, footholds last, and whether a toe may stand on it."""
+        pieces = tuple((patch, True) for patch in self.footholds or ())
+        return (*zip(self.patches, self.footing, strict=True), *pieces)
+
+    @cached_property
+    def heights(self) -> HeightField | None:
+        """The surface for walks, its edges rounded (``heightfield.rounded``); None where nothing faces up, as
+        between walls.
+        """
+        if self.laid is not None:
+            return self.laid()
+        from .heightfield import rounded
+
+        return rounded(self.patches)
+
+    def grid(self, x_m: Array, y_m: Array) -> Array:
+        """Heights at grid lines, shapes (n,) and (m,), shape (n, m) [m].
+
+        Of polygons those of the highest one that faces up, edges sharp, or ``VOID_M``.
+        """
+        places = np.stack(np.meshgrid(x_m, y_m, indexing="ij"), axis=-1)
+        if (
+            self.footholds is not None and self.heights is not None
+        ):  # its patches are pieces of its heights
+            return self.heights.height(places)
+        heights = np.full(places.shape[:2], -np.inf)
+        for patch in self.patches:
+            if patch.normal[2] < UPRIGHT:
+                continue
+            normals, offsets = half_planes(patch.vertices_m[:, :2])
+            within = np.all(places @ normals.T <= offsets + EDGE_M, axis=-1)
+            lifted = (
+                patch.centre_m[2]
+                - (places - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+            )
+            heights = np.where(within, np.maximum(heights, lifted), heights)
+        return np.where(np.isfinite(heights), heights, VOID_M)
+
+    def with_friction(self, factor: float) -> Terrain:
+        """Ground with this factor on every friction."""
+        checked(factor, "friction", least=0.0)
+        patches, footholds = (
+            None
+            if each is None
+            else tuple(patch.with_friction(factor * patch.friction) for patch in each)
+            for each in (self.patches, self.footholds)
+        )
+        return replace(self, patches=patches or (), footholds=footholds)
 
 
 SCENE = np.array([(-0.8, -0.8, -np.inf), (1.1, 0.8, np.inf)])
@@ -189,6 +277,59 @@ def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Ter
     return Terrain(patches=tuple(patches), footing=(True, True), rise=None, figures=figures)
 
 
+_HALF_WIDTH_M = float(WIDE[1, 0])
+LEVEL_M = 0.6
+"""Smooth terrains are level within this distance of the origin, so that a robot can stand there
+[m]."""
+
+
+def _rough(difficulty: float, rng: np.random.Generator) -> Shape:
+    """Smooth noise of .5 m wavelength, up to 8 cm deviation."""
+    return _noise(0.08 * difficulty, 0.18, rng)
+
+
+def _waves(difficulty: float, rng: np.random.Generator) -> Shape:
+    """Five wave trains in random directions, .8–2.4 m long, up to 25° steep each."""
+    turns, phases = rng.uniform(0.0, 2.0 * np.pi, (2, 5))
+    k = 2.0 * np.pi / rng.uniform(0.8, 2.4, 5)
+    rise = np.tan(np.deg2rad(25.0)) * difficulty * rng.uniform(0.2, 0.6, 5) / k
+    along = np.stack([np.cos(turns), np.sin(turns)])
+    return lambda x, y: np.asarray(np.sin(k * (np.stack([x, y], axis=-1) @ along) + phases) @ rise)
+
+
+def _ramps(difficulty: float, rng: np.random.Generator) -> Shape:
+    """Planes up to 35° steep that meet in rounded ridges and valleys."""
+    turns, levels = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(0.8, 2.0, 3)
+    slopes = (
+        np.tan(np.deg2rad(35.0))
+        * difficulty
+        * rng.uniform(0.4, 1.0, 3)
+        * rng.choice([-1.0, 1.0], 3)
+    )
+
+    def shape(x: Array, y: Array) -> Array:
+        height = np.zeros_like(x)
+        for turn, level, slope in zip(turns, levels, slopes, strict=True):
+            beyond = np.cos(turn) * x + np.sin(turn) * y - level
+            height += 0.5 * slope * (beyond + np.sqrt(beyond**2 + 0.15**2))
+        return height
+
+    return shape
+
+
+def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Shape:
+    """White noise under a Gaussian of this length, as a function."""
+    from scipy.ndimage import gaussian_filter  # slow to import
+
+    from .heightfield import HeightField  # splines are slow to import
+
+    spacing = 0.05
+    count = 2 * int(_HALF_WIDTH_M / spacing) + 1
+    noise = gaussian_filter(rng.standard_normal((count, count)), length_m / spacing)
+    field = HeightField.from_array(deviation_m / float(noise.std()) * noise, spacing)
+    return lambda x, y: field.height(np.stack([x, y], axis=-1))
+
+
 _STONES, _FAR = 15, 41
 """Stones and blocks along each axis of a scene and of all the ground, before those outside are left
 out."""
@@ -222,9 +363,13 @@ TERRAIN_FAMILIES: Registry[Family | _Draw] = Registry(
         "walls": Family(
             quantity="distance of two walls: 0.56 + 0.5 · level m", draw=_walls, walked=False
         ),
-        "rough": f"{__package__}.smooth_families:ROUGH",
-        "waves": f"{__package__}.smooth_families:WAVES",
-        "ramps": f"{__package__}.smooth_families:RAMPS",
+        "rough": Family(
+            quantity="deviation of noise of 0.5 m wavelength: 0.08 · level m", draw=_rough
+        ),
+        "waves": Family(
+            quantity="steepness of five wave trains: up to tan(25°) · level each", draw=_waves
+        ),
+        "ramps": Family(quantity="slope of three planes: up to tan(35°) · level", draw=_ramps),
     },
     expected="a Family, or a function of a level and a generator",
     accepts=lambda it: isinstance(it, Family) or takes(it, 2),
@@ -373,7 +518,6 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
     upright surfaces.
     """
     from .heightfield import rounded  # splines are slow to import
-    from .smooth_families import levelled
 
     ground = _drawn(family, level, rng, WIDE)
     if not isinstance(ground, Terrain):
@@ -392,8 +536,6 @@ def _of_shape(shape: Shape, name: str, extent: Array, rng: np.random.Generator) 
     Its courses begin 2 ``LEVEL_M`` ahead, where it is no longer level, and its patches are those
     about that place.
     """
-    from .smooth_families import LEVEL_M, levelled
-
     field, friction = levelled(shape, name), float(rng.uniform(0.6, 0.9))
     begin = np.array([2.0 * LEVEL_M, 0.0, 0.0])
     return of_heights(field, friction, begin, extent + begin if extent is SCENE else extent)
@@ -476,3 +618,17 @@ def _within(far: Array, near: Array) -> Array:
     first = (len(far) - len(near)) // 2
     far[first : first + len(near), first : first + len(near)] = near
     return far
+
+
+def levelled(shape: Shape, name: str) -> HeightField:
+    """A shape as a height field over all of ``WIDE``, level about the origin.
+
+    Raises InvalidInput for one that is finer than its spline can hold.
+    """
+    from .heightfield import HeightField  # splines are slow to import
+
+    def height(x: Array, y: Array) -> Array:
+        share = np.clip((np.hypot(x, y) - LEVEL_M) / LEVEL_M, 0.0, 1.0)
+        return np.asarray(share**3 * (10.0 + share * (6.0 * share - 15.0)) * shape(x, y))
+
+    return HeightField.from_function(height, _HALF_WIDTH_M, 0.05, name=name, tolerance_m=0.01)

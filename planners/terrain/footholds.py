@@ -14,10 +14,8 @@ import numpy as np
 from ..errors import InvalidInput, NoPlace
 from ..files.arrays import Array, cross
 from ..files.codec import Within, check_limits
-from .certainty import FOUND_SD_M
-from .frame import Frame
 from .import_options import ImportOptions, doubts
-from .patch import Patch
+from .patch import FOUND_SD_M, Frame, Patch
 from .polygon import clipped, shear_of
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array
-from .certainty import Certainty
 from .correlation import GroundCells, Labels, block_squares, boxed, fitted, sums_of
 from .footholds import TerrainPatch
+from .patch import Certainty
 from .polygon import half_planes
 
 _BLOCK_M = 0.08

@@ -20,16 +20,15 @@ import numpy as np
 from contourpy import contour_generator
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects, uniform_filter
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .certainty import Certainty
 from .correlation import (
     GroundCells,
     Labels,
     Noise,
+    about,
+    connected,
     correlated_noise,
     fitted,
     noise_of_residuals,
@@ -50,16 +49,23 @@ from .map_certainty import (
 from .map_rungs import MapRung, map_rungs
 from .map_solids import ROOM, Overhead, box_patches, on_surfaces, standing_boxes
 from .mesh_footholds import standing_pieces
-from .noisy_surfaces import COARSE_SD_M, LARGEST_M, correlated_surfaces, halves_of, noisy_surfaces
-from .patch import Patch
+from .noisy_surfaces import (
+    COARSE_SD_M,
+    LARGEST_M,
+    apart,
+    correlated_surfaces,
+    halved,
+    noisy_surfaces,
+)
+from .patch import Certainty, Patch
 from .polygon import SMALLEST_M
 
 _WINDOW_M = 0.06
 """Half width of the window of a cell's plane [m]."""
 _FEWEST, _MOST = 2, 5
 """Cells in it to each side."""
-_ROUNDS, _LLOYD = 12, 4
-"""How often surfaces are parted, and how often cells choose the nearer of two planes then."""
+_ROUNDS = 12
+"""How often surfaces are parted."""
 TURN_RAD = 0.12
 """Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise
 [rad]."""
@@ -248,19 +254,17 @@ def _labelled(
     """The surface of each cell, -1 where there is none, and how far bumps that are not seen may
     reach out of one [m].
     """
-    heights, known, quiet_m = cells.heights, cells.known, _QUIET * limits.roughness_m
+    quiet_m = _QUIET * limits.roughness_m
     deviation_m = max(noise.deviation_m, quiet_m)
     if noise.correlated:
         least = replace(noise, deviation_m=deviation_m, near_m=max(noise.near_m, quiet_m))
         return correlated_surfaces(cells, limits, least)
     if noisy:
         return noisy_surfaces(cells, limits, deviation_m), 0.0
-    spacing = cells.spacing_m
-    labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
-    labels = _without_steps(labels, heights)
+    labels = _without_steps(_grown(_surfaces(cells, limits), cells, limits), cells)
     few = np.bincount(labels[labels >= 0], minlength=1) < _FEWEST_CELLS
     labels = np.where(np.append(few, False)[labels], -1, labels)
-    strips = noisy_surfaces(cells.only(known & (labels < 0)), limits, quiet_m)
+    strips = noisy_surfaces(cells.only(cells.known & (labels < 0)), limits, quiet_m)
     return np.where(strips >= 0, strips + labels.max() + 1, labels), 0.0
 
 
@@ -429,18 +433,19 @@ def _inner(polygon: Any) -> Any:
     )
 
 
-def _surfaces(
-    heights: Array, known: NDArray[np.bool_], spacing: float, limits: FootholdLimits
-) -> Labels:
+def _surfaces(cells: GroundCells, limits: FootholdLimits) -> Labels:
     """The surface of every cell, −1 for none, by the planes about cells."""
+    spacing, shape = cells.spacing_m, cells.known.shape
     half = int(np.clip(round(_WINDOW_M / spacing), _FEWEST, _MOST))
-    moments = _windowed(heights, known, half)
-    plane, rms = solved(np.stack(moments))
+    side = 2 * half + 1
+    means = uniform_filter(cells.moments, (1, side, side), mode="constant")
+    moments = about(means, *np.indices(shape, dtype=np.float64))
+    plane, rms = solved(moments)
     slope = np.hypot(plane[0], plane[1]) / spacing
     steepest = np.tan(min(limits.slope_rad + TURN_RAD, 1.5))
     window = (2 * half + 1) ** 2
     ground = (
-        known
+        cells.known
         & (moments[0] * window >= 3.0)
         & (rms <= limits.rms_m * _slack(moments[0] * window))
         & (slope <= steepest)
@@ -450,11 +455,9 @@ def _surfaces(
     step = OFF * limits.rms_m
     pairs = [_continued(plane, ground, axis, spacing, turn, step) for axis in (0, 1)]
     one, other = map(np.concatenate, zip(*pairs, strict=True))
-    graph = coo_array((np.ones(len(one)), (one, other)), shape=(heights.size, heights.size))
-    _, group = connected_components(graph, directed=False)
-    labels = np.where(ground, group.reshape(heights.shape), -1)
+    labels = np.where(ground, connected(one, other, ground.size)[1].reshape(shape), -1)
     return _parted(
-        renumbered(labels), heights, plane[2], limits.rms_m, max(_NARROWEST_M / spacing, 2.0)
+        renumbered(labels), cells, plane[2], limits.rms_m, max(_NARROWEST_M / spacing, 2.0)
     )
 
 
@@ -463,34 +466,6 @@ def _slack(count: Any) -> Any:
     deviations.
     """
     return 1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
-
-
-def _windowed(heights: Array, known: NDArray[np.bool_], half: int) -> list[Array]:
-    """Means of the moments 1, x, y, xx, xy, yy, z, xz, yz, zz about each cell over its window;
-    beyond: nothing.
-    """
-    z = np.where(known, heights, 0.0)
-    i, j = np.indices(heights.shape, dtype=np.float64)
-    weight = known.astype(np.float64)
-
-    def mean(values: Array) -> Array:
-        return np.asarray(uniform_filter(values, 2 * half + 1, mode="constant"))
-
-    one, x, y = mean(weight), mean(weight * i), mean(weight * j)
-    xx, xy, yy = mean(weight * i * i), mean(weight * i * j), mean(weight * j * j)
-    total, xz, yz, zz = mean(z), mean(z * i), mean(z * j), mean(z * z)
-    return [
-        one,
-        x - i * one,
-        y - j * one,
-        xx - 2.0 * i * x + i * i * one,
-        xy - i * y - j * x + i * j * one,
-        yy - 2.0 * j * y + j * j * one,
-        total,
-        xz - i * total,
-        yz - j * total,
-        zz,
-    ]
 
 
 def _continued(
@@ -512,25 +487,6 @@ def _continued(
     return index[here][fits], index[there][fits]
 
 
-def _moments_of(number: Labels, i: Array, j: Array, z: Array, count: int) -> Array:
-    """Sums of the same moments of cells by number, shape (10, count)."""
-    values = (None, i, j, i * i, i * j, j * j, z, i * z, j * z, z * z)
-    return np.array([np.bincount(number, weights=value, minlength=count) for value in values])
-
-
-def _fitted(labels: Labels, heights: Array) -> tuple[Array, Array, Labels]:
-    """Plane (a, b, c) of every surface with i and j in cells, shape (S, 3), rms, and the number of
-    heights.
-    """
-    i, j = np.nonzero(labels >= 0)
-    number = labels[i, j]
-    count = int(labels.max(initial=-1)) + 1
-    planes, rms = solved(
-        _moments_of(number, i.astype(float), j.astype(float), heights[i, j], count)
-    )
-    return planes.T, rms, np.bincount(number, minlength=count)
-
-
 def _borders(halves: Labels, count: int) -> Labels:
     """Number of neighbouring cells in different halves of each surface, whose halves are 2k and 2k + 1."""
     borders = np.zeros(count, dtype=np.int_)
@@ -541,7 +497,7 @@ def _borders(halves: Labels, count: int) -> Labels:
 
 
 def _parted(
-    labels: Labels, heights: Array, smooth: Array, most_rms: float, narrowest: float
+    labels: Labels, cells: GroundCells, smooth: Array, most_rms: float, narrowest: float
 ) -> Labels:
     """Surfaces parted in two until each is a plane within ``most_rms``, and as long as two planes
     fit the heights far better than one; surfaces with waves stay whole.
@@ -551,56 +507,34 @@ def _parted(
         narrowest: cells across the halves, in the mean, of surfaces that are within it as they are.
     """
     for _ in range(_ROUNDS):
-        planes, rms, count = _fitted(labels, heights)
+        planes, rms, count = fitted(labels, cells)
         bent, coarse = rms > most_rms * _slack(count), rms > _QUIET * most_rms
         if not coarse.any():
             break
         i, j = np.nonzero((labels >= 0) & np.append(coarse, False)[labels])
         number, z = labels[i, j], smooth[i, j]
         x, y = i.astype(float), j.astype(float)
-        side = halves_of(number, x, y, len(planes))
-        for _ in range(_LLOYD):
-            both, _ = solved(_moments_of(2 * number + side, x, y, z, 2 * len(planes)))
-            planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
-            off = np.abs(planes_of[0] * x + planes_of[1] * y + planes_of[2] - z)
-            side = (off[1] < off[0]).astype(int)
+        half, off = halved(number, x, y, z, len(planes))
         squares = np.bincount(number, off.min(axis=0) ** 2, minlength=len(planes))
         two = np.sqrt(squares / np.maximum(count, 1)) < _TWO * rms
         halves = np.full(labels.shape, -1)
-        halves[i, j] = 2 * number + side
-        apart = bent | (coarse & two & (_borders(halves, len(planes)) * narrowest <= count))
-        if not apart.any():
+        halves[i, j] = half
+        parted = bent | (coarse & two & (_borders(halves, len(planes)) * narrowest <= count))
+        if not parted.any():
             break
-        halves[i, j] = np.where(apart[number], halves[i, j], -1)
-        labels = _connected_again(labels, halves)
+        halves[i, j] = np.where(parted[number], halves[i, j], -1)
+        labels = apart(np.where(halves >= 0, halves + labels.max() + 1, labels))
     return labels
 
 
-def _connected_again(labels: Labels, halves: Labels) -> Labels:
-    """Labels anew: what was parted by its halves, and what does not hang together apart."""
-    key = np.where(halves >= 0, halves + labels.max() + 1, labels)
-    index = np.arange(key.size).reshape(key.shape)
-    one = np.concatenate(
-        [index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]]
-    )
-    other = np.concatenate(
-        [index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]]
-    )
-    _, group = connected_components(
-        coo_array((np.ones(len(one)), (one, other)), shape=(key.size,) * 2), directed=False
-    )
-    return renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
-
-
-def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimits) -> Labels:
+def _grown(labels: Labels, cells: GroundCells, limits: FootholdLimits) -> Labels:
     """Surfaces that take in cells at their borders which are on their planes, within what their own
     are off them, as far as the windows reached.
     """
-    half = int(np.clip(round(_WINDOW_M / spacing), _FEWEST, _MOST))
-    planes, rms, _ = _fitted(labels, heights)
+    half = int(np.clip(round(_WINDOW_M / cells.spacing_m), _FEWEST, _MOST))
+    (planes, rms, sizes), heights = fitted(labels, cells), cells.heights
     if not len(planes):
         return labels
-    sizes = np.bincount(labels[labels >= 0], minlength=len(planes))
     i, j = np.indices(labels.shape, dtype=np.float64)
     a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
     near_m = np.clip(rms, _QUIET * limits.rms_m, limits.rms_m)
@@ -633,14 +567,14 @@ def _grown(labels: Labels, heights: Array, spacing: float, limits: FootholdLimit
     return labels
 
 
-def _without_steps(labels: Labels, heights: Array) -> Labels:
+def _without_steps(labels: Labels, cells: GroundCells) -> Labels:
     """Surfaces without the cells between which there is a step, though they are about one plane."""
-    planes = _fitted(labels, heights)[0]
+    planes = fitted(labels, cells)[0]
     if not len(planes):
         return labels
     i, j = np.indices(labels.shape, dtype=np.float64)
     a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
-    off = np.where(labels >= 0, heights - a * i - b * j - c, np.nan)
+    off = np.where(labels >= 0, cells.heights - a * i - b * j - c, np.nan)
     beside = np.zeros(labels.shape, dtype=bool)
     for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         step = (labels[one] == labels[other]) & (np.abs(off[one] - off[other]) > LEAST_STEP_M)
@@ -648,7 +582,7 @@ def _without_steps(labels: Labels, heights: Array) -> Labels:
         beside[other] |= step
     if not beside.any():
         return labels
-    return _connected_again(np.where(beside, -1, labels), np.full(labels.shape, -1))
+    return apart(np.where(beside, -1, labels))
 
 
 def _shifted(labels: Labels, axis: int, shift: int) -> Labels:

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
 from ..files.arrays import Array
-from .certainty import Certainty
-from .correlation import GroundCells, Labels
-from .facets import connected
+from .correlation import GroundCells, Labels, connected
 from .footholds import FootholdLimits, Rung, TerrainPatch, held_on_both_sides
-from .patch import Patch
+from .patch import Certainty, Patch
 
 _SLIMMEST_M, _WIDEST_M = 8e-3, 0.06
 """Radii of rungs that a map shows [m]."""
@@ -124,7 +122,8 @@ def map_rungs(
         with np.errstate(invalid="ignore"):
             near = free[one] & free[other] & (np.abs(heights[one] - heights[other]) <= most)
         pairs.append(np.stack([number[one][near], number[other][near]], axis=1))
-    count, group = connected(np.concatenate(pairs), len(i))
+    one, other = np.concatenate(pairs).T
+    count, group = connected(one, other, len(i))
     x, y = (each[i, j] for each in cells.places)
     places = np.column_stack([spacing * x, spacing * y, heights[i, j]]) + cells.corner_m
     weights = cells.moments[0][i, j] / cells.weight

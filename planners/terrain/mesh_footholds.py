@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..files.arrays import Array
+from .correlation import connected
 from .facets import (
     COPLANAR_RAD,
     FLAT_M,
     MEASURED_M,
     FlatPiece,
     Plane,
-    connected,
     edge_pairs,
     facets_of,
     parts_of,
@@ -103,7 +103,7 @@ def _rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[_M
     normals = doubles / size[:, None]
     pairs = edge_pairs(mesh.triangles)
     smooth = np.vecdot(normals[pairs[:, 0]], normals[pairs[:, 1]]) > np.cos(TURN_RAD)
-    count, label = connected(pairs[smooth], len(corners))
+    count, label = connected(pairs[smooth, 0], pairs[smooth, 1], len(corners))
     spread = np.array(
         [
             [
@@ -251,7 +251,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
     flat = np.ones(len(corners), dtype=bool)
     flat[np.concatenate([np.zeros(0, dtype=np.int_), *(rung.triangles for rung in rungs)])] = False
     facets = facets_of(mesh, flat)
-    around = _Around(mesh)
+    around = _Around(mesh, limits.headroom_m)
     refused = dict.fromkeys(REASONS, 0.0)
     standing = list[tuple[int, FlatPiece]]()
     for number, facet in enumerate(facets):
@@ -261,7 +261,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         elif area < limits.least_m * limits.least_m * 0.5:
             refused["small"] += area
         else:
-            free = around.uncovered(facet, limits.headroom_m)
+            free = around.uncovered(facet)
             refused["covered"] += area - free.area
             standing.append((number, replace(facet, polygon=free)))
     outside = around.outside([facet for _, facet in standing])
@@ -303,7 +303,7 @@ def _on_rungs(
         first: number of the first rung as a surface.
     """
     lines = [rung.line(mesh.spread_m[rung.triangles]) for rung in rungs]
-    under = [replace(line, polygon=around.uncovered(line, limits.headroom_m)) for line in lines]
+    under = [replace(line, polygon=around.uncovered(line)) for line in lines]
     pieces = list[TerrainPatch]()
     for number, (each, line, free, outer) in enumerate(
         zip(rungs, lines, under, around.outside(under), strict=True)
@@ -425,17 +425,26 @@ def _standing(part: FlatPiece, width_m: float, friction: float, *, strips: bool)
 class _Around:
     """The triangles of a mesh by where they are."""
 
-    def __init__(self, mesh: TriangleMesh) -> None:
-        self._shapely = shapely_module()
-        self._corners = mesh.spread_m
-        self._open = mesh.corners_m[_open_edges(mesh.triangles)]
+    def __init__(self, mesh: TriangleMesh, headroom_m: float) -> None:
+        self._shapely, self._headroom_m = shapely_module(), headroom_m
+        self._corners, border = mesh.spread_m, _open_edges(mesh.triangles)
+        self._open = mesh.corners_m[border]
+        first, then = mesh.triangles[:, :2].ravel(), mesh.triangles[:, 1:].ravel()
+        piece, lowest = (
+            connected(first, then, len(mesh.corners_m))[1],
+            np.full(len(mesh.corners_m), np.inf),
+        )
+        np.minimum.at(lowest, piece[border], self._open[..., 2])
+        rims = lowest[piece[mesh.triangles[:, 0]]]
+        self._rims = np.where(np.isfinite(rims), rims, -np.inf)
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
         self._tree = self._shapely.STRtree(
             self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T)
         )
 
-    def uncovered(self, facet: FlatPiece, clearance_m: float) -> Any:
+    def uncovered(self, facet: FlatPiece) -> Any:
         """Part of a facet that has nothing within the clearance above it."""
+        clearance_m = self._headroom_m
         corners = self._corners[self._near(facet, clearance_m)]
         heights = facet.plane.height(corners)
         within = (heights.max(axis=1) > _ABOVE_M) & (heights.min(axis=1) < clearance_m)
@@ -526,13 +535,13 @@ class _Around:
         """Triangles that face up above each point less those that face down, shape (K,).
 
         A facet's own triangles are as far off its plane as flat things may be, and none of them is
-        above it.
+        above it. A sheet whose whole border has headroom below it is a roof, and holds nothing.
 
         Arguments:
             facet_of: number of the facet that each point is on.
             own: of each triangle, −1 for none.
         """
-        lean = np.zeros((3, 3))
+        tops, lean = points[:, 2] + self._headroom_m, np.zeros((3, 3))
         lean[2, :2] = _LEAN
         corners, points = self._corners - self._corners @ lean, points - points @ lean
         a, b, c = np.moveaxis(corners, 1, 0)
@@ -551,7 +560,7 @@ class _Around:
                 & (s + t <= 1.0)
                 & (s * u[triangle, 2] + t * v[triangle, 2] > way[:, 2])
             )
-        hit &= own[triangle] != facet_of[point]
+        hit &= (own[triangle] != facet_of[point]) & (self._rims[triangle] <= tops[point])
         return np.bincount(point[hit], weights=np.sign(of[hit]), minlength=len(points)).astype(
             np.int_
         )

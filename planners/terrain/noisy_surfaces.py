@@ -17,8 +17,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..files.arrays import Array
 from .correlation import (
@@ -28,14 +26,17 @@ from .correlation import (
     about,
     block_squares,
     boxed,
+    connected,
     fitted,
+    half_window,
+    hidden_edges,
     mean_square,
+    moments_of,
     renumbered,
     solved,
     sums_of,
 )
 from .footholds import FootholdLimits
-from .inside_out import half_window, hidden_edges
 
 _FINE_SD_M = 0.0035
 """Deviation that the height of a square's plane is to have at its middle; squares are as large as
@@ -114,7 +115,7 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
     labels = _bordered(_rejoined(labels, cells, noise_m), cells, limits, noise_m)
     lumps = _lumps(labels, cells, limits, noise_m)
     if lumps.any():
-        labels = _apart(np.where(lumps, labels + labels.max() + 1, labels))
+        labels = apart(np.where(lumps, labels + labels.max() + 1, labels))
         labels = _bordered(_large_enough(labels, cells), cells, limits, noise_m)
     labels = _large_enough(_closed(labels, cells, noise_m), cells)
     lumps = _lumps(labels, cells, limits, noise_m)
@@ -139,7 +140,7 @@ def correlated_surfaces(
     whole = _between_edges(cells, noise.near_m)
     hidden = np.zeros(labels.shape, dtype=bool)
     for _ in range(_LOOKS):
-        labels = _apart(np.where(maximum_filter(hidden, beside), -1, whole))
+        labels = apart(np.where(maximum_filter(hidden, beside), -1, whole))
         labels = _large_enough(_parted(labels, cells, limits, noise_m, side), cells)
         labels = _closed(_bordered(labels, cells, limits, noise_m), cells, noise_m)
         labels = renumbered(_large_enough(labels, cells))
@@ -188,7 +189,7 @@ def _between_edges(cells: GroundCells, near_m: float) -> Labels:
     rms = solved(about(sums, *np.indices(cells.known.shape, dtype=np.float64)))[1]
     squares, freedom = rms**2 * sums[0], np.maximum(sums[0] - 3.0, 1.0)
     inside = cells.known & (squares <= _SURE / 6.0 * near_m**2 * freedom)
-    return _apart(np.where(inside, 0, -1))
+    return apart(np.where(inside, 0, -1))
 
 
 def _trimmed(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
@@ -287,7 +288,9 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
     ground = cells.known & np.isfinite(best)
     pairs = [_continued(plane, deviation, ground, axis, cells.spacing_m, limits) for axis in (0, 1)]
     left, right = map(np.concatenate, zip(*pairs, strict=True))
-    return renumbered(np.where(ground, _components(left, right, ground.shape), -1))
+    return renumbered(
+        np.where(ground, connected(left, right, ground.size)[1].reshape(ground.shape), -1)
+    )
 
 
 def _overlap(count: int, shift: int) -> tuple[slice, slice]:
@@ -318,12 +321,6 @@ def _continued(
     fits &= bend <= TURN_RAD * (1.0 + (a * a + b * b) / spacing**2) + 3.0 * turning
     index = np.arange(ground.size).reshape(ground.shape)
     return index[here][fits], index[there][fits]
-
-
-def _components(one: Labels, other: Labels, shape: tuple[int, ...]) -> Labels:
-    size = int(np.prod(shape))
-    graph = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int_).reshape(shape)
 
 
 def _misfits(
@@ -371,20 +368,26 @@ def _parted(
         i, j = np.nonzero(chosen)
         number, z = labels[i, j], smooth[i, j]
         x, y = i.astype(float), j.astype(float)
-        each = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
-        sides = halves_of(number, x, y, size)
-        for _ in range(_LLOYD):
-            both, _ = solved(sums_of(2 * number + sides, each, 2 * size))
-            planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
-            off = np.abs(planes_of[0] * x + planes_of[1] * y + planes_of[2] - z)
-            sides = (off[1] < off[0]).astype(int)
         key = labels.copy()
-        key[i, j] = size + 2 * number + sides
-        labels = _apart(key)
+        key[i, j] = size + halved(number, x, y, z, size)[0]
+        labels = apart(key)
     return labels
 
 
-def halves_of(number: Labels, x: Array, y: Array, count: int) -> Labels:
+def halved(number: Labels, x: Array, y: Array, z: Array, count: int) -> tuple[Labels, Array]:
+    """Surfaces parted in two, 2k and 2k + 1, each cell with the plane that is nearer, and how far it
+    is off either, shape (2, K).
+    """
+    moments, sides = moments_of(np.ones_like(x), x, y, z), _halves_of(number, x, y, count)
+    for _ in range(_LLOYD):
+        both, _ = solved(sums_of(2 * number + sides, moments, 2 * count))
+        a, b, c = both[:, np.stack([2 * number, 2 * number + 1])]
+        off = np.abs(a * x + b * y + c - z)
+        sides = (off[1] < off[0]).astype(int)
+    return 2 * number + sides, off
+
+
+def _halves_of(number: Labels, x: Array, y: Array, count: int) -> Labels:
     """On which side of the middle of its surface, across its longer axis, each cell is."""
     one, sx, sy, sxx, sxy, syy = (
         np.bincount(number, weights=value, minlength=count)
@@ -400,7 +403,7 @@ def halves_of(number: Labels, x: Array, y: Array, count: int) -> Labels:
     ).astype(int)
 
 
-def _apart(key: Labels) -> Labels:
+def apart(key: Labels) -> Labels:
     """Labels anew, of which what does not hang together is apart."""
     index = np.arange(key.size).reshape(key.shape)
     one = np.concatenate(
@@ -409,7 +412,8 @@ def _apart(key: Labels) -> Labels:
     other = np.concatenate(
         [index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]]
     )
-    return renumbered(np.where(key >= 0, _components(one, other, key.shape), -1))
+    part = connected(one, other, key.size)[1].reshape(key.shape)
+    return renumbered(np.where(key >= 0, part, -1))
 
 
 def _touching(labels: Labels) -> Labels:
@@ -566,7 +570,7 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
 
 def _large_enough(labels: Labels, cells: GroundCells) -> Labels:
     """Labels without surfaces of few samples, and parts apart from each other."""
-    labels = _apart(labels)
+    labels = apart(labels)
     fewest = _FEWEST if cells.weight == 1.0 else max(_FEWEST * cells.weight, _FEWEST_ALIKE)
     count = np.bincount(
         labels[labels >= 0],

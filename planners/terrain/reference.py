@@ -37,8 +37,8 @@ from .terrain_file import read_heights
 from .triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
+    from .families import Terrain
     from .footholds import FootholdLimits, Footholds
-    from .terrain import Terrain
 
 
 def ripple(x: Array, y: Array) -> Array:

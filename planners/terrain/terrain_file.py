@@ -4,22 +4,225 @@ environments.
 
 from __future__ import annotations
 
+import io
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import InvalidInput
-from ..files.arrays import checked
-from ..files.documents import read_bytes
-from . import cloud_file, grid_file, mesh_file
+from ..errors import InvalidInput, installed
+from ..files.arrays import Array, array_of, checked, told, unpacked
+from ..files.documents import decoded, read_bytes, shown
 from .elevation import ElevationMap
-from .heightfield import WIDEST_M, HeightField
+from .heightfield import MOST_POINTS, WIDEST_M, HeightField
 from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind
+from .mesh_file import MOST_BYTES, read_corners, read_scene
 from .mesh_formats.numbers import Surface
-from .mesh_formats.ply import HEAD_BYTES
-from .scene_file import read_scene
+from .mesh_formats.ply import HEAD_BYTES, read_ply
 from .triangle_mesh import TriangleMesh
+
+
+def read_grid(path: Path, options: ImportOptions, name: str) -> ElevationMap:
+    """The heights of a file on a square grid of ``spacing_m`` with its middle at the offset; NaN
+    where there is none.
+
+    .npy and .csv: heights by row (x) and column (y); .png: seen from above, x to the right and y
+    upwards, transparent pixels are holes. .npz: what ``HeightField.to_arrays`` gave, where it lies.
+    Raises InvalidInput for what is no such file, and for an array that may as well be one of
+    points, unless ``kind`` says that it is a grid.
+    """
+    if options.up != "z":
+        raise InvalidInput(
+            f"up: expected z with a grid, whose numbers are heights, got {options.up} with {path}"
+        )
+    suffix = path.suffix.lower()
+    content = read_bytes(path)
+    if not content:
+        raise InvalidInput(f"{path}: expected a terrain, the file is empty")
+    if suffix == ".png":
+        return _shifted(
+            ElevationMap.of_heights(
+                _picture(content, path, options.height_m), options.spacing_m, name
+            ),
+            options,
+        )
+    if suffix == ".npz":
+        elevation = ElevationMap.from_arrays(unpacked(content, str(path)), name)
+        unit = options.unit_m
+        scaled = ElevationMap(
+            x_m=unit * elevation.x_m,
+            y_m=unit * elevation.y_m,
+            heights_m=unit * elevation.heights_m,
+            name=name,
+        )
+        return _shifted(scaled, options)
+    heights = table(content, path) if suffix == ".csv" else array_of(content, str(path))
+    if heights.dtype.kind not in "fiu":
+        raise InvalidInput(f"{path}: expected numbers, got an array of {heights.dtype}")
+    if heights.ndim != 2:
+        raise InvalidInput(f"{path}: expected heights of shape (n, m), got shape {heights.shape}")
+    if heights.shape[1] == 3 and options.kind is None:
+        raise InvalidInput(
+            f"{path}: expected to be told what an array of shape {heights.shape} holds, kind cloud "
+            "(points x, y, z) or "
+            "grid (heights), got no kind"
+        )
+    scaled_heights = options.unit_m * np.asarray(heights, dtype=np.float64)
+    return _shifted(ElevationMap.of_heights(scaled_heights, options.spacing_m, name), options)
+
+
+def _shifted(found: ElevationMap, options: ImportOptions) -> ElevationMap:
+    """The map moved by the offset, and cropped."""
+    x, y, z = options.offset_m
+    moved = ElevationMap(
+        x_m=found.x_m + x, y_m=found.y_m + y, heights_m=found.heights_m + z, name=found.name
+    )
+    return moved.cropped(options.box_m)
+
+
+def _axis(name: str) -> str:
+    """The axis that a column's name means, as ``x``, ``X [m]`` and ``x_m`` do; else the name."""
+    word = name.strip("/\"' ").lower()
+    found = re.fullmatch(r"([xyz])(_m)?(\s*[\[(].*)?", word)
+    return word if found is None else found[1]
+
+
+def table(content: bytes, path: Path, *, points: bool = False) -> Array:
+    """Rows of numbers with commas, semicolons or blanks between them; an empty field is a hole.
+
+    Arguments:
+        points: a first line of names may say which columns are x, y and z, which then come first.
+    """
+    if sum(map(content.count, (b",", b";", b"\t", b" ", b"\n"))) > 4 * MOST_POINTS:
+        raise InvalidInput(f"{path}: expected {MOST_POINTS} numbers or fewer, got more")
+    rows, columns = list[list[float]](), list[int]()
+    for number, line in enumerate(decoded(content, str(path)).splitlines(), 1):
+        text = line.strip()
+        if not text or text.startswith("#"):
+            continue
+        mark = next((sign for sign in (";", ",", "\t") if sign in text), None)
+        fields = [field.strip() for field in text.split(mark)]
+        try:
+            rows.append([float(field) if field else float("nan") for field in fields])
+        except ValueError:
+            names = [_axis(field) for field in fields]
+            places = [names.index(axis) for axis in "xyz" if names.count(axis) == 1]
+            if rows or columns or len(places) < 3 or not points:
+                told = "numbers, or first the names x, y and z" if points else "numbers of a grid"
+                raise InvalidInput(
+                    f"{path} line {number}: expected {told}, got {shown(text)}"
+                ) from None
+            columns = places + [k for k in range(len(names)) if k not in places]
+            continue
+        wanted = len(columns) or len(rows[0])
+        if len(rows[-1]) != wanted:
+            raise InvalidInput(
+                f"{path} line {number}: expected {wanted} numbers, got {len(rows[-1])}"
+            )
+    if not rows:
+        raise InvalidInput(f"{path}: expected rows of numbers, got none")
+    return np.array(rows)[:, columns] if columns else np.array(rows)
+
+
+def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -> Array:
+    """Grey values as heights, shape (columns, rows): x to the right, y upwards."""
+    reader = installed("PIL.Image", str(path), "Pillow", ".png terrains", "terrain")
+    if height_m is None:
+        raise InvalidInput(
+            f"{path}: expected height_m with a .png, the heights of black and white [m], got none"
+        )
+    low, high = (checked(value, "height_m") for value in height_m)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of Pillow, on pictures that are refused below
+            image = reader.open(io.BytesIO(content), formats=["PNG"])
+        with image:
+            if image.width * image.height > MOST_POINTS:
+                raise InvalidInput(
+                    f"{path}: expected {MOST_POINTS} pixels or fewer, got "
+                    f"{image.width * image.height}"
+                )
+            deep, clear = image.mode.startswith("I"), image.info.get("transparency")
+            bits, kind = content[24:26]
+            if (bits == 16 and kind) or (bits in (2, 4) and not kind and clear is not None):
+                raise InvalidInput(
+                    f"{path}: expected heights of 16 bits in grey alone, and holes (tRNS) among 1, "
+                    f"8 or 16 bits of grey, got {bits} bits of color type {kind}"
+                )
+            grey = np.asarray(image if deep else image.convert("L"), dtype=np.float64)
+            if deep and clear is not None:
+                grey = np.where(grey == clear, np.nan, grey)
+            elif clear is not None or "A" in image.getbands():
+                alpha = np.asarray(image.convert("RGBA").getchannel("A"))
+                grey = np.where(alpha == 255, grey, np.nan)
+    except InvalidInput:
+        raise
+    except Exception as error:  # Pillow raises many kinds on broken files
+        raise InvalidInput(
+            f"{path}: expected a .png picture, cannot read it: {error!s:.120}"
+        ) from None
+    return np.asarray(low + (high - low) * grey[::-1].T / (65535.0 if deep else 255.0))
+
+
+_MOST_POINTS = 20_000_000
+
+
+def read_points(path: Path) -> Array:
+    """Points, shape (K, 3), in the file's unit; those that are not finite, as scanners write
+    misses, are left out.
+
+    Of an array or table with more than three columns the first three are x, y and z.
+    Raises InvalidInput for what is no such file, and where no point is left.
+    """
+    suffix = path.suffix.lower()
+    content = read_bytes(path, MOST_BYTES)
+    if not content:
+        raise InvalidInput(f"{path}: expected points, the file is empty")
+    if suffix == ".ply":
+        points = _of_ply(content, path)
+    elif suffix == ".pcd":
+        points = _of_pcd(content, path)
+    else:
+        points = (
+            array_of(content, str(path)) if suffix == ".npy" else table(content, path, points=True)
+        )
+    if points.dtype.kind not in "fiu" or points.ndim != 2 or points.shape[1] < 3:
+        raise InvalidInput(
+            f"{path}: expected points of shape (K, 3), got {points.dtype} of shape {points.shape}"
+        )
+    points = np.asarray(points[:, :3], dtype=np.float64)
+    finite = points[np.all(np.isfinite(points), axis=1)]
+    if not len(finite):
+        raise InvalidInput(f"{path}: expected points, got none of {len(points)} that is finite")
+    return finite
+
+
+def _of_ply(content: bytes, path: Path) -> Array:
+    try:
+        return read_ply(content)[0]
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+
+
+def _of_pcd(content: bytes, path: Path) -> Array:
+    reader = installed("pypcd4.pypcd4", str(path), "pypcd4", ".pcd clouds", "terrain")
+    head = content[:4096]
+    declared = re.search(rb"^POINTS\s+(\d{1,18})", head, re.MULTILINE)
+    if declared and int(declared[1]) > min(_MOST_POINTS, 40 * len(content)):
+        raise InvalidInput(
+            f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} "
+            "bytes"
+        )
+    try:
+        cloud = reader.PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
+        with np.errstate(all="ignore"):  # of numbers that are none, which are left out below
+            return np.asarray(cloud.numpy(("x", "y", "z")), dtype=np.float64)
+    except Exception as error:  # as above
+        raise InvalidInput(
+            f"{path}: expected points, which pypcd4 cannot read: {told(error)}"
+        ) from None
+
 
 _MAY_HOLD = SUFFIXES_OF | {
     "cloud": (*SUFFIXES_OF["cloud"], ".ply", ".npy", ".csv"),
@@ -61,8 +264,8 @@ def read_terrain(
         mesh.check_size()
         return mesh.from_above(options.spacing_m).with_holes(options.holes)
     if kind == "grid":
-        return grid_file.read_grid(path, options, label).with_holes(options.holes)
-    points = options.placed(cloud_file.read_points(path))
+        return read_grid(path, options, label).with_holes(options.holes)
+    points = options.placed(read_points(path))
     low, high = options.box_m
     points = points[np.all((points >= low) & (points <= high), axis=1)]
     if not len(points):
@@ -102,7 +305,7 @@ def _surface(path: Path, most_triangles: int, hint: str = "simplify it") -> Surf
     """Corners and triangles of a mesh, or of a MuJoCo scene."""
     if path.suffix.lower() == ".xml":
         return read_scene(path, most_triangles, hint)
-    return mesh_file.read_corners(path, most_triangles, hint)
+    return read_corners(path, most_triangles, hint)
 
 
 def _kind(path: Path, wanted: Kind | None) -> Kind:
@@ -123,7 +326,7 @@ def _kind(path: Path, wanted: Kind | None) -> Kind:
             )
         return wanted
     if suffix == ".ply":
-        head = read_bytes(path, mesh_file.MOST_BYTES)[:HEAD_BYTES].partition(b"end_header")[0]
+        head = read_bytes(path, MOST_BYTES)[:HEAD_BYTES].partition(b"end_header")[0]
         faces = re.search(rb"^element\s+face\s+(\d+)", head, re.MULTILINE)
         points = re.search(rb"^element\s+vertex\s+(\d+)", head, re.MULTILINE)
         return "cloud" if points and int(points[1]) and not (faces and int(faces[1])) else "mesh"

@@ -14,8 +14,7 @@ from ..answer.plan import Plan
 from ..files.arrays import Array
 from ..problem.contact import Contact
 from ..robot.model import Limb
-from ..terrain.certainty import Certainty
-from ..terrain.patch import Patch
+from ..terrain.patch import Certainty, Patch
 from ..terrain.polygon import half_planes
 from .margins import borne_share, stance_margins, verdict_yields_m
 

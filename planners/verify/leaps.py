@@ -22,7 +22,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..motion.leap_motion import LeapBody, body_of, gaps
 from ..physics import GRAVITY_M_S2
-from ..robot.joint_limits import speed_doubts
+from ..robot.urdf_reader import speed_doubts
 from ..terrain.obstacles import Obstacles
 from .bodies import BodyPath, MovingBodyMeasurements
 from .postures import violation

@@ -30,8 +30,7 @@ from ..answer.report import PLAN_GROUPS, Group, Report
 from ..files.arrays import Array
 from ..motion.path import touch_downs_m
 from ..problem.contact import LINEAR
-from ..terrain.certainty import Certainty
-from ..terrain.patch import Patch
+from ..terrain.patch import Certainty, Patch
 from ..terrain.polygon import half_planes
 from .bodies import further_groups
 from .geometry import (

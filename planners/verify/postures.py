@@ -293,7 +293,7 @@ def _torque_cap(plan: Plan) -> float:
 def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, Array, Array, str]:
     """Angles, errors of the feet, what is beyond limits, and what is wrong with them."""
     from ..motion.joints import normals_at, plan_angles
-    from ..robot.chain import rotation_of
+    from ..robot.leg import rotation_of
 
     course, frames = plan.problem, list(range(plan.problem.frames))
     if plan.joints_rad is None:
@@ -338,7 +338,7 @@ def _off_soles(plan: Plan, solver: Kinematics, angles: Array) -> Array:
     """Distance of the farthest point of each sole that bears forces from where the plan has it, shape
     (M, N) [m].
     """
-    from ..robot.chain import rotation_of
+    from ..robot.leg import rotation_of
 
     off = np.zeros((plan.problem.frames, len(plan.problem.robot.limbs)))
     for k, i in np.ndindex(off.shape):

@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 
 from ..arguments import cached_property
 from ..files.arrays import Array
-from ..terrain.bspline import CubicBasis
+from ..terrain.heightfield import CubicBasis
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

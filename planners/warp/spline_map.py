@@ -22,8 +22,7 @@ from ..arguments import cached_property
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array, archive_of, checked, read_archive, read_only
 from ..files.writing import write_bytes
-from ..terrain.bspline import CubicBasis
-from ..terrain.heightfield import HeightField
+from ..terrain.heightfield import CubicBasis, HeightField
 from .quadrature import Axis
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stancekit.planners.errors import not_installed
+from stancekit.planners.errors import installed
 from stancekit.planners.files.arrays import Array
 
 if TYPE_CHECKING:
@@ -90,14 +90,11 @@ def write_mcap(moved: Moved, path: Path) -> None:
 
     Raises InvalidInput without the package mcap.
     """
-    try:
-        from mcap.writer import Writer
-    except ImportError:
-        raise not_installed("foxglove", "mcap", "logs of Foxglove", "viz") from None
+    written = installed("mcap.writer", "foxglove", "mcap", "logs of Foxglove", "viz")
     table = moved.table
     known = table.arrays()
     with path.open("wb") as stream:
-        writer = Writer(stream)
+        writer = written.Writer(stream)
         writer.start(profile="ros2", library="stancekit")
         channels = dict[str, int]()
         for topic in _messages(moved, known, 0, 0):
@@ -108,7 +105,7 @@ def write_mcap(moved: Moved, path: Path) -> None:
             now = round(time_s * _NANO)
             for topic, message in _messages(moved, known, row, now).items():
                 writer.add_message(channels[topic], now, message, now, row)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
 
 
 def _definition(kind: str) -> str:

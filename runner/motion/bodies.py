@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.bodies import Bodies
-from stancekit.planners.robot.chain import rotations_of
 from stancekit.planners.robot.inverse_kinematics import WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.leg import rotations_of
 from stancekit.planners.terrain.obstacles import Obstacles
 from stancekit.planners.verify.bodies import BodyReport, bodies_report
 from stancekit.planners.verify.bodies import spaced as rows_apart

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.errors import not_installed
+from stancekit.planners.errors import installed
 from stancekit.planners.files.arrays import Array, cross
 
 from .settings import points
@@ -32,13 +32,9 @@ class BulletWorld(SimulatedWorld):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        try:
-            import pybullet
-        except ImportError:
-            raise not_installed(
-                "world", "PyBullet", "bullet (Linux, Python 3.11)", "catalogue"
-            ) from None
-        self._bullet: Any = pybullet
+        self._bullet = pybullet = installed(
+            "pybullet", "world", "PyBullet", "bullet (Linux, Python 3.11)", "catalogue"
+        )
         self.body = simulated_body(  # PyBullet knows no rotors
             self.model,
             mass_share=self.imperfections.mass_share,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.errors import not_installed
+from stancekit.planners.errors import installed
 from stancekit.planners.files.arrays import Array, cross
 
 from .settings import points
@@ -43,11 +43,7 @@ def mujoco_module() -> Any:
 
     Raises InvalidInput where it is not installed.
     """
-    try:
-        import mujoco
-    except ImportError:
-        raise not_installed("world", "MuJoCo", "simulations", "robots") from None
-    return mujoco
+    return installed("mujoco", "world", "MuJoCo", "simulations", "robots")
 
 
 class MujocoWorld(SimulatedWorld):

@@ -17,7 +17,7 @@ import stancekit
 from stancekit import Answer, Plan, Status
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import make_planner
-from stancekit.planners.terrain.frame import Frame
+from stancekit.planners.terrain.patch import Frame
 from tests.doors import DOORS, PLACES, WALKS, ask, differences, questions
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses

@@ -16,7 +16,7 @@ from stancekit.cli.bench_gait import judge
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.gait.walk_table import read_walk, table_of, walk_names
 from stancekit.planners.plugins import FILE
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.refusals import refuses

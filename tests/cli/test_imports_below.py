@@ -142,10 +142,10 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "robot": {
         TOOL: (
-            "planners.robot.catalogue",
+            "planners.robot.robot_file",
             "planners.robot.robot_file",
             "planners.robot.robot_model",
-            "planners.robot.workspace",
+            "planners.robot.reach_sets",
         ),
         DRAWS: (
             "planners.robot.meshes",

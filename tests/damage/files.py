@@ -27,8 +27,7 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
-from stancekit.planners.robot.single_body import hexapod_walker
-from stancekit.planners.robot.walker import named_walker
+from stancekit.planners.robot.walker import hexapod_walker, named_walker
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan

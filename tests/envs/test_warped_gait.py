@@ -23,7 +23,7 @@ from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.refusals import refuses

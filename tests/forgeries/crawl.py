@@ -9,7 +9,7 @@ import numpy as np
 from stancekit.planners.answer.trajectory import STEP_S, Trajectory
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 
 G = 9.81

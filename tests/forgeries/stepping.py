@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.robot.limb import Foot
-from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.terrain.heightfield import HeightField
 from tests.planners.robot.small_urdfs import quadruped

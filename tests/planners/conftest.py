@@ -19,8 +19,7 @@ from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Foothold, StepLimits, Weights
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.robot.reach import ReachRows, RelativeReach
+from stancekit.planners.robot.model import Limb, ReachRows, RelativeReach, Robot
 from stancekit.planners.terrain import Patch
 
 STEP_M, HEIGHT_M = 0.03, 0.2

@@ -17,7 +17,7 @@ from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import hexapod_walker
+from stancekit.planners.robot.walker import hexapod_walker
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan

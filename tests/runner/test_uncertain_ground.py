@@ -17,7 +17,7 @@ from stancekit.planners.motion.path import touch_downs_m
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.certainty import Certainty
+from stancekit.planners.terrain.patch import Certainty
 from stancekit.runner.control.foot_placement import GIVES_M, ContactFeedback, FootPlacement
 from stancekit.runner.control.friction import SILENT_S, SilentFeet
 from stancekit.runner.execution import _not_found

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.robot.single_body import hexapod_walker
+from stancekit.planners.robot.walker import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.views import film
 from stancekit.views.film import check_film, rendered

@@ -17,7 +17,7 @@ from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.motion.leap_motion import feet_of_leap
 from stancekit.planners.problem.leap_classes import leap_class
-from stancekit.planners.robot.single_body import hexapod_walker
+from stancekit.planners.robot.walker import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.conformal import fit_map

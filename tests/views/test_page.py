@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory

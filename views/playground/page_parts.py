@@ -22,8 +22,8 @@ from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, Sta
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem import Problem
-from stancekit.planners.robot.chain import rotation_of
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.search.plan_course import LayOut, plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import Report, explain

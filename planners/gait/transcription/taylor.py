@@ -22,7 +22,7 @@ from scipy.sparse import csc_array, csr_array, vstack
 
 from ...arguments import cached_property
 from ...files.arrays import Array
-from ...terrain.bspline import CubicBasis
+from ...terrain.heightfield import CubicBasis
 
 if TYPE_CHECKING:
     from ...terrain.heightfield import HeightField

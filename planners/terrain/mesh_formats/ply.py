@@ -14,8 +14,17 @@ from numpy.typing import NDArray
 
 from ...files.arrays import Array
 from ...files.documents import shown
-from .fields import check_fields
-from .numbers import MOST_TRIANGLES, Surface, blocks, broken, check_count, polygons, reals, wholes
+from .numbers import (
+    MOST_TRIANGLES,
+    Surface,
+    blocks,
+    broken,
+    check_count,
+    check_fields,
+    polygons,
+    reals,
+    wholes,
+)
 
 _STL_HEAD, _FACET = 84, 50
 """Bytes of a binary file's header, count included, and of one facet."""

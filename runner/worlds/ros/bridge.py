@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from stancekit.planners.errors import HardwareFault, InvalidInput, not_installed
+from stancekit.planners.errors import HardwareFault, InvalidInput, installed
 
 from ...safety.estop import StopLatch
 
@@ -30,11 +30,7 @@ def roslibpy() -> Any:
 
     Raises InvalidInput where it is not installed.
     """
-    try:
-        import roslibpy as module
-    except ImportError:
-        raise not_installed("world", "roslibpy", "robots behind a rosbridge", "machines") from None
-    return module
+    return installed("roslibpy", "world", "roslibpy", "robots behind a rosbridge", "machines")
 
 
 class RosLink:

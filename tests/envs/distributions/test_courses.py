@@ -34,7 +34,7 @@ from stancekit.planners.problem.course_file import (
     spec_from,
 )
 from stancekit.planners.robot import Limb, Robot, hexapod
-from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.robot.model import ReachRows
 from stancekit.planners.robot.reach_sets import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.search.methods import PlannerOptions, make_planner

@@ -32,7 +32,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import DualBound, RelaxationAnswer
-from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.robot.model import ReachRows
 
 BOUNDS = {
     "wall": ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4)),

@@ -21,7 +21,7 @@ from stancekit.planners.formats.motion_file import (
     read_motion,
     write_motion,
 )
-from stancekit.planners.robot.single_body import hexapod_walker
+from stancekit.planners.robot.walker import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.refusals import assert_names, refuses

@@ -8,7 +8,7 @@ import pytest
 from stancekit.planners.gait.gait_program import GaitProgram, formulate
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 
 

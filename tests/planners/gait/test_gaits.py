@@ -22,7 +22,7 @@ from stancekit.planners.gait.method.portfolio import plan_gait
 from stancekit.planners.gait.method.smoothing import smoothed
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import GAITS, Walk
-from stancekit.planners.robot.single_body import anymal, hexapod_walker
+from stancekit.planners.robot.walker import anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import TERRAINS, named_terrain, reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory

@@ -233,7 +233,7 @@ def test_contacts_that_do_not_hold_are_not_laid_to_legs(plan: LeapPlan):
 
 def test_a_leap_that_nobody_had_time_to_bend_says_so(plan: LeapPlan, tmp_path):
     from stancekit.configs import config_path
-    from stancekit.planners.robot.leg_limits import leaping_robot
+    from stancekit.planners.robot.walker import leaping_robot
 
     text = config_path("robots/anymal.urdf").read_text()
     (tmp_path / "slow.urdf").write_text(text.replace('velocity="12"', 'velocity="5"'))

@@ -17,8 +17,7 @@ from stancekit.planners.motion.plan_motion import Timing, plan_motion, step_s
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.limb import Foot
-from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.pieces import with_pause

@@ -31,8 +31,8 @@ from stancekit.planners.problem.course_file import read_course, read_spec
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
+from stancekit.planners.terrain.families import Terrain
 from stancekit.planners.terrain.patch import Patch
-from stancekit.planners.terrain.terrain import Terrain
 from stancekit.planners.verify import check_plan
 from tests.refusals import refuses
 

@@ -11,8 +11,8 @@ import pytest
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.problem.guide_path import LATTICE_M, Footprint, guide_over, guide_path
 from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.families import Terrain
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.terrain.terrain import Terrain
 from tests.refusals import refuses
 
 HALF_M, HEIGHT_M, REACH_M = 0.3, 0.2, 0.5

@@ -34,9 +34,9 @@ from stancekit.planners.problem.leap_classes import (
     leap_to_json,
     nameless,
 )
-from stancekit.planners.robot.catalogue import provider_folder
-from stancekit.planners.robot.leg_limits import leaping_robot
 from stancekit.planners.robot.model import Limb, hexapod
+from stancekit.planners.robot.robot_file import provider_folder
+from stancekit.planners.robot.walker import leaping_robot
 from stancekit.planners.verify.leaps import check_leap
 from tests.refusals import assert_names, refuses
 

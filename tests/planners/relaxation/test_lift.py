@@ -33,7 +33,7 @@ from stancekit.planners.relaxation.lift import (
 )
 from stancekit.planners.relaxation.mccormick import McCormick, WithoutMoment
 from stancekit.planners.relaxation.relaxed import RELAXATIONS
-from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.robot.model import ReachRows
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.cuts import alone
 from stancekit.planners.search.exact import Exact

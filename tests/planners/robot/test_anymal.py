@@ -13,12 +13,11 @@ import stancekit
 from stancekit.planners.answer.answer import Answer
 from stancekit.planners.answer.trajectory import Trajectory, robot_from_json
 from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
-from stancekit.planners.robot import single_body
+from stancekit.planners.robot import walker as walkers
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.single_body import anymal, legged_anymal
-from stancekit.planners.robot.walker import named_walker
+from stancekit.planners.robot.walker import anymal, legged_anymal, named_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 from tests.refusals import refuses
@@ -84,7 +83,7 @@ def test_names_say_whether_it_has_legs() -> None:
 
 
 def test_without_pinocchio_it_is_its_boxes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(single_body, "find_spec", lambda name: None)
+    monkeypatch.setattr(walkers, "find_spec", lambda name: None)
     assert named_walker("anymal").model is None
 
 

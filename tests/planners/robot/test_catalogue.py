@@ -7,15 +7,16 @@ from pathlib import Path
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot import catalogue as module
+from stancekit.planners.robot import robot_file as module
 from stancekit.planners.robot.bodies import link_shapes
-from stancekit.planners.robot.catalogue import (
+from stancekit.planners.robot.robot_file import (
     PROVIDERS,
     as_they_come,
     catalogue,
+    named_robot,
     provider_folder,
+    read_keys,
 )
-from stancekit.planners.robot.robot_file import named_robot, read_keys
 from stancekit.planners.robot.walker import named_walker
 from tests.refusals import assert_names, refuses
 

@@ -13,11 +13,10 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.joints import plan_angles
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import whole_body
-from stancekit.planners.robot.reach_sets import standing_toes
+from stancekit.planners.robot.reach_sets import standing_toes, workspaces_of
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot
-from stancekit.planners.robot.workspace import workspaces_of
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped

@@ -10,8 +10,9 @@ from scipy.spatial import ConvexHull
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import embedded
-from stancekit.planners.robot.convex_parts import MOST_PARTS, convex_parts
 from stancekit.planners.robot.hulls import (
+    MOST_PARTS,
+    convex_parts,
     hull_corners,
     hulls_of_text,
     hulls_to_text,

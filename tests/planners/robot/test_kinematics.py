@@ -14,8 +14,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.actuators import FOOT_RADIUS_M, Servo
-from stancekit.planners.robot.drawn_legs import link_lengths, outward_rad
-from stancekit.planners.robot.leg_ik import directions, swivels
+from stancekit.planners.robot.drawn_legs import directions, link_lengths, outward_rad, swivels
 from stancekit.planners.search.two_stage import TwoStage
 
 pytest.importorskip("pinocchio")

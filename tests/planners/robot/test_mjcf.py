@@ -11,10 +11,10 @@ import pinocchio as pin
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot.leg_limits import no_motors
 from stancekit.planners.robot.mjcf import Mjcf, read_mjcf
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
+from stancekit.planners.robot.walker import no_motors
 from tests.planners.robot import small_urdfs
 
 TORQUES = {

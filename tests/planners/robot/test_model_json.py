@@ -16,8 +16,12 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.actuators import Servo
-from stancekit.planners.robot.model_json import MOST_LETTERS
-from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, joint_names, named_robot
+from stancekit.planners.robot.robot_file import (
+    FOOT_RADIUS_M,
+    MOST_LETTERS,
+    joint_names,
+    named_robot,
+)
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
 

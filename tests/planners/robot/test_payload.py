@@ -9,9 +9,9 @@ import pytest
 
 from stancekit.planners.formats.motion_file import check_file, write_motion
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.robot.model_json import ModelJson, model_from_json, model_to_json
-from stancekit.planners.robot.payload import with_mass
+from stancekit.planners.robot.robot_file import ModelJson, model_from_json, model_to_json
 from stancekit.planners.robot.robot_model import model_of
+from stancekit.planners.robot.walker import with_mass
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from tests.planners.robot.small_urdfs import quadruped

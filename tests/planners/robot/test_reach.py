@@ -10,8 +10,7 @@ import pytest
 from stancekit.planners.equilibrium.half_spaces import HalfSpaces
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.codec import from_json, to_json
-from stancekit.planners.robot.model import Limb
-from stancekit.planners.robot.reach import ReachRows, turned_most
+from stancekit.planners.robot.model import Limb, ReachRows, turned_most
 from tests.refusals import assert_names
 
 CUBE = np.vstack([np.eye(3), -np.eye(3)])

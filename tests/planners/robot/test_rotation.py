@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from stancekit.planners.robot.chain import between_rotations, rotations_of
+from stancekit.planners.robot.leg import between_rotations, rotations_of
 
 
 def test_rotations_are_those_of_scipy_to_the_last_bit() -> None:

@@ -14,8 +14,7 @@ from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.model import Robot, hexapod
 from stancekit.planners.robot.robot_file import hexapod_urdf, named_robot
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.single_body import anymal
-from stancekit.planners.robot.walker import named_walker, walker_of
+from stancekit.planners.robot.walker import anymal, named_walker, walker_of
 from tests.refusals import refuses
 
 from .small_urdfs import HIPS, fixed, joint, leg, link, quadruped, robot

@@ -11,15 +11,14 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot import workspace as sets
-from stancekit.planners.robot.chain import Chain
+from stancekit.planners.robot import reach_sets as sets
 from stancekit.planners.robot.hulls import Polytope
 from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinematics, Seeds, descend
-from stancekit.planners.robot.leg import Joint, Leg
+from stancekit.planners.robot.leg import Chain, Joint, Leg
 from stancekit.planners.robot.outer_sets import directions_of, enclosing_ball, foot_cloud
+from stancekit.planners.robot.reach_sets import Workspace, workspace_of, workspaces_of
 from stancekit.planners.robot.robot_file import hexapod_model, hexapod_urdf
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.robot.workspace import Workspace, workspace_of, workspaces_of
 from tests.planners.robot.small_urdfs import HIPS, joint, leg, link, quadruped, robot
 from tests.refusals import refuses
 

@@ -21,7 +21,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.outer_sets import Extent
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.flood import flood
-from stancekit.planners.terrain.frame import Frame
+from stancekit.planners.terrain.patch import Frame
 from stancekit.planners.terrain.polygon import surface_patch
 from stancekit.planners.verify.flood import KINDS, _Replay, check_flood
 

@@ -19,8 +19,7 @@ from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.projection.held import FixToes
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.robot.model import Limb, ReachRows, Robot
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.two_stage import TwoStage

@@ -12,7 +12,7 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.problem import Problem
-from stancekit.planners.robot.reach import ReachRows, RelativeReach
+from stancekit.planners.robot.model import ReachRows, RelativeReach
 from stancekit.planners.search.micp import Decoupled, Nlp
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan

@@ -10,10 +10,9 @@ from scipy.interpolate import BSpline, RectBivariateSpline
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.variables import clamped_knots
-from stancekit.planners.terrain.bspline import cubics, rows_of
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.families import SMOOTH
-from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.heightfield import HeightField, cubics, rows_of
 from stancekit.planners.terrain.reference import (
     TERRAINS,
     named_terrain,

@@ -11,8 +11,7 @@ import pytest
 
 from stancekit.planners.terrain.footholds import read_footholds
 from stancekit.planners.terrain.import_options import ImportOptions
-from stancekit.planners.terrain.inside_out import inside_out
-from stancekit.planners.terrain.triangle_mesh import TriangleMesh
+from stancekit.planners.terrain.triangle_mesh import TriangleMesh, inside_out
 from tests.refusals import refuses
 
 UNIT = np.array(list(product((0.0, 1.0), repeat=3)))
@@ -148,6 +147,30 @@ def test_triangles_against_their_neighbours_are_turned_and_said(tmp_path: Path, 
     with pytest.warns(UserWarning, match=f"{len(wrong)} triangles are wound against"):
         found = read_footholds(path)
     assert found.area_m2 == pytest.approx(sound.area_m2, rel=1e-9)
+
+
+@pytest.mark.parametrize("wall", [False, True])
+def test_a_floor_goes_on_below_a_wall_and_is_turned_there(tmp_path: Path, wall):
+    upright = box((0.0, -1.0, 0.0), (0.0, 1.0, 0.5))[2 : 4 if wall else 2]
+    halves = box((-2.0, -1.0, 0.0), (0.0, 1.0, 0.0))[10:], box((0, -1, 0), (1, 1, 0))[10:]
+    sound = written(tmp_path / "s.obj", [np.concatenate([*halves, upright])], shared=True)
+    turned = np.concatenate([halves[0], halves[1][:, ::-1], upright])
+    path = written(tmp_path / "half.obj", [turned], shared=True)
+    with pytest.warns(UserWarning, match="2 triangles are wound against"):
+        found = read_footholds(path)
+    assert found.area_m2 == pytest.approx(read_footholds(sound).area_m2, rel=1e-9)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_roof_hides_no_floor_whichever_way_it_is_wound_and_a_block_does(tmp_path: Path, way):
+    floor, block = box((-1, -1, 0), (1, 1, 0))[10:], box((-0.5, -0.5, 0.0), (0.5, 0.5, 1.0))
+    open_below = block[block[:, :, 2].max(axis=1) > 0.0]
+    hidden = read_footholds(written(tmp_path / "block.obj", [floor, open_below], shared=True))
+    assert hidden.refused_m2["inside"] == pytest.approx(1.0, rel=1e-3)
+    found = read_footholds(written(tmp_path / "s.obj", [floor, block[10:, ::way]], shared=True))
+    level = [piece.area_m2 for piece in found.pieces if abs(piece.patch.centre_m[2]) < 1e-6]
+    assert sum(level) == pytest.approx(1.96**2, rel=1e-6)
+    assert found.refused_m2["inside"] == 0.0
 
 
 def test_one_of_thousands_of_touching_solids_is_found():

@@ -17,10 +17,8 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.terrain.mesh_file import read_corners
-from stancekit.planners.terrain.mesh_formats import READERS
-from stancekit.planners.terrain.mesh_formats.fields import FIELDS
-from stancekit.planners.terrain.mesh_formats.numbers import TooMany
+from stancekit.planners.terrain.mesh_file import READERS, read_corners
+from stancekit.planners.terrain.mesh_formats.numbers import FIELDS, TooMany
 from tests.damage import mutations as m
 from tests.refusals import refuses
 

@@ -6,10 +6,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from stancekit.planners.terrain.certainty import FOUND_SD_M, Certainty
 from stancekit.planners.terrain.correlation import GroundCells
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.footholds import FootholdLimits, TerrainPatch, footholds_of
+from stancekit.planners.terrain.patch import FOUND_SD_M, Certainty
 from stancekit.planners.terrain.polygon import surface_patch
 from tests.refusals import refuses
 

@@ -7,7 +7,7 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.sole import checked_sole, sole_offsets, sole_region
+from stancekit.planners.terrain.polygon import checked_sole, sole_offsets, sole_region
 from tests.refusals import assert_names, refuses
 
 SOLE = np.array([[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]])

@@ -116,7 +116,7 @@ def test_legs_that_nobody_knows_turn_nothing():
 )
 def test_joints_without_limits_are_not_checked_by_them(plan: LeapPlan, was: str, groups, tmp_path):
     from stancekit.configs import config_path
-    from stancekit.planners.robot.leg_limits import leaping_robot
+    from stancekit.planners.robot.walker import leaping_robot
 
     text = config_path("robots/anymal.urdf").read_text()
     (tmp_path / "other.urdf").write_text(text.replace(was, was.split('"')[0] + '"0"'))

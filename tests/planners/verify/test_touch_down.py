@@ -9,10 +9,9 @@ import pytest
 
 import stancekit
 from stancekit.planners.formats.motion_file import read_motion, write_motion
-from stancekit.planners.terrain.certainty import Certainty
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
-from stancekit.planners.terrain.patch import Patch
+from stancekit.planners.terrain.patch import Certainty, Patch
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.geometry import off_terrain, patch_distances
 from stancekit.planners.verify.plans import ground_group

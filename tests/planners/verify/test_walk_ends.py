@@ -13,8 +13,8 @@ import pytest
 import stancekit
 from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.motion.gait_motion import gait_motion
-from stancekit.planners.robot.chain import continued
-from stancekit.planners.robot.single_body import anymal, hexapod_walker
+from stancekit.planners.robot.leg import continued
+from stancekit.planners.robot.walker import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import MomentumMeasurements, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import Series
 from tests.planners.verify.test_trajectories import standing

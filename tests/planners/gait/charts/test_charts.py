@@ -10,9 +10,8 @@ from stancekit.planners.gait.gait_program import GaitProgram, formulate
 from stancekit.planners.gait.method.guess import GuessedWalk
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.limb import Foot
-from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.single_body import anymal, hexapod_walker
+from stancekit.planners.robot.model import Foot, Robot
+from stancekit.planners.robot.walker import anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.spline_map import SplineMap, terrain_digest

@@ -33,7 +33,7 @@ from stancekit.planners.gait.method.smoothing import Smoothing, peak_g, smoothed
 from stancekit.planners.gait.transcription.program import Program
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory

@@ -19,7 +19,7 @@ from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import guided, pieces_of, plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory

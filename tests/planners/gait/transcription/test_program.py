@@ -209,7 +209,7 @@ Walked = Callable[..., tuple[GaitProgram, GaitSolution]]
 ITERATES = """
 import hashlib, numpy as np
 from stancekit.planners.gait.gait_program import formulate
-from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.robot.walker import anymal
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 field = HeightField.from_function(lambda x, y: 0.08 * np.sin(2.5 * x + 0.3) * np.cos(2.0 * y), 2.0, 0.1)
