@@ -13,7 +13,7 @@ from stancekit.learners.data.executors import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.labelling import check_unseen
 from stancekit.learners.data.labelling import rows_of as rows_of
-from stancekit.learners.evaluation.bench import Comparison as Comparison
+from stancekit.learners.evaluation.evaluate import Comparison as Comparison
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.leaps.kinds import KINDS

@@ -62,8 +62,8 @@ class _BenchEnvelopes:
         """Run the bench, and write the table, as numbers and as a page, and a picture a class."""
         from stancekit.configs import config_path
         from stancekit.learners.data.executors import executor
-        from stancekit.learners.evaluation import bench
-        from stancekit.learners.evaluation.bench import Experiment
+        from stancekit.learners.evaluation import evaluate
+        from stancekit.learners.evaluation.evaluate import Experiment
         from stancekit.planners.files.writing import make_folder, write_text
         from stancekit.views.sheet import save
 
@@ -80,18 +80,18 @@ class _BenchEnvelopes:
         where = executor(self.executor, workers=self.workers, address=self.address)
         folder = self.out or Path("out/bench-quick" if self.quick else "out/bench")
         make_folder(folder)
-        minutes = bench.expected_s(experiment, self.workers) / 60.0
+        minutes = evaluate.expected_s(experiment, self.workers) / 60.0
         err.print(
             f"about {minutes:.2g} minutes with {self.workers} idle core(s), less what {folder} has",
             highlight=False,
         )
         table: list[dict[str, Any]] = []
         with stages("bench") as on_progress:
-            for result in bench.run(experiment, folder, executor=where, progress=on_progress):
+            for result in evaluate.run(experiment, folder, executor=where, progress=on_progress):
                 records = result.to_json()
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
-                write_text(folder / "table.md", bench.page(table, experiment))
+                write_text(folder / "table.md", evaluate.page(table, experiment))
                 save(result.picture(), folder / f"{result.problem_class}.png")
                 if self.json:
                     for record in records:
@@ -330,7 +330,7 @@ class _BenchRoom:
 
     def _leaps(self) -> list[Room]:
         """LeapChoice-v0, a line per budget."""
-        from stancekit.learners.evaluation import leap_bench
+        from stancekit.learners.evaluation import room
         from stancekit.learners.evaluation.room import leap_room
         from stancekit.learners.zoo import shipped
         from stancekit.planners.files.arrays import checked, checked_int
@@ -347,7 +347,7 @@ class _BenchRoom:
         ):
             checked_int(self.oracle_solves, "oracle_solves", least=1)
             for path in self.scorer:
-                if not leap_bench.is_scorer(path):
+                if not room.is_scorer(path):
                     names = ", ".join(shipped("scorers"))
                     raise InvalidInput(
                         f"scorer: expected a file of leaps' scores, or one of {names}, got {path}"
@@ -356,19 +356,19 @@ class _BenchRoom:
                 checked_int(solves, "solves", least=1, most=self.oracle_solves)
             for seconds in self.cpu_s:
                 checked(seconds, "cpu_s", above=0.0)
-            settings = leap_bench.LeapBenchSettings(
+            settings = room.LeapBenchSettings(
                 distribution=self.distribution,
                 scenes=min(self.scenes, _QUICK) if self.quick else self.scenes,
                 seed=self.seed,
                 methods=(*self.method, *self.scorer),
                 solves=self.oracle_solves,
             )
-            if not {*leap_bench.FINDERS, *leap_bench.TUNED} & {*settings.methods}:
+            if not {*room.FINDERS, *room.TUNED} & {*settings.methods}:
                 raise InvalidInput(
                     f"method: expected a control among them, got {', '.join(self.method) or 'none'}"
                 )
         with stages("bench room") as on_progress:
-            rows = leap_bench.run(settings, self.out, on_progress)
+            rows = room.run(settings, self.out, on_progress)
         budgets: list[dict[str, Any]] = [{"tries": 1}, *({"solves": each} for each in self.solves)]
         budgets += [{"cpu_s": each} for each in self.cpu_s]
         return [

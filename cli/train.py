@@ -16,7 +16,7 @@ from .console import emit, out, stages
 from .options import ROBOT, TERRAIN, OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
-    from stancekit.learners.training.held_out import Trained
+    from stancekit.learners.training.reinforce import Trained
 
 
 @dataclass
@@ -55,8 +55,7 @@ class Train:
     def run(self) -> int:
         """Train and print the learning curve."""
         try:
-            from stancekit.learners.training.reinforce import train
-            from stancekit.learners.training.train_config import TrainConfig
+            from stancekit.learners.training.reinforce import TrainConfig, train
         except ModuleNotFoundError as error:
             raise not_installed("train", error.name, "networks", "rl") from None
         options = {

@@ -38,7 +38,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         TOOL: (
             "learners.data.executors",
             "learners.evaluation",
-            "learners.evaluation.bench",
+            "learners.evaluation.evaluate",
             "learners.evaluation.planner_bench",
             "learners.evaluation.room",
             "learners.zoo",
@@ -61,10 +61,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "evaluate": {
         CHOICES: ("planners.projection.project",),
-        TOOL: (
-            "learners.evaluation.bench",
-            "learners.evaluation.evaluate",
-        ),
+        TOOL: ("learners.evaluation.evaluate",),
         DRAWS: ("views.sheet",),
     },
     "export": {TOOL: ("learners.data.export",)},
@@ -204,12 +201,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "views.terrain",
         )
     },
-    "train": {
-        TOOL: (
-            "learners.training.reinforce",
-            "learners.training.train_config",
-        )
-    },
+    "train": {TOOL: ("learners.training.reinforce",)},
     "verify": {CHOICES: ("envs.data.ledger",)},
     "warp": {
         DRAWS: (
