@@ -125,7 +125,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.terrain.reference",
         ),
         TOOL: (
-            "views.playground.keys_scenario",
             "views.playground.scenario",
             "views.playground.serving",
         ),
