@@ -1,5 +1,5 @@
 """Compare selectors: one rollout for all, Table I's shares with confidence intervals, and the
-paper's figures.
+paper's figures; and all of it for every class of problems of an experiment, each row kept.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import LabelledScene, ListedScenes, SceneKind
 from stancekit.envs.selection import ADMITTED, EnvelopeSelectionEnv
 from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.report import or_null
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.equilibrium.yardstick import yardstick
@@ -155,7 +156,7 @@ class Score:
             record[name] = share.value if share.of else None
             record[f"{name}_interval"] = list(share.interval) if share.of else None
             record[f"{name}_of"] = share.of
-        return record | {"gap": _number(self.gap), "p1_ms": _number(self.p1_ms), **self.notes}
+        return record | {"gap": or_null(self.gap), "p1_ms": or_null(self.p1_ms), **self.notes}
 
 
 def rollout(
@@ -336,10 +337,6 @@ def check_same_class(dataset: Dataset, problem_class: str, where: str) -> None:
             f"{where}: expected envelopes learned for {dataset.problem_class}, got some learned "
             f"for {problem_class}"
         )
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -756,14 +753,11 @@ class _Class:
         scenes = scenes_of(test)
         scores: list[Score] = []
         learned: dict[str, Learned] = {}
-        fresh: list[str] = []
         for method in experiment.methods:
             row, learned[method] = self._learned(method, train, calibration)
-            score = self._score(method, row, learned[method], scenes, test)
-            fresh += [] if score.notes["kept"] else [method]
-            scores.append(score)
+            scores.append(self._score(method, row, learned[method], scenes, test))
         scores.append(self._lift(scenes, test))
-        fresh += [] if scores[-1].notes["kept"] else ["lift"]
+        fresh = tuple(each.selector for each in scores if not each.notes["kept"])
         plain = tuple(
             replace(s, notes={k: v for k, v in s.notes.items() if k != "kept"}) for s in scores
         )
@@ -773,7 +767,7 @@ class _Class:
             scores=plain,
             learned=learned,
             test=test,
-            fresh=tuple(fresh),
+            fresh=fresh,
         )
 
     def _label(self, part: str, quota: Quota) -> tuple[Dataset, Mapping[str, Any]]:
@@ -840,34 +834,41 @@ class _Class:
     def _score(
         self, method: str, row: _Row, learned: Learned, scenes: list[LabelledScene], test: Dataset
     ) -> Score:
-        key = self._row_key(row.file_sha256 or row.fit_key, test)
-        notes = {"fit_seconds": row.fit_seconds, "file": row.file}
-        if row.row_key == key and row.score is not None:
-            return replace(row.score, notes={**notes, "kept": True})
-        score = evaluate(
+        play = partial(
+            evaluate,
             method,
             learned,
             scenes,
             problem_class=test.problem_class,
             projections=self._experiment.projections,
-            progress=self._told(f"evaluate {method}"),
             run=self._run,
         )
-        self._write(method, row.model_copy(update={"row_key": key, "score": score}))
-        return replace(score, notes={**notes, "kept": False})
+        notes = {"fit_seconds": row.fit_seconds, "file": row.file}
+        return self._kept(method, row, row.file_sha256 or row.fit_key, test, play, notes)
 
     def _lift(self, scenes: list[LabelledScene], test: Dataset) -> Score:
-        key = self._row_key("lift", test)
-        row = self._read("lift")
-        if row is not None and row.row_key == key and row.score is not None:
-            return replace(row.score, notes={"kept": True})
-        projections = self._experiment.projections
-        score = evaluate_lift(
-            scenes, projections=projections, progress=self._told("evaluate lift"), run=self._run
+        row = self._read("lift") or _Row(fit_key="", file="", file_sha256="", fit_seconds=0.0)
+        play = partial(
+            evaluate_lift, scenes, projections=self._experiment.projections, run=self._run
         )
-        row = _Row(fit_key="", file="", file_sha256="", fit_seconds=0.0, row_key=key, score=score)
-        self._write("lift", row)
-        return replace(score, notes={"kept": False})
+        return self._kept("lift", row, "lift", test, play, {})
+
+    def _kept(
+        self,
+        name: str,
+        row: _Row,
+        selector: str,
+        test: Dataset,
+        play: Callable[..., Score],
+        notes: dict[str, Any],
+    ) -> Score:
+        """The score that a row has, or else that of another play, which is then kept."""
+        key, score = self._row_key(selector, test), row.score
+        kept = row.row_key == key and score is not None
+        if score is None or not kept:
+            score = play(progress=self._told(f"evaluate {name}"))
+            self._write(name, row.model_copy(update={"row_key": key, "score": score}))
+        return replace(score, notes={**notes, "kept": kept})
 
     def _row_key(self, selector: str, test: Dataset) -> str:
         return _digest(

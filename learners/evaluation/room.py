@@ -1,5 +1,5 @@
 """Room for learning: how much the best unlearned control leaves of what any method finds, at a
-stated budget.
+stated budget; and the finders of leaps, scene by scene.
 
 Room is oracle − control, in points. The oracle is the union of all methods at a larger budget; a
 second run of the methods that draw, with another seed, says how much of it is luck. All scenes are

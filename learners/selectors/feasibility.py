@@ -1,5 +1,5 @@
 """Verdicts of P1 on many problems over many boxes: by solving each, or with what earlier solves
-have proved.
+have proved of many boxes at once.
 
 P1 over a box is settled without a solve by
 - a *witness*: a point of the problem that lies in the other box and under the other envelope, with room to spare;

@@ -1,5 +1,5 @@
 """Algorithm E2 (EnvelopeFitting): envelopes around the clusters of a mixture, as printed and
-improved.
+improved; and a box a terrain, for mode switching (Lin et al. §IV-A, end).
 """
 
 from __future__ import annotations

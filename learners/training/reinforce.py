@@ -1,4 +1,5 @@
-"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit.
+"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit; its file,
+its scenes, and how it is judged.
 
 A run is cut into segments of ``evaluate_every`` steps. Before each one every random stream is
 seeded from the run's seed and the segment's number, and after each one the policy is evaluated on
