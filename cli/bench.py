@@ -15,7 +15,7 @@ from rich.console import Console
 from stancekit.planners.errors import InvalidInput
 
 from .bench_gait import BenchGait
-from .console import as_options, emit, err, out, stages
+from .console import as_options, emit, err, grid, out, stages
 from .evaluate import score_table
 from .options import ROBOT, TERRAIN, OptionalFloat, OptionalPath, OptionalText
 
@@ -168,14 +168,6 @@ class _BenchPlanner:
 
 def table(rows: list[dict[str, Any]]) -> Table:
     """The rows as a table."""
-    from rich.table import Table
-
-    grid = Table(
-        title="Table II",
-        caption="* to a relative gap, the others to the first point; / solver: planning, without verifying, over "
-        "Clarabel's own time; |m-pf|: most in a cell of the grid; moments: what the grid's point "
-        "leaves of them",
-    )
     names = (
         "method",
         "M",
@@ -189,32 +181,40 @@ def table(rows: list[dict[str, Any]]) -> Table:
         "|m-pf|",
         "moments",
         "answer",
+        "paper s",
     )
-    for name in (*names, "paper s"):
-        grid.add_column(
-            name, justify="left" if name in ("method", "answer") else "right", no_wrap=True
-        )
-    for row in rows:
-        paper = row.get("paper", {})
-        theirs = (
-            f"> {paper['more_than']}" if "more_than" in paper else _figure(paper.get("seconds"))
-        )
-        grid.add_row(
-            row["method"] + (" *" if row["optimised"] else ""),
-            str(row["frames"]),
-            str(row["variables"]),
-            str(row["binaries"]),
-            str(row["constraints"]),
-            _figure(row["compile_s"]),
-            ("> " if row.get("capped") else "") + _figure(row["seconds"]),
-            _figure(row["cpu_s"]),
-            _figure(row.get("over_solver")),
-            _figure(row.get("cell_error")),
-            _figure(row.get("claimed_residual")),
-            row["status"],
-            theirs,
-        )
-    return grid
+    columns = {
+        name: {"justify": "left" if name in ("method", "answer") else "right", "no_wrap": True}
+        for name in names
+    }
+    return grid(
+        columns,
+        map(_cells, rows),
+        title="Table II",
+        caption="* to a relative gap, the others to the first point; / solver: planning, without verifying, over "
+        "Clarabel's own time; |m-pf|: most in a cell of the grid; moments: what the grid's point "
+        "leaves of them",
+    )
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """The cells of a row."""
+    paper = row.get("paper", {})
+    return (
+        row["method"] + (" *" if row["optimised"] else ""),
+        str(row["frames"]),
+        str(row["variables"]),
+        str(row["binaries"]),
+        str(row["constraints"]),
+        _figure(row["compile_s"]),
+        ("> " if row.get("capped") else "") + _figure(row["seconds"]),
+        _figure(row["cpu_s"]),
+        _figure(row.get("over_solver")),
+        _figure(row.get("cell_error")),
+        _figure(row.get("claimed_residual")),
+        row["status"],
+        f"> {paper['more_than']}" if "more_than" in paper else _figure(paper.get("seconds")),
+    )
 
 
 def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
@@ -378,17 +378,10 @@ class _BenchRoom:
 
 def _table(lines: list[Room]) -> Table:
     """The lines as a table, in percent and points, with 95 % intervals."""
-    from rich.table import Table
-
     remarks = dict.fromkeys(
         f"{line.environment}: {line.scenes} scenes, oracle: {line.oracle_budget}" for line in lines
     )
-    grid = Table(
-        title="; ".join(remarks),
-        caption="shares of all scenes in percent, gain and room in points",
-        box=None,
-    )
-    for name in (
+    names = (
         "environment",
         "budget",
         "random",
@@ -400,24 +393,31 @@ def _table(lines: list[Room]) -> Table:
         "oracle",
         "again",
         "room",
-    ):
-        grid.add_column(name, justify="left" if name in ("environment", "budget", "") else "right")
-    for line in lines:
-        shares = [
-            _percent(each)
-            for each in (line.random, line.control, line.learned, line.oracle, line.again)
-        ]
-        names = (
+    )
+    left = ("environment", "budget", "")
+    rows = (
+        (
             line.environment,
             line.budget,
-            shares[0],
-            shares[1],
+            _percent(line.random),
+            _percent(line.control),
             line.controlled_by,
-            shares[2],
+            _percent(line.learned),
             line.learned_by,
+            _points(line.gain),
+            _percent(line.oracle),
+            _percent(line.again),
+            f"{line.room:.0f}",
         )
-        grid.add_row(*names, _points(line.gain), *shares[3:], f"{line.room:.0f}")
-    return grid
+        for line in lines
+    )
+    return grid(
+        [(name, {"justify": "left" if name in left else "right"}) for name in names],
+        rows,
+        title="; ".join(remarks),
+        caption="shares of all scenes in percent, gain and room in points",
+        box=None,
+    )
 
 
 def _percent(value: Share | None) -> str:

@@ -12,8 +12,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import out
-from .gait_options import place
-from .options import OptionalInt, OptionalText
+from .options import OptionalInt, OptionalText, place
 from .solve import Between
 
 if TYPE_CHECKING:

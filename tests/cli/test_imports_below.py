@@ -68,9 +68,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "gait": {
         CHOICES: ("planners.gait.charts",),
         LATER: ("planners.formats.motion_file",),
-        DRAWS: ("views.sheet",),
-    },
-    "gait_answer": {
         TOOL: ("planners.verify.trajectory_measurements",),
         DRAWS: (
             "planners.gait.charts.warped",
@@ -163,7 +160,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         TOOL: (
             "runner.log",
             "runner.safety.estop",
-            "runner.safety.stop_topic",
+            "runner.worlds.ros.estop",
         ),
         DRAWS: (
             "views.gait_plot",
