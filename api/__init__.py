@@ -116,8 +116,10 @@ _HOMES = {
     ),
     "learners.data.export": ("Exported",),
     "learners.data.labelling": ("RecheckReport",),
-    "learners.evaluation.bench": ("Comparison",),
-    "learners.evaluation.evaluate": ("Score",),
+    "learners.evaluation.evaluate": (
+        "Comparison",
+        "Score",
+    ),
     "learners.selectors.selector": ("Learned",),
     "learners.surrogates.calibration": ("Screened",),
     "motions": (

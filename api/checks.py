@@ -135,7 +135,8 @@ def _check_motion(
     if (terrain is None) == (course is None):
         surplus = "neither" if terrain is None else "both"
         raise InvalidInput(
-            f"terrain: expected it or a course with the motion {path}, got {surplus}"
+            f"terrain: expected the ground that {path} moves over, as the name or file of heights or "
+            f"the file of a plan or a walk, or a course in its place, got {surplus}"
         )
     who = None if robot is None else _legged(robot)
     gravity_m_s2 = GRAVITY_M_S2

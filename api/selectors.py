@@ -13,7 +13,7 @@ from stancekit.learners.data.executors import Executor, processes
 from stancekit.learners.data.executors import executor as executor
 from stancekit.learners.data.labelling import check_unseen
 from stancekit.learners.data.labelling import rows_of as rows_of
-from stancekit.learners.evaluation.bench import Comparison as Comparison
+from stancekit.learners.evaluation.evaluate import Comparison as Comparison
 from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.leaps.kinds import KINDS
@@ -410,8 +410,12 @@ def selector_for(dataset: Rows, selector: Selector, name: str) -> Learned:
     rows = rows_of(dataset)
     if isinstance(selector, EnvelopeSet):
         selector = Learned.fixed(name, selector)
-    elif not isinstance(selector, Learned):
+    elif isinstance(selector, str | Path):
         selector = load_selector(selector)
+    elif not isinstance(selector, Learned):
+        raise InvalidInput(
+            f"{name}: expected what fit returned, envelopes, or a file of either, got {selector!r:.80}"
+        )
     check_same_class(rows, selector.problem_class, name)
     check_unseen(rows, selector.provenance, name)
     return selector

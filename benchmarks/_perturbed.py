@@ -14,7 +14,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Problem
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface
-from stancekit.runner.control.surfaces import coplanar
+from stancekit.runner.control.estimation import coplanar
 from stancekit.runner.worlds.drives import Imperfections, Push
 
 START_M, HOLE_M = 0.10, 0.04

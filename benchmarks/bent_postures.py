@@ -22,7 +22,7 @@ from _bench import Options, launch
 
 import stancekit
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.evaluation.leap_bench import share
+from stancekit.learners.evaluation.room import share
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.witness import with_whole_body

@@ -53,7 +53,7 @@ from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.patch import Frame
-from stancekit.views.playground.page_parts import patient_answer
+from stancekit.views.playground.answers import patient_answer
 from stancekit.views.playground.scenario import BetweenScenario
 
 HALF_M = 1.2

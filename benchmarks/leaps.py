@@ -25,7 +25,7 @@ import numpy as np
 from _bench import Lines, Options, launch
 from _leap_nlp import LeapNlp
 
-from stancekit.learners.evaluation.leap_bench import (
+from stancekit.learners.evaluation.room import (
     FINDERS,
     MANY,
     UNLEARNED,
@@ -47,7 +47,7 @@ FIRST_RULE = Rule(grip=3.0, grip_cap=0.3, room=20.0, room_cap=0.03)
 METHODS = ("random", "noise", "rule", "rule-tuned", "farkas", "finder", "ipopt")
 """Methods in the order of the table."""
 FURTHER = ("rule", "ipopt")
-"""Those that ``leap_bench`` does not have."""
+"""Those that the bench of leaps does not have."""
 PROOF = "proof"
 """In place of a method's name: the search for a proof on a scene that no method solved."""
 

@@ -26,9 +26,9 @@ import numpy as np
 import tyro
 from _bench import Options, Row, launch, markdown
 
-from stancekit.views.playground.keys_scenario import KeysScenario
-from stancekit.views.playground.page_parts import quick_answer
+from stancekit.views.playground.answers import quick_answer
 from stancekit.views.playground.playground import Playground
+from stancekit.views.playground.scenario import KeysScenario
 from stancekit.views.playground.serving import served
 from stancekit.views.scene import UP
 

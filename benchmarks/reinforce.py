@@ -63,16 +63,16 @@ from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.data.labelling import Quota, label
 from stancekit.learners.selectors.neural import NeuralSettings, fit_neural
 from stancekit.learners.selectors.selector import FixedSelector
-from stancekit.learners.training.baselines import open_scenes
 from stancekit.learners.training.fitting import fit
-from stancekit.learners.training.held_out import (
+from stancekit.learners.training.reinforce import (
     CurvePoint,
+    TrainConfig,
     TrainingScenes,
     evaluator,
+    open_scenes,
     refinement_episodes,
+    train,
 )
-from stancekit.learners.training.reinforce import train
-from stancekit.learners.training.train_config import TrainConfig
 from stancekit.runner.control.envelope_choice import Predictor
 
 CONFIGS = Path(__file__).parents[1] / "configs"

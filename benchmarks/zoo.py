@@ -27,8 +27,7 @@ from torch import __version__ as torch_version
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import software
 from stancekit.learners.data.executors import executor
-from stancekit.learners.evaluation.bench import ClassResult, Experiment, run
-from stancekit.learners.evaluation.evaluate import Score, evaluate
+from stancekit.learners.evaluation.evaluate import ClassResult, Experiment, Score, evaluate, run
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.selector import Card, Figure, card, load_selector
 from stancekit.learners.zoo import card_of, shipped

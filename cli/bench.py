@@ -15,7 +15,7 @@ from rich.console import Console
 from stancekit.planners.errors import InvalidInput
 
 from .bench_gait import BenchGait
-from .console import as_options, emit, err, out, stages
+from .console import as_options, emit, err, grid, out, stages
 from .evaluate import score_table
 from .options import ROBOT, TERRAIN, OptionalFloat, OptionalPath, OptionalText
 
@@ -62,8 +62,8 @@ class _BenchEnvelopes:
         """Run the bench, and write the table, as numbers and as a page, and a picture a class."""
         from stancekit.configs import config_path
         from stancekit.learners.data.executors import executor
-        from stancekit.learners.evaluation import bench
-        from stancekit.learners.evaluation.bench import Experiment
+        from stancekit.learners.evaluation import evaluate
+        from stancekit.learners.evaluation.evaluate import Experiment
         from stancekit.planners.files.writing import make_folder, write_text
         from stancekit.views.sheet import save
 
@@ -80,18 +80,18 @@ class _BenchEnvelopes:
         where = executor(self.executor, workers=self.workers, address=self.address)
         folder = self.out or Path("out/bench-quick" if self.quick else "out/bench")
         make_folder(folder)
-        minutes = bench.expected_s(experiment, self.workers) / 60.0
+        minutes = evaluate.expected_s(experiment, self.workers) / 60.0
         err.print(
             f"about {minutes:.2g} minutes with {self.workers} idle core(s), less what {folder} has",
             highlight=False,
         )
         table: list[dict[str, Any]] = []
         with stages("bench") as on_progress:
-            for result in bench.run(experiment, folder, executor=where, progress=on_progress):
+            for result in evaluate.run(experiment, folder, executor=where, progress=on_progress):
                 records = result.to_json()
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
-                write_text(folder / "table.md", bench.page(table, experiment))
+                write_text(folder / "table.md", evaluate.page(table, experiment))
                 save(result.picture(), folder / f"{result.problem_class}.png")
                 if self.json:
                     for record in records:
@@ -168,14 +168,6 @@ class _BenchPlanner:
 
 def table(rows: list[dict[str, Any]]) -> Table:
     """The rows as a table."""
-    from rich.table import Table
-
-    grid = Table(
-        title="Table II",
-        caption="* to a relative gap, the others to the first point; / solver: planning, without verifying, over "
-        "Clarabel's own time; |m-pf|: most in a cell of the grid; moments: what the grid's point "
-        "leaves of them",
-    )
     names = (
         "method",
         "M",
@@ -189,32 +181,40 @@ def table(rows: list[dict[str, Any]]) -> Table:
         "|m-pf|",
         "moments",
         "answer",
+        "paper s",
     )
-    for name in (*names, "paper s"):
-        grid.add_column(
-            name, justify="left" if name in ("method", "answer") else "right", no_wrap=True
-        )
-    for row in rows:
-        paper = row.get("paper", {})
-        theirs = (
-            f"> {paper['more_than']}" if "more_than" in paper else _figure(paper.get("seconds"))
-        )
-        grid.add_row(
-            row["method"] + (" *" if row["optimised"] else ""),
-            str(row["frames"]),
-            str(row["variables"]),
-            str(row["binaries"]),
-            str(row["constraints"]),
-            _figure(row["compile_s"]),
-            ("> " if row.get("capped") else "") + _figure(row["seconds"]),
-            _figure(row["cpu_s"]),
-            _figure(row.get("over_solver")),
-            _figure(row.get("cell_error")),
-            _figure(row.get("claimed_residual")),
-            row["status"],
-            theirs,
-        )
-    return grid
+    columns = {
+        name: {"justify": "left" if name in ("method", "answer") else "right", "no_wrap": True}
+        for name in names
+    }
+    return grid(
+        columns,
+        map(_cells, rows),
+        title="Table II",
+        caption="* to a relative gap, the others to the first point; / solver: planning, without verifying, over "
+        "Clarabel's own time; |m-pf|: most in a cell of the grid; moments: what the grid's point "
+        "leaves of them",
+    )
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """The cells of a row."""
+    paper = row.get("paper", {})
+    return (
+        row["method"] + (" *" if row["optimised"] else ""),
+        str(row["frames"]),
+        str(row["variables"]),
+        str(row["binaries"]),
+        str(row["constraints"]),
+        _figure(row["compile_s"]),
+        ("> " if row.get("capped") else "") + _figure(row["seconds"]),
+        _figure(row["cpu_s"]),
+        _figure(row.get("over_solver")),
+        _figure(row.get("cell_error")),
+        _figure(row.get("claimed_residual")),
+        row["status"],
+        f"> {paper['more_than']}" if "more_than" in paper else _figure(paper.get("seconds")),
+    )
 
 
 def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
@@ -330,7 +330,7 @@ class _BenchRoom:
 
     def _leaps(self) -> list[Room]:
         """LeapChoice-v0, a line per budget."""
-        from stancekit.learners.evaluation import leap_bench
+        from stancekit.learners.evaluation import room
         from stancekit.learners.evaluation.room import leap_room
         from stancekit.learners.zoo import shipped
         from stancekit.planners.files.arrays import checked, checked_int
@@ -347,7 +347,7 @@ class _BenchRoom:
         ):
             checked_int(self.oracle_solves, "oracle_solves", least=1)
             for path in self.scorer:
-                if not leap_bench.is_scorer(path):
+                if not room.is_scorer(path):
                     names = ", ".join(shipped("scorers"))
                     raise InvalidInput(
                         f"scorer: expected a file of leaps' scores, or one of {names}, got {path}"
@@ -356,19 +356,19 @@ class _BenchRoom:
                 checked_int(solves, "solves", least=1, most=self.oracle_solves)
             for seconds in self.cpu_s:
                 checked(seconds, "cpu_s", above=0.0)
-            settings = leap_bench.LeapBenchSettings(
+            settings = room.LeapBenchSettings(
                 distribution=self.distribution,
                 scenes=min(self.scenes, _QUICK) if self.quick else self.scenes,
                 seed=self.seed,
                 methods=(*self.method, *self.scorer),
                 solves=self.oracle_solves,
             )
-            if not {*leap_bench.FINDERS, *leap_bench.TUNED} & {*settings.methods}:
+            if not {*room.FINDERS, *room.TUNED} & {*settings.methods}:
                 raise InvalidInput(
                     f"method: expected a control among them, got {', '.join(self.method) or 'none'}"
                 )
         with stages("bench room") as on_progress:
-            rows = leap_bench.run(settings, self.out, on_progress)
+            rows = room.run(settings, self.out, on_progress)
         budgets: list[dict[str, Any]] = [{"tries": 1}, *({"solves": each} for each in self.solves)]
         budgets += [{"cpu_s": each} for each in self.cpu_s]
         return [
@@ -378,17 +378,10 @@ class _BenchRoom:
 
 def _table(lines: list[Room]) -> Table:
     """The lines as a table, in percent and points, with 95 % intervals."""
-    from rich.table import Table
-
     remarks = dict.fromkeys(
         f"{line.environment}: {line.scenes} scenes, oracle: {line.oracle_budget}" for line in lines
     )
-    grid = Table(
-        title="; ".join(remarks),
-        caption="shares of all scenes in percent, gain and room in points",
-        box=None,
-    )
-    for name in (
+    names = (
         "environment",
         "budget",
         "random",
@@ -400,24 +393,31 @@ def _table(lines: list[Room]) -> Table:
         "oracle",
         "again",
         "room",
-    ):
-        grid.add_column(name, justify="left" if name in ("environment", "budget", "") else "right")
-    for line in lines:
-        shares = [
-            _percent(each)
-            for each in (line.random, line.control, line.learned, line.oracle, line.again)
-        ]
-        names = (
+    )
+    left = ("environment", "budget", "")
+    rows = (
+        (
             line.environment,
             line.budget,
-            shares[0],
-            shares[1],
+            _percent(line.random),
+            _percent(line.control),
             line.controlled_by,
-            shares[2],
+            _percent(line.learned),
             line.learned_by,
+            _points(line.gain),
+            _percent(line.oracle),
+            _percent(line.again),
+            f"{line.room:.0f}",
         )
-        grid.add_row(*names, _points(line.gain), *shares[3:], f"{line.room:.0f}")
-    return grid
+        for line in lines
+    )
+    return grid(
+        [(name, {"justify": "left" if name in left else "right"}) for name in names],
+        rows,
+        title="; ".join(remarks),
+        caption="shares of all scenes in percent, gain and room in points",
+        box=None,
+    )
 
 
 def _percent(value: Share | None) -> str:

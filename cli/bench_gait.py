@@ -13,7 +13,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import emit, out, stages
+from .console import emit, grid, out, stages
 from .options import OptionalFloat, OptionalInt, OptionalPath
 
 if TYPE_CHECKING:
@@ -50,13 +50,13 @@ def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
 
 def walk_table(rows: list[dict[str, Any]]) -> Table:
     """A line a walk, and what the verifier says of it."""
-    from rich.table import Table
-
-    grid = Table(title="walks")
-    for name in ("walk", "program", "terrain", "verified", "CPU s", "solver s", "verifier"):
-        grid.add_column(name, justify="right" if name.endswith(" s") else "left", overflow="fold")
-    for row in rows:
-        grid.add_row(
+    names = ("walk", "program", "terrain", "verified", "CPU s", "solver s", "verifier")
+    columns = {
+        name: {"justify": "right" if name.endswith(" s") else "left", "overflow": "fold"}
+        for name in names
+    }
+    cells = (
+        (
             row["walk"],
             row["program"],
             row["terrain"],
@@ -65,14 +65,13 @@ def walk_table(rows: list[dict[str, Any]]) -> Table:
             _figure(row["cpu_solver_s"]),
             row["message"],
         )
-    return grid
+        for row in rows
+    )
+    return grid(columns, cells, title="walks")
 
 
 def _program_table(sums: list[dict[str, Any]]) -> Table:
     """A line a program."""
-    from rich.table import Table
-
-    grid = Table(title="programs", caption="medians of the walks that are verified")
     names = {
         "walks": "walks",
         "verified": "verified",
@@ -83,12 +82,12 @@ def _program_table(sums: list[dict[str, Any]]) -> Table:
         "friction_needed": "friction needed",
         "outside_cone": "outside cone",
     }
-    grid.add_column("program")
-    for name in names.values():
-        grid.add_column(name, justify="right")
-    for one in sums:
-        grid.add_row(one["program"], *(_figure(one[name]) for name in names))
-    return grid
+    return grid(
+        {"program": {}, **{name: {"justify": "right"} for name in names.values()}},
+        ((one["program"], *(_figure(one[name]) for name in names)) for one in sums),
+        title="programs",
+        caption="medians of the walks that are verified",
+    )
 
 
 def _figure(value: float | None) -> str:
@@ -212,22 +211,20 @@ def _names(text: str) -> tuple[str, ...]:
 
 def success_table(records: list[dict[str, Any]]) -> Table:
     """Pan et al.'s Table I: success, and what the verifier accepts of it."""
-    from rich.table import Table
-
     terrains = list(dict.fromkeys(record["terrain"] for record in records))
-    grid = Table(
+    cells = {(record["label"], record["terrain"]): record for record in records}
+    labels = dict.fromkeys(record["label"] for record in records)
+    return grid(
+        {"method": {"no_wrap": True}, **{terrain: {"justify": "right"} for terrain in terrains}},
+        (
+            (label, *(_rates(cells.get((label, terrain))) for terrain in terrains))
+            for label in labels
+        ),
         title="Table I",
         caption="success % / verified %, each with its 95 % interval, of as many cells; "
         "(% of Pan et al.); ! n: n cells were cut off by --cap; "
         "–: not measured",
     )
-    grid.add_column("method", no_wrap=True)
-    for terrain in terrains:
-        grid.add_column(terrain, justify="right")
-    cells = {(record["label"], record["terrain"]): record for record in records}
-    for label in dict.fromkeys(record["label"] for record in records):
-        grid.add_row(label, *(_rates(cells.get((label, terrain))) for terrain in terrains))
-    return grid
 
 
 def _rates(record: dict[str, Any] | None) -> str:
@@ -287,20 +284,17 @@ def _motion_table(records: list[dict[str, Any]]) -> Table:
 def _table(
     records: list[dict[str, Any]], title: str, caption: str, columns: dict[str, str], digits: int
 ) -> Table:
-    from rich.table import Table
-
-    grid = Table(title=title, caption=caption)
-    for name in ("method", "terrain"):
-        grid.add_column(name, no_wrap=True)
-    for name in columns.values():
-        grid.add_column(name, justify="right", overflow="fold")
-    for record in records:
-        grid.add_row(
+    look = {"justify": "right", "overflow": "fold"}
+    cells = (
+        (
             record["label"],
             record["terrain"],
             *(_quartiles(record[name], digits) for name in columns),
         )
-    return grid
+        for record in records
+    )
+    heads: dict[str, dict[str, Any]] = {"method": {"no_wrap": True}, "terrain": {"no_wrap": True}}
+    return grid(heads | dict.fromkeys(columns.values(), look), cells, title=title, caption=caption)
 
 
 def _quartiles(values: list[float] | float | None, digits: int) -> str:

@@ -7,10 +7,10 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TextIO
 
 from rich.console import (
     Console,
@@ -25,6 +25,9 @@ from rich.segment import Segment
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from rich.table import Table
+    from rich.text import Text
+
     from stancekit.planners.gait.method.attempt import Attempt
 
 
@@ -98,6 +101,14 @@ def emit(record: Mapping[str, Any]) -> None:
     print(json.dumps(record, allow_nan=False), file=results, flush=True)
 
 
+def tell(as_json: bool, record: Mapping[str, Any], *words: RenderableType) -> None:
+    """Print what came of a command: one JSON object, or these lines and tables."""
+    if as_json:
+        emit(record)
+    for each in () if as_json else words:
+        out.print(each)
+
+
 def complain(message: str) -> None:
     """Print one plain line on standard error, cut where it is longer than is read."""
     cut = message[:_LONGEST_COMPLAINT] + (" …" if len(message) > _LONGEST_COMPLAINT else "")
@@ -140,6 +151,41 @@ def as_options(*names: str) -> Iterator[None]:
         if names and name not in names:
             raise
         raise type(error)(f"--{name.replace('_', '-')}{colon}{rest}") from None
+
+
+def grid(
+    columns: Mapping[str, Mapping[str, Any]] | Iterable[tuple[str, Mapping[str, Any]]],
+    rows: Iterable[Iterable[Any]],
+    **look: Any,
+) -> Table:
+    """A table.
+
+    Arguments:
+        columns: by their heads, how rich shows each.
+        look: of the table itself, as rich has it.
+    """
+    from rich.table import Table
+
+    table = Table(**look)
+    for name, how in columns.items() if isinstance(columns, Mapping) else columns:
+        table.add_column(name, **how)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def facts(
+    rows: Iterable[tuple[str, str | Text]], overflow: Literal["fold", "ellipsis"] = "fold"
+) -> Table:
+    """A table of names and what there is to say of each; rows without words are left out."""
+    columns = ("", {"style": "bold"}), ("", {"overflow": overflow})
+    return grid(columns, [row for row in rows if row[1]], box=None, show_header=False)
+
+
+def say_written(*paths: Path | None, word: str = "wrote {}") -> None:
+    """Say which files were written, of those that were asked for."""
+    for path in filter(None, paths):
+        out.print(word.format(path), highlight=False)
 
 
 class _Lines:

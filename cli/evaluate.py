@@ -141,8 +141,7 @@ class Evaluate:
 
 def score_table(problem_class: str, scores: list[Score]) -> Table:
     """The comparison as a table that fits into 80 columns, with the paper's rows below."""
-    from stancekit.learners.evaluation.bench import title_of
-    from stancekit.learners.evaluation.evaluate import TABLE_I
+    from stancekit.learners.evaluation.evaluate import TABLE_I, title_of
 
     ways = list(scores[0].projected) if scores else []
     counts = (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from .console import as_options, emit, out, progress
+from .console import as_options, emit, out, progress, tell
 from .options import OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
@@ -106,12 +106,11 @@ class Export:
         from stancekit.learners.data.export import load_exported
 
         there = load_exported(Path(done.root)).total_episodes
-        if self.json:
-            emit({**asdict(done), "root": str(done.root), "read_back": int(there)})
-        else:
-            out.print(
-                f"{done.root}: {there} episodes of {done.dataset_id}, mean reward "
-                f"{done.mean_reward:.3f}, "
-                f"P1 over the expert's box agrees with the label in {100.0 * done.agreement:.1f} %"
-            )
+        tell(
+            self.json,
+            {**asdict(done), "root": str(done.root), "read_back": int(there)},
+            f"{done.root}: {there} episodes of {done.dataset_id}, mean reward "
+            f"{done.mean_reward:.3f}, "
+            f"P1 over the expert's box agrees with the label in {100.0 * done.agreement:.1f} %",
+        )
         return 0 if there == done.episodes else 1

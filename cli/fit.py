@@ -10,7 +10,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, out, progress
+from .console import as_options, emit, out, progress, tell
 from .options import ROBOT, TERRAIN, OptionalPath, OptionalText, named
 
 if TYPE_CHECKING:
@@ -148,11 +148,12 @@ class Fit:
         with progress(f"fit {self.method}") as bar:
             scorer: Any = fit(self.dataset[0], self.method, progress=bar, **settings)
         scorer.write(self.out)
-        if self.json:
-            emit({"out": str(self.out), "method": self.method, "origin": scorer.origin})
-        else:
-            origin = scorer.origin
-            out.print(f"{self.out}: scores for {origin['class']} from {origin['rows']} tries")
+        origin = scorer.origin
+        tell(
+            self.json,
+            {"out": str(self.out), "method": self.method, "origin": origin},
+            f"{self.out}: scores for {origin['class']} from {origin['rows']} tries",
+        )
         return 0
 
     def _surrogate(self, rows: list[Dataset]) -> int:
@@ -210,10 +211,7 @@ class Fit:
             line = (
                 f"{self.out}: {len(widths)} {what[:-1]}(s) for {problem_class}, mean width {shown}"
             )
-        if self.json:
-            emit(record)
-        else:
-            out.print(line)
+        tell(self.json, record, line)
         return 0
 
     def _executor(self) -> Executor | int:

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.table import Table
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, out, progress
+from .console import as_options, emit, facts, out, progress, say_written
 from .options import (
     LONGEST_S,
     OF_FILE,
@@ -24,6 +23,8 @@ from .options import (
 )
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from stancekit.planners.problem.standing_map import StandingMap
 
 
@@ -149,35 +150,37 @@ class MapTerrain:
             emit(standing.to_json())
             return 0
         out.print(_table(standing))
-        for path in (self.out, self.picture):
-            if path is not None:
-                out.print(f"wrote {path}", highlight=False)
+        say_written(self.out, self.picture)
         return 0
 
 
 def _table(found: StandingMap) -> Table:
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column()
-    x, y, headings = found.shape
-    table.add_row("terrain", f"{found.terrain}, friction {found.friction:g}")
-    table.add_row("robot", found.robot)
-    table.add_row("grid", f"{x} × {y} places {found.spacing_m:g} m apart, {headings} headings")
-    shares = found.shares()
-    for name, count in found.counts().items():
-        if count:
-            table.add_row(name, f"{count} poses, {100 * shares[name]:.1f} %")
-    table.add_row("proved", f"{100 * shares['proved']:.1f} %")
+    (x, y, headings), shares, likely = found.shape, found.shares(), ""
     if found.error is not None and found.confidence is not None:
-        table.add_row(
-            "likely",
+        likely = (
             f"each wrong with a chance of {100 * found.error:.3g} % at most, at a confidence of "
-            f"{100 * found.confidence:.0f} %",
+            f"{100 * found.confidence:.0f} %"
         )
-    if found.in_the_way():
-        text = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())
-        table.add_row("in the way", text)
-    for name, (_, median, _) in found.margins().items():
-        table.add_row(f"margin, {name}", f"{median:.3g} in the median")
-    table.add_row("seconds", ", ".join(f"{k} {v:.3g}" for k, v in found.seconds.items()))
-    return table
+    way = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())
+    counts = [
+        (name, f"{count} poses, {100 * shares[name]:.1f} %" if count else "")
+        for name, count in found.counts().items()
+    ]
+    margins = [
+        (f"margin, {name}", f"{median:.3g} in the median")
+        for name, (_, median, _) in found.margins().items()
+    ]
+    return facts(
+        [
+            ("terrain", f"{found.terrain}, friction {found.friction:g}"),
+            ("robot", found.robot),
+            ("grid", f"{x} × {y} places {found.spacing_m:g} m apart, {headings} headings"),
+            *counts,
+            ("proved", f"{100 * shares['proved']:.1f} %"),
+            ("likely", likely),
+            ("in the way", way),
+            *margins,
+            ("seconds", ", ".join(f"{k} {v:.3g}" for k, v in found.seconds.items())),
+        ],
+        "ellipsis",
+    )

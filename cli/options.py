@@ -6,6 +6,7 @@ tyro knows ``Optional``; for ``X | None`` it imports typeguard, which takes .1 s
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -14,7 +15,15 @@ from dataclasses import dataclass, fields
 from functools import cache, partial
 from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, TypeAlias, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    Optional,
+    TypeAlias,
+    get_type_hints,
+)
 
 import tyro
 from tyro.constructors import (
@@ -28,6 +37,7 @@ from tyro.constructors import (
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from stancekit.planners.files.arrays import Array
     from stancekit.planners.search.answer import Kind
     from stancekit.planners.terrain.footholds import FootholdLimits
     from stancekit.planners.terrain.heightfield import HeightField
@@ -459,3 +469,64 @@ def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
             f"{option}: expected {count} numbers with commas between them, got {shown(text)}"
         )
     return parts
+
+
+def place(text: str, option: str) -> Array:
+    """A place X,Y, shape (2,) [m]."""
+    import numpy as np
+
+    from stancekit.planners.files.documents import shown
+
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        x, y = np.nan, np.nan
+    if not (np.isfinite(x) and np.isfinite(y)):
+        raise InvalidInput(f"{option}: expected a place X,Y in metres, got {shown(text)}")
+    return np.array([x, y])
+
+
+def heading(text: str, way: Array, option: str = "--heading") -> float:
+    """An angle, or that of the way to the goal [rad]."""
+    from stancekit.planners.files.documents import shown
+
+    if text == "goal":
+        return math.atan2(way[1], way[0])
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(
+            f"{option}: expected an angle in rad, or goal, got {shown(text)}"
+        ) from None
+
+
+def in_gait_options(message: str) -> str:
+    """A task's message with the names of its fields as the options that gave them."""
+    names = {
+        "time_limit_s": "total_s",
+        "start_yaw_rad": "heading",
+        "end_yaw_rad": "heading_end",
+    }
+    parts = []
+    for part in message.split("; "):
+        name, colon, rest = part.partition(":")
+        same = (
+            "start",
+            "goal",
+            "duration_s",
+            "friction",
+            "gait",
+            "cycle_s",
+            "timings",
+            "adhesive",
+            "footing",
+            "robot",
+            "seeds",
+            "seed",
+            "max_iterations",
+            "dynamics",
+            "hessian",
+        )
+        known = names.get(name, name if name in same else "")
+        parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
+    return "; ".join(parts)

@@ -12,7 +12,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import emit, out, text_of
+from .console import out, tell, text_of
 from .options import PROJECTION, OptionalPath
 
 
@@ -84,8 +84,9 @@ class Picture:
             why = "" if outcome.certificate is None else explain(outcome).message
         envelope = None if envelopes is None else envelopes.envelopes[chosen]
         draw(problem, answer, envelope=envelope, caption=caption, out=self.out)
-        if self.json:
-            emit({"where": where, "out": str(self.out), "method": self.method, "status": status})
-        else:
-            out.print(f"{self.out}: {'; '.join(filter(None, (caption, why))) or 'the scene alone'}")
+        tell(
+            self.json,
+            {"where": where, "out": str(self.out), "method": self.method, "status": status},
+            f"{self.out}: {'; '.join(filter(None, (caption, why))) or 'the scene alone'}",
+        )
         return 0

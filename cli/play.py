@@ -12,8 +12,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import out
-from .gait_options import place
-from .options import OptionalInt, OptionalText
+from .options import OptionalInt, OptionalText, place
 from .solve import Between
 
 if TYPE_CHECKING:
@@ -125,8 +124,7 @@ class Play:
         from stancekit.files import load
         from stancekit.planners.problem import Problem
         from stancekit.planners.terrain.import_options import SUFFIXES
-        from stancekit.views.playground.keys_scenario import KeysScenario
-        from stancekit.views.playground.scenario import BetweenScenario, FixedScenario
+        from stancekit.views.playground.scenario import BetweenScenario, FixedScenario, KeysScenario
 
         suffix = Path(self.course).suffix.lower()
         if suffix in SUFFIXES and self.between.start is not None and self.between.goal is not None:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from rich.table import Table
 from rich.text import Text
 
-from .console import emit, out
+from .console import emit, facts, out, say_written
 from .options import OptionalPath
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @dataclass
@@ -65,33 +67,30 @@ class Replay:
             emit(record)
         else:
             out.print(_table(record))
-            if self.picture is not None:
-                out.print(f"written: {self.picture}")
+            say_written(self.picture, word="written: {}")
         return 0 if recorded.whole and verdicts and verdicts[-1]["succeeded"] else 1
 
 
 def _table(record: dict[str, Any]) -> Table:
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    verdict = record["verdict"]
-    if verdict is None:
-        table.add_row("verdict", Text("none: the process was ended", style="red"))
-    else:
+    verdict, dry = record["verdict"], ", dry" if record["dry"] else ""
+    word = Text("none: the process was ended", style="red")
+    if verdict is not None:
         done = verdict["succeeded"]
-        verdict_text = (
-            Text("run as planned", style="green") if done else Text(verdict["message"], style="red")
-        )
-        table.add_row("verdict", verdict_text)
-    dry = ", dry" if record["dry"] else ""
-    table.add_row(
-        "plan",
-        f"{record['course']} on {record['world']}{dry}, digest {str(record['digest'])[:16]}…",
-    )
-    table.add_row("commands", f"{record['commands']} at {record['rate_hz']:g} Hz")
+        word = Text("run as planned" if done else verdict["message"], "green" if done else "red")
+    joints = ""
     if "joint_worst_rad" in record:
         worst, rms = 1e3 * record["joint_worst_rad"], 1e3 * record["joint_rms_rad"]
-        table.add_row("joints", f"{worst:.1f} mrad from the plan at most, {rms:.1f} mrad (RMS)")
-    for decision in record["decisions"]:
-        table.add_row(decision["what"], str(decision["why"]))
-    return table
+        joints = f"{worst:.1f} mrad from the plan at most, {rms:.1f} mrad (RMS)"
+    return facts(
+        [
+            ("verdict", word),
+            (
+                "plan",
+                f"{record['course']} on {record['world']}{dry}, digest "
+                f"{str(record['digest'])[:16]}…",
+            ),
+            ("commands", f"{record['commands']} at {record['rate_hz']:g} Hz"),
+            ("joints", joints),
+            *((decision["what"], str(decision["why"])) for decision in record["decisions"]),
+        ]
+    )

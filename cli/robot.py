@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from rich.table import Table
 
-from .console import emit, out
+from .console import emit, facts, out
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
@@ -137,10 +137,7 @@ def _head(model: RobotModel) -> Table:
 
     moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(model.body.inertia_kgm2))
     joints = sum(len(leg.joints) for leg in model.legs)
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column()
-    for name, text in (
+    rows = (
         ("robot", model.name),
         ("mass", f"{model.body.mass_kg:.3f} kg, centre at ({com}) m, moments {moments} kg m²"),
         ("legs", f"{len(model.legs)}, {joints} joints: {', '.join(model.leg_names)}"),
@@ -151,10 +148,8 @@ def _head(model: RobotModel) -> Table:
             if model.disabled_pairs
             else "",
         ),
-    ):
-        if text:
-            table.add_row(name, text)
-    return table
+    )
+    return facts(rows, "ellipsis")
 
 
 def _legs(model: RobotModel, workspaces: list[Workspace | None]) -> Table:

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from rich.table import Table
 from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, err, out, progress
+from .console import as_options, complain, emit, err, facts, out, progress, say_written
 from .options import (
     OptionalFloat,
     OptionalInt,
@@ -30,14 +29,17 @@ from .options import (
 from .pictures import show
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from stancekit.planners.problem import Problem
     from stancekit.planners.robot.actuators import Actuators
     from stancekit.runner.acceptance import Accepted
     from stancekit.runner.control.closed_loop import LoopReport
     from stancekit.runner.control.envelope_choice import SelectorPolicy
+    from stancekit.runner.execution import Execution
     from stancekit.runner.report import RunReport
-    from stancekit.runner.safety.ending import Ended
     from stancekit.runner.safety.estop import Source
+    from stancekit.runner.safety.guard import Ended
     from stancekit.runner.settings import RunSettings
     from stancekit.runner.worlds.settings import EstopCheck
     from stancekit.runner.worlds.world import JointBus
@@ -50,73 +52,73 @@ _BUSY = 1.0
 def _run_table(report: RunReport) -> Table:
     """The report, for people."""
     word = "dry run, nothing was sent" if report.dry else "run as planned"
-    table = _begun(word, report.message, report.ended)
     slowed = f", slowed down by the {report.bound_by}" if report.bound_by else ""
-    table.add_row(
-        "motion", f"{report.seconds:.1f} s on {report.world}, pace {report.pace:.2f}{slowed}"
-    )
-    table.add_row(report.counted, f"{report.frames_done:.1f} of {round(report.frames - 1, 1):g}")
-    table.add_row(
-        "commands",
-        f"{report.sent} {'computed' if report.dry else 'sent'}, {report.clipped} clipped, "
-        f"{report.refused} refused",
-    )
-    if report.replay_rad is not None:
-        table.add_row("log", f"its commands differ by {report.replay_rad:.2g} rad at most")
+    sent = f"{report.sent} {'computed' if report.dry else 'sent'}"
+    joints = body = odometry = cycle = busy = ""
     if report.joint_worst:
         worst, rms = 1e3 * report.joint_worst_rad, 1e3 * report.joint_rms_rad
-        table.add_row(
-            "joints",
-            f"{worst:.1f} mrad from the plan at most ({report.joint_worst}), {rms:.1f} mrad (RMS)",
+        joints = (
+            f"{worst:.1f} mrad from the plan at most ({report.joint_worst}), {rms:.1f} mrad (RMS)"
         )
-    for name, needs in (("needs", report.needs), ("measured", report.loads)):
-        if needs is not None:
-            table.add_row(name, needs.line)
     if report.body_from == "leg odometry":
-        table.add_row("body", "fed back by leg odometry: the joints, and the feet that stand")
+        body = "fed back by leg odometry: the joints, and the feet that stand"
     elif not report.body_measured:
-        table.add_row("body", "not measured: joints alone were followed")
+        body = "not measured: joints alone were followed"
     if math.isfinite(report.odometry_m):
-        table.add_row(
-            "", f"{1e3 * report.odometry_m:.1f} mm from the plan at most, by leg odometry"
+        odometry = f"{1e3 * report.odometry_m:.1f} mm from the plan at most, by leg odometry"
+    median, late = (1e3 * value for value in report.cycle_s)
+    if math.isfinite(median):
+        cycle = f"{median:.1f} ms median, {late:.1f} ms 99th percentile"
+    if report.message and not report.dry and report.load > _BUSY:
+        busy = (
+            f"{report.load:.1f} processes for each processor: a run that comes too late may stop "
+            "for that"
         )
-    if report.execution is not None:
-        run = report.execution
-        table.add_row(
+    replayed, found = report.replay_rad, report.friction
+    log = "" if replayed is None else f"its commands differ by {replayed:.2g} rad at most"
+    return facts(
+        [
+            *_begun(word, report.message, report.ended),
+            (
+                "motion",
+                f"{report.seconds:.1f} s on {report.world}, pace {report.pace:.2f}{slowed}",
+            ),
+            (report.counted, f"{report.frames_done:.1f} of {round(report.frames - 1, 1):g}"),
+            ("commands", f"{sent}, {report.clipped} clipped, {report.refused} refused"),
+            ("log", log),
+            ("joints", joints),
+            ("needs", "" if report.needs is None else report.needs.line),
+            ("measured", "" if report.loads is None else report.loads.line),
+            ("body", body),
+            ("", odometry),
+            *([] if report.execution is None else _executed(report.execution, report.loop_share)),
+            ("friction", "" if found is None else found.line),
+            ("world", report.lacks),
+            ("cycle", cycle),
+            ("computer", busy),
+        ]
+    )
+
+
+def _executed(run: Execution, loop_share: float) -> list[tuple[str, str]]:
+    """What a simulated world had of the motion."""
+    late_ms, slid_mm = 1e3 * float(run.late_s.max()), 1e3 * float(run.slip_m.max())
+    stiff = f"joints found {loop_share:.2f} times as stiff as they should be"
+    return [
+        (
             "body",
-            f"{1e3 * run.com_final_m:.1f} mm from the plan at the end, {1e3 * run.com_worst_m:.1f} "
-            "mm at most",
-        )
-        table.add_row(
+            f"{1e3 * run.com_final_m:.1f} mm from the plan at the end, "
+            f"{1e3 * run.com_worst_m:.1f} mm at most",
+        ),
+        (
             "",
             f"its origin {1e3 * run.body_rms_m:.1f} mm (RMS), {1e3 * run.body_worst_m:.1f} mm at "
             "most",
-        )
-        late_ms = 1e3 * float(run.late_s.max())
-        table.add_row(
-            "feet",
-            f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most, touched up to {late_ms:.0f} ms "
-            "late",
-        )
-        table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
-        if abs(report.loop_share - 1.0) > 0.05:
-            table.add_row(
-                "loops", f"joints found {report.loop_share:.2f} times as stiff as they should be"
-            )
-    if report.friction is not None:
-        table.add_row("friction", report.friction.line)
-    if report.lacks:
-        table.add_row("world", report.lacks)
-    median, late = (1e3 * value for value in report.cycle_s)
-    if math.isfinite(median):
-        table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
-    if report.message and not report.dry and report.load > _BUSY:
-        table.add_row(
-            "computer",
-            f"{report.load:.1f} processes for each processor: a run that comes too late may stop "
-            "for that",
-        )
-    return table
+        ),
+        ("feet", f"slid {slid_mm:.1f} mm at most, touched up to {late_ms:.0f} ms late"),
+        ("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned"),
+        ("loops", stiff if abs(loop_share - 1.0) > 0.05 else ""),
+    ]
 
 
 def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
@@ -125,23 +127,24 @@ def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
     Arguments:
         answers: plans made within what a selector chose, and without.
     """
-    table = _begun("walked to the end", report.message, report.ended)
-    if answers is not None and not answers[0]:
-        table.add_row("warning", Text(unused(answers), style="yellow"))
-    table.add_row("key frames", f"{report.frames} reached")
-    table.add_row("plans", f"{report.plans}, {report.replans} of them because of a deviation")
+    warning, chosen = Text(), ""
     if answers is not None:
-        table.add_row(
-            "selector",
-            f"{answers[0]} plans within the envelopes that it chose, {answers[1]} without",
-        )
-    table.add_row("friction", f"{report.friction.line}; planned on {report.planned_share:.2f}")
-    if report.surfaces:
-        table.add_row("surfaces", report.surfaces)
-    table.add_row("deviation", f"{1e3 * report.deviation_m:.1f} mm from the plan at most")
-    table.add_row("body", f"{1e3 * report.com_final_m:.1f} mm from the last plan at the end")
-    table.add_row("time", f"{report.seconds:.1f} s of motion, {report.plan_s:.1f} s of planning")
-    return table
+        warning = Text("" if answers[0] else unused(answers), style="yellow")
+        chosen = f"{answers[0]} plans within the envelopes that it chose, {answers[1]} without"
+    return facts(
+        [
+            *_begun("walked to the end", report.message, report.ended),
+            ("warning", warning),
+            ("key frames", f"{report.frames} reached"),
+            ("plans", f"{report.plans}, {report.replans} of them because of a deviation"),
+            ("selector", chosen),
+            ("friction", f"{report.friction.line}; planned on {report.planned_share:.2f}"),
+            ("surfaces", report.surfaces),
+            ("deviation", f"{1e3 * report.deviation_m:.1f} mm from the plan at most"),
+            ("body", f"{1e3 * report.com_final_m:.1f} mm from the last plan at the end"),
+            ("time", f"{report.seconds:.1f} s of motion, {report.plan_s:.1f} s of planning"),
+        ]
+    )
 
 
 def unused(answers: tuple[int, int]) -> str:
@@ -155,19 +158,14 @@ def unused(answers: tuple[int, int]) -> str:
     )
 
 
-def _begun(word: str, message: str, ended: Ended) -> Table:
-    """A table with the verdict, and how the robot was left."""
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    table.add_row(
-        "verdict", Text("failed" if message else word, style="red" if message else "green")
-    )
-    if message:
-        table.add_row("", message)
+def _begun(word: str, message: str, ended: Ended) -> list[tuple[str, str | Text]]:
+    """The verdict, and how the robot was left."""
     left = f"{ended.left}, after {1e3 * ended.seconds:.1f} ms"
-    table.add_row("robot left", f"{left}: {ended.message}" if ended.message else left)
-    return table
+    return [
+        ("verdict", Text("failed" if message else word, style="red" if message else "green")),
+        ("", message),
+        ("robot left", f"{left}: {ended.message}" if ended.message else left),
+    ]
 
 
 @contextmanager
@@ -196,7 +194,7 @@ def _stop_sources(
     if armed:
         sources.append(reader_source(*(stream for stream in (1, 2) if is_open(stream))))
     if stop_topic is not None:
-        from stancekit.runner.safety.stop_topic import StopTopic
+        from stancekit.runner.worlds.ros.estop import StopTopic
 
         with as_options():
             topic = StopTopic(stop_topic, check=check if armed else None)
@@ -418,9 +416,7 @@ class RunMotion:
                 emit({"plan": str(self.plan), **record})
             else:
                 out.print(table)
-                for path in (self.log, self.picture, self.video):
-                    if path is not None:
-                        out.print(f"written: {path}")
+                say_written(self.log, self.picture, self.video, word="written: {}")
         except BrokenPipeError:  # nobody reads it, but the exit code is of the robot
             if succeeded:
                 raise

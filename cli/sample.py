@@ -11,7 +11,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, out, progress
+from .console import as_options, emit, progress, tell
 from .options import DISTRIBUTION, ROBOT, TERRAIN, OptionalPath, OptionalText
 
 _MOST = 100_000_000
@@ -66,10 +66,11 @@ class Sample:
             return 0
         check_writable(self.out)
         write_text(self.out, "".join(json.dumps(record) + "\n" for record in records))
-        if self.json:
-            emit({"out": str(self.out), "problem_class": source.name, "problems": self.count})
-        else:
-            out.print(f"{self.out}: {self.count} problem(s) of {source.name}")
+        tell(
+            self.json,
+            {"out": str(self.out), "problem_class": source.name, "problems": self.count},
+            f"{self.out}: {self.count} problem(s) of {source.name}",
+        )
         return 0
 
     def _export(self, folder: Path) -> int:
@@ -86,9 +87,10 @@ class Sample:
         counts = {
             status: statuses.count(status) for status in ("feasible", "infeasible", "undecided")
         }
-        if self.json:
-            emit({"out": str(folder), "scenes": self.count, **counts})
-        else:
-            text = ", ".join(f"{number} {status}" for status, number in counts.items())
-            out.print(f"{folder}: {self.count} scene(s) of {self.problem}: {text}")
+        text = ", ".join(f"{number} {status}" for status, number in counts.items())
+        tell(
+            self.json,
+            {"out": str(folder), "scenes": self.count, **counts},
+            f"{folder}: {self.count} scene(s) of {self.problem}: {text}",
+        )
         return 0

@@ -9,16 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from rich.table import Table
 from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, out, progress
+from .console import as_options, complain, emit, facts, out, progress, say_written
 from .options import OptionalFloat, OptionalPath, check_drawn
 from .pictures import show
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from stancekit.planners.answer.certificate import Crossing
     from stancekit.planners.answer.plan import LeapPlan, Plan
     from stancekit.planners.answer.trajectory import Trajectory
@@ -184,9 +185,7 @@ class Simulate:
             out.print(_table(report, execution))
             for line in accepted.plan.doubts:
                 out.print(f"doubt: {line}", highlight=False)
-            for path in (self.picture, self.video, self.out):
-                if path is not None:
-                    out.print(f"written: {path}")
+            say_written(self.picture, self.video, self.out, word="written: {}")
         return 0 if report.succeeded else 1
 
     def _check_files(self) -> None:
@@ -221,9 +220,6 @@ def _record(report: RunReport, run: Execution) -> dict[str, Any]:
 
 
 def _table(report: RunReport, run: Execution) -> Table:
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
     final, worst, slid, shift, error = (
         1e3 * value
         for value in (
@@ -234,24 +230,27 @@ def _table(report: RunReport, run: Execution) -> Table:
             run.error_m,
         )
     )
-    done, message = report.succeeded, _message(report, run)
+    done = report.succeeded
     verdict = "executed as planned" if done else "failed" if report.stopped_s is None else "stopped"
-    table.add_row("verdict", Text(verdict, style="green" if done else "red"))
-    if message:
-        table.add_row("", message)
-    table.add_row(
-        "centre of mass", f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most"
-    )
-    table.add_row("feet", f"slid {slid:.1f} mm at most, over {len(run.slip_m)} footholds")
-    table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
     torques = f"{run.torque_worst_nm:.1f} Nm at most, planned {run.planned_torque_nm:.1f}, limit {run.torque_limit_nm:g}"
-    table.add_row("joints", f"{torques}; inverse kinematics within {error:.2g} mm")
-    table.add_row(
-        "body",
-        f"turned {run.tilt_worst_rad:.3f} rad from the plan; its origin {shift:.1f} mm from the "
-        "centre of mass",
+    bump = f"touched something other than a foot for {run.bump_s:.2f} s"
+    return facts(
+        [
+            ("verdict", Text(verdict, style="green" if done else "red")),
+            ("", _message(report, run)),
+            (
+                "centre of mass",
+                f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most",
+            ),
+            ("feet", f"slid {slid:.1f} mm at most, over {len(run.slip_m)} footholds"),
+            ("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned"),
+            ("joints", f"{torques}; inverse kinematics within {error:.2g} mm"),
+            (
+                "body",
+                f"turned {run.tilt_worst_rad:.3f} rad from the plan; its origin {shift:.1f} mm "
+                "from the centre of mass",
+            ),
+            ("terrain", bump if run.bump_s > 0.0 else ""),
+            ("time", f"{run.seconds:.1f} s in {run.world}, {run.wall_s:.1f} s to compute"),
+        ]
     )
-    if run.bump_s > 0.0:
-        table.add_row("terrain", f"touched something other than a foot for {run.bump_s:.2f} s")
-    table.add_row("time", f"{run.seconds:.1f} s in {run.world}, {run.wall_s:.1f} s to compute")
-    return table

@@ -17,7 +17,6 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress, text_of
-from .gait_options import place
 from .options import (
     OF_FILE,
     OF_METHOD,
@@ -30,6 +29,7 @@ from .options import (
     check_limit,
     in_options,
     named,
+    place,
 )
 
 if TYPE_CHECKING:

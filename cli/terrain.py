@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.table import Table
 
-from .console import emit, out
-from .gait_options import place
+from .console import emit, facts, out, say_written
 from .options import (
     OF_FILE,
     FootholdOptions,
@@ -19,6 +18,7 @@ from .options import (
     TerrainFile,
     check_drawn,
     in_options,
+    place,
 )
 
 if TYPE_CHECKING:
@@ -99,15 +99,10 @@ class ShowTerrain:
         if self.json:
             emit({**footholds.to_json(), **({"axes": axes} if axes else {})})
             return 0
-        table = _table(footholds)
-        if self.file.up != "z" and axes:
-            table.add_row(
-                "axes", ", ".join(f"{axis} is the file's {values}" for axis, values in axes.items())
-            )
-        out.print(table)
-        for path in (self.picture, self.html):
-            if path is not None:
-                out.print(f"wrote {path}", highlight=False)
+        turned = axes if self.file.up != "z" else {}
+        words = ", ".join(f"{axis} is the file's {values}" for axis, values in turned.items())
+        out.print(facts([*_rows(footholds), ("axes", words)], "ellipsis"))
+        say_written(self.picture, self.html)
         return 0
 
     @property
@@ -122,45 +117,36 @@ class ShowTerrain:
             return terrain(self.terrain, robot=self.robot, limits=limits, **meaning)
 
 
-def _table(found: Footholds) -> Table:
+def _rows(found: Footholds) -> Iterator[tuple[str, str]]:
+    """What there is to say of footholds."""
     import numpy as np
 
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column()
     surfaces = len({piece.surface for piece in found.pieces})
     rms = np.array([piece.rms_m for piece in found.pieces])
-    table.add_row("terrain", found.name)
-    table.add_row(
-        "footholds", f"{len(found.pieces)} patches on {surfaces} surfaces, {found.area_m2:.4g} m²"
-    )
     ends = zip("xyz", found.extent_m.tolist(), strict=True)
-    table.add_row("extent", ", ".join(f"{axis} {a:.4g} to {b:.4g} m" for axis, (a, b) in ends))
-    table.add_row("steepest", f"{np.rad2deg(max(piece.slope_rad for piece in found.pieces)):.1f}°")
-    table.add_row(
-        "rms off plane", f"{1e3 * np.median(rms):.2g} mm median, {1e3 * rms.max():.2g} mm at most"
+    noise = "" if found.noise_m is None else f"{1e3 * found.noise_m:.2g} mm, {found.noise_source}"
+    yield from (
+        ("terrain", found.name),
+        (
+            "footholds",
+            f"{len(found.pieces)} patches on {surfaces} surfaces, {found.area_m2:.4g} m²",
+        ),
+        ("extent", ", ".join(f"{axis} {a:.4g} to {b:.4g} m" for axis, (a, b) in ends)),
+        ("steepest", f"{np.rad2deg(max(piece.slope_rad for piece in found.pieces)):.1f}°"),
+        (
+            "rms off plane",
+            f"{1e3 * np.median(rms):.2g} mm median, {1e3 * rms.max():.2g} mm at most",
+        ),
+        ("noise", noise),
     )
-    if found.noise_m is not None:
-        table.add_row("noise", f"{1e3 * found.noise_m:.2g} mm, {found.noise_source}")
     known = [piece for piece in found.pieces if piece.height_sd_m is not None]
-    if known:
-        height, tilt, edge = (
-            np.array([getattr(piece, name) for piece in known])
-            for name in ("height_sd_m", "tilt_sd_rad", "edge_sd_m")
-        )
-        table.add_row(
-            "sd of height",
-            f"{1e3 * np.median(height):.2g} mm median, {1e3 * height.max():.2g} mm at most",
-        )
-        table.add_row(
-            "sd of tilt",
-            f"{np.rad2deg(np.median(tilt)):.2g}° median, {np.rad2deg(tilt.max()):.2g}° at most",
-        )
-        table.add_row(
-            "sd of edges",
-            f"{1e3 * np.median(edge):.2g} mm median, {1e3 * edge.max():.2g} mm at most",
+    scales = ("height", 1e3, " mm"), ("tilt", 180.0 / np.pi, "°"), ("edge", 1e3, " mm")
+    for name, scale, unit in scales if known else ():
+        key = f"{name}_sd_rad" if name == "tilt" else f"{name}_sd_m"
+        sd = scale * np.array([getattr(piece, key) for piece in known])
+        yield (
+            f"sd of {'edges' if name == 'edge' else name}",
+            f"{np.median(sd):.2g}{unit} median, {sd.max():.2g}{unit} at most",
         )
     for reason, area in found.refused_m2.items():
-        if area > 1e-6:
-            table.add_row(f"not: {reason}", f"{area:.4g} m²")
-    return table
+        yield f"not: {reason}", f"{area:.4g} m²" if area > 1e-6 else ""

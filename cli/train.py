@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.table import Table
 
 from stancekit.planners.errors import not_installed
 
-from .console import emit, out, stages
+from .console import emit, grid, out, stages
 from .options import ROBOT, TERRAIN, OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
-    from stancekit.learners.training.held_out import Trained
+    from rich.table import Table
+
+    from stancekit.learners.training.reinforce import Trained
 
 
 @dataclass
@@ -55,8 +56,7 @@ class Train:
     def run(self) -> int:
         """Train and print the learning curve."""
         try:
-            from stancekit.learners.training.reinforce import train
-            from stancekit.learners.training.train_config import TrainConfig
+            from stancekit.learners.training.reinforce import TrainConfig, train
         except ModuleNotFoundError as error:
             raise not_installed("train", error.name, "networks", "rl") from None
         options = {
@@ -84,10 +84,13 @@ class Train:
 def _curve_table(trained: Trained) -> Table:
     """The learning curve: mean reward an episode on held-out scenes, and further figures."""
     names = list(trained.curve[0].figures)
-    table = Table(title="held-out scenes", title_justify="left", header_style="bold")
-    for name in ("steps", "reward", *names):
-        table.add_column(name, justify="right")
-    for point in trained.curve:
-        figures = (point.reward, *(point.figures[name] for name in names))
-        table.add_row(str(point.steps), *(f"{value:.3f}" for value in figures))
-    return table
+    columns = {name: {"justify": "right"} for name in ("steps", "reward", *names)}
+    rows = (
+        (
+            str(point.steps),
+            f"{point.reward:.3f}",
+            *(f"{point.figures[name]:.3f}" for name in names),
+        )
+        for point in trained.curve
+    )
+    return grid(columns, rows, title="held-out scenes", title_justify="left", header_style="bold")

@@ -10,7 +10,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, out, text_of
+from .console import as_options, complain, emit, out, tell, text_of
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
@@ -117,10 +117,7 @@ class Verify:
             verdicts.append(record["verdict"])
             if verdicts[-1] == "invalid":
                 complain(f"stancekit: error: {record['message']}")
-            if self.json:
-                emit(record)
-            else:
-                out.print(f"{record['where']}: {record['verdict']}: {record['message']}")
+            tell(self.json, record, f"{record['where']}: {record['verdict']}: {record['message']}")
         return 2 if "invalid" in verdicts else int("refused" in verdicts)
 
     def _file(self) -> int:
@@ -180,11 +177,8 @@ class Verify:
 
         with as_options("explain", "tolerance"):
             report = check_rows(self.problems, tolerance=self.tolerance, why=self.explain)
-        if self.json:
-            emit(report.to_json())
-        else:
-            for name, value in report.to_json().items():
-                out.print(f"{name:16} {value}")
+        record = report.to_json()
+        tell(self.json, record, *(f"{name:16} {value}" for name, value in record.items()))
         return int(not report.accepted)
 
 

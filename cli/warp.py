@@ -6,14 +6,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
-from rich.table import Table
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, out
+from .console import as_options, facts, tell
 from .options import OF_FILE, OptionalPath, TerrainFile, numbers
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from stancekit.planners.warp.report import MapReport
 
 
@@ -80,22 +81,16 @@ class Warp:
             from stancekit.views.sheet import save
 
             save(draw_map(fit.map, terrain, fit.report), self.picture)
-        if self.json:
-            emit(fit.report.to_json())
-        else:
-            out.print(_table(fit.report))
+        tell(self.json, fit.report.to_json(), _table(fit.report))
         return 0 if fit.report.least_det > 0.0 else 1
 
 
 def _table(report: MapReport) -> Table:
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column()
     record = report.to_json()
     folded = "" if report.least_det > 0.0 else " [red]the map folds[/]"
     where = ", ".join(f"{value:.2f}" for value in report.least_det_at_m)
     percent = "{mean:.1%} on average, {p95:.1%} at the 95th percentile, {max:.1%} at most"
-    for name, text in (
+    rows = (
         ("terrain", report.terrain),
         ("method", f"{report.method}, {' × '.join(map(str, report.cells))} cells"),
         (
@@ -116,7 +111,5 @@ def _table(report: MapReport) -> Table:
         ("conformal error", percent.format(**record["ground_error"])),
         ("  0.5 m above", percent.format(**record["torso_error"])),
         ("note", report.message),
-    ):
-        if text:
-            table.add_row(name, text)
-    return table
+    )
+    return facts(rows, "ellipsis")

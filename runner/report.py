@@ -14,8 +14,7 @@ from .control.friction import FrictionInterval, estimated
 from .execution import Execution
 from .log import Record
 from .prepared import BodyFrom, Prepared, body_from
-from .safety.ending import Ended
-from .safety.guard import SafeWorld
+from .safety.guard import Ended, SafeWorld
 from .settings import RunSettings
 from .worlds.hardware import ReplayWorld
 

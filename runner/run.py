@@ -38,9 +38,8 @@ from .prepared import (
     prepare,
 )
 from .report import RunReport
-from .safety.ending import Ended, end
 from .safety.estop import Source, Stopped, on_signals, watched
-from .safety.guard import SafeWorld
+from .safety.guard import Ended, SafeWorld, end
 from .safety.heartbeat import HeartbeatMonitor
 from .settings import RunSettings
 from .worlds.world import JointBus, State, Terrain, make_world

@@ -14,9 +14,8 @@ from .control.body_feedback import BodyFeedback
 from .control.foot_placement import ContactFeedback
 from .control.loop_settings import LoopSettings
 from .execution import Tolerance
-from .safety.ending import Ending
 from .safety.estop import Source
-from .safety.guard import Limits
+from .safety.guard import Ending, Limits
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,9 +37,8 @@ from stancekit.planners.search.batch import decide_all
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
-from stancekit.views.playground.keys_scenario import KeysScenario
-from stancekit.views.playground.page_parts import patient_answer
-from stancekit.views.playground.scenario import BetweenScenario
+from stancekit.views.playground.answers import patient_answer
+from stancekit.views.playground.scenario import BetweenScenario, KeysScenario
 from tests.planners.robot.small_urdfs import quadruped
 
 WALKS = stancekit.PlanSettings(leaps=False)

@@ -83,13 +83,13 @@ SECTIONS = (
         "Experiments",
         "YAML for `stancekit bench envelopes` and `stancekit fit --config`.",
         (
-            "learners.evaluation.bench:Experiment",
+            "learners.evaluation.evaluate:Experiment",
             "learners.selectors.genetic:GeneticSettings",
             "learners.selectors.neural:NeuralSettings",
         ),
     ),
     Section(
-        "Training", "YAML for `stancekit train`.", ("learners.training.train_config:TrainConfig",)
+        "Training", "YAML for `stancekit train`.", ("learners.training.reinforce:TrainConfig",)
     ),
     Section(
         "Servo buses",
@@ -145,7 +145,7 @@ SECTIONS = (
 
 INTERNAL = {
     "planners.formats.motion_file:_WalkKeys": "part of a gait's file, which the program alone writes",
-    "learners.evaluation.bench:_Row": "rows that a bench keeps between runs",
+    "learners.evaluation.evaluate:_Row": "rows that a bench keeps between runs",
     "learners.surrogates.surrogate:_Header": "metadata of weights",
     "learners.selectors.neural:_Calibration": "metadata of weights",
     "learners.selectors.neural:_Header": "metadata of weights",

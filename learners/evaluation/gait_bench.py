@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import math
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
@@ -21,7 +22,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt
 
-from stancekit.planners.answer.report import Report
+from stancekit.planners.answer.report import Report, or_null
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import LARGEST
@@ -74,7 +75,7 @@ def judged(
             "cpu_process_s": keys.cpu_process_s,
             "cpu_solver_s": keys.cpu_solver_s,
             "duration_s": walk.trajectory.duration_s,
-            "figures": {name: _finite_or_none(value) for name, value in report.figures.items()},
+            "figures": {name: or_null(value) for name, value in report.figures.items()},
         }
     if on_progress is not None:
         on_progress("done", len(paths), len(paths))
@@ -140,10 +141,6 @@ def as_json(rows: list[dict[str, Any]]) -> str:
 def _median(values: list[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return float(np.median(known)) if known else None
-
-
-def _finite_or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 class _Model(BaseModel):
@@ -430,7 +427,7 @@ def measure(cell: GaitCell, settings: GaitBenchSettings, folder: Path) -> dict[s
         "cpu_s": record.seconds,
         "evaluating_s": record.seconds_evaluating,
         "linear_s": record.seconds_linear,
-        "violations": [_finite(value) for value in record.violations],
+        "violations": [or_null(value) for value in record.violations],
         "capped": not record.success and record.seconds >= settings.cap_s,
         **figures(report),
     }
@@ -481,7 +478,7 @@ def figures(report: Report[Trajectory]) -> dict[str, Any]:
     return {
         "message": report.message,
         "refused": [group.name for group in report.refused],
-        **{name: _finite(value) for name, value in {**values, **report.figures}.items()},
+        **{name: or_null(value) for name, value in {**values, **report.figures}.items()},
     }
 
 
@@ -527,10 +524,6 @@ def _map(terrain: str, folder: Path) -> SplineMap:
 def _rng(cell: GaitCell) -> np.random.Generator:
     """Random generator, the same for all methods of a task and a seed."""
     return np.random.default_rng([zlib.crc32(cell.terrain.encode()), cell.task, cell.seed])
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 Row = Mapping[str, Any]
@@ -583,7 +576,9 @@ def _record(method: str, terrain: str, rows: Sequence[Row]) -> dict[str, Any]:
         ),
         "paper": PAPER.get(method, {}).get(terrain),
         "capped": sum(bool(row.get("capped")) for row in rows),
-        "refused": _counted(group for row in good for group in row.get("refused", ())),
+        "refused": dict(
+            Counter(group for row in good for group in row.get("refused", ())).most_common()
+        ),
         **{name: quartiles([read(row) for row in good]) for name, read in _MEASURES.items()},
         "verified_cpu_s": quartiles([row.get("cpu_s") for row in rows if row["verified"]]),
     }
@@ -664,13 +659,6 @@ def _share(flags: Iterable[bool]) -> float | None:
     """Share of true flags; None without flags."""
     values = list(flags)
     return sum(values) / len(values) if values else None
-
-
-def _counted(names: Iterable[str]) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for name in names:
-        counts[name] = counts.get(name, 0) + 1
-    return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
 
 _DRAWN = ("ambient-lbfgs", "warped-lbfgs", "decoupled-lbfgs", "ambient", "warped", "decoupled")

@@ -32,7 +32,7 @@ from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.micp import Micp
 from stancekit.planners.search.two_stage import TwoStage
 
-from ..selectors.modes import solved_postures
+from ..selectors.mixture import solved_postures
 from ..selectors.selector import quantile_box
 
 _Form = Literal[

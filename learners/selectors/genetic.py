@@ -34,8 +34,7 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
 from ..data.executors import Executor, processes
-from .dual_bounds import Index
-from .feasibility import CachingOracle, FeasibilityOracle, SpreadOracle, VerdictCounts
+from .feasibility import CachingOracle, FeasibilityOracle, Index, SpreadOracle, VerdictCounts
 from .selector import quantile_box
 
 

@@ -24,12 +24,11 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executors import Executor
 from ..selectors.genetic import BoxDescent, GeneticSettings, descend, fit_genetic, fit_gradient
-from ..selectors.mixture import fit_as_printed, fit_improved
-from ..selectors.modes import modes_of
+from ..selectors.mixture import fit_as_printed, fit_improved, modes_of
 from ..selectors.selector import Learned, fitted, heuristic_envelope, quantile_box
 
 if TYPE_CHECKING:
-    from .train_config import TrainConfig
+    from .reinforce import TrainConfig
 
 
 SPREAD = ("ga",)
@@ -136,7 +135,7 @@ class FitSettings:
         Arguments:
             legs: see ``TrainConfig``.
         """
-        from .train_config import TrainConfig
+        from .reinforce import TrainConfig
 
         fixed = {
             "environment": "stancekit/EnvelopeSelection-v0",
@@ -311,7 +310,7 @@ def _margin_fit(
 
 _BOXES, _NETWORKS = (
     "stancekit.learners.training.fitting",
-    "stancekit.learners.training.network_methods",
+    "stancekit.learners.training.reinforce",
 )
 METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
     "method",

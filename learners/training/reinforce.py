@@ -1,4 +1,5 @@
-"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit.
+"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit; its file,
+its scenes, and how it is judged.
 
 A run is cut into segments of ``evaluate_every`` steps. Before each one every random stream is
 seeded from the run's seed and the segment's number, and after each one the policy is evaluated on
@@ -11,24 +12,43 @@ from __future__ import annotations
 import importlib.util
 import json
 import logging
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.utils import FloatSchedule, set_random_seed
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor
 
-from stancekit.envs.scenes import PooledScenes
+from stancekit.envs.data.dataset import Dataset, scenes_of
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.refinement import EnvelopeRefinementEnv
+from stancekit.envs.scenes import LabelledScene, ListedScenes, PooledScenes, SceneKind
+from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.answer.answer import Status
+from stancekit.planners.arguments import cached_property
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import read_yaml, typed, validated
 from stancekit.planners.files.writing import make_folder, write_text
+from stancekit.planners.search.exact import BoxSearch
+from stancekit.runner.control.envelope_choice import Predictor
 
+from ..data.labelling import Progress, Quota, label
 from ..selectors.network import (
     check_shapes,
     load_optimiser,
@@ -37,10 +57,375 @@ from ..selectors.network import (
     undisturbed,
     write_tensors,
 )
-from ..selectors.policy import TrainedPolicy
-from .baselines import SelectionVecEnv, refinement_vec_env
-from .held_out import CurvePoint, Trained, TrainingScenes, evaluator
-from .train_config import TrainConfig
+from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural, kept_apart
+from ..selectors.policy import (
+    EnvironmentName,
+    PolicyShape,
+    TrainedPolicy,
+    bounds_of,
+    moved,
+)
+from .fitting import FitRequest, fit
+
+
+@dataclass(frozen=True, kw_only=True)
+class PpoSettings:
+    """Knobs of PPO.
+
+    Arguments:
+        rollout: steps of every sub-environment between updates.
+        rate: falls linearly to a tenth.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    rate: Annotated[float, Field(gt=0.0)] = 1e-3
+    rollout: Annotated[int, Field(ge=1)] = 64
+    batch: Annotated[int, Field(ge=2)] = 512
+    epochs: Annotated[int, Field(ge=1)] = 10
+    clip: Annotated[float, Field(gt=0.0)] = 0.2
+    entropy: Annotated[float, Field(ge=0.0)] = 0.0
+    discount: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    hidden: Annotated[tuple[int, ...], Field(min_length=1)] = (128, 128)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """One training run.
+
+    Steps are rounded up to whole segments, and segments to whole rollouts.
+
+    Arguments:
+        problem: distribution.
+        robot, terrain: files that it is of, where not the default hexapod and no terrain's.
+        legs: of a class whose scenes are given, and which no distribution draws.
+        train, held_out: how many labelled scenes to learn from and to evaluate on, and their seeds.
+        envs: sub-environments.
+        workers: their processes (selection only).
+        base, offset, spread: the envelope whose bounds the policy moves, how far it may, and the
+            initial standard deviation of that, as a share of offset (selection only).
+        budget: solves per episode (refinement only).
+        tensorboard: write its logs, too.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    environment: EnvironmentName
+    problem: str
+    steps: Annotated[int, Field(ge=1)]
+    train: Quota
+    held_out: Quota
+    seed: Annotated[int, Field(ge=0)] = 0
+    envs: Annotated[int, Field(ge=1)] = 16
+    workers: Annotated[int, Field(ge=1)] = 1
+    base: Literal["heuristic", "quantile"] = "quantile"
+    offset: Annotated[float, Field(gt=0.0)] = 0.25
+    spread: Annotated[float, Field(gt=0.0)] = 0.2
+    budget: Annotated[int, Field(ge=1)] = 200
+    evaluate_every: Annotated[int, Field(ge=1)] = 10_240
+    tensorboard: bool = False
+    ppo: PpoSettings = field(default_factory=PpoSettings)
+    robot: str | None = None
+    terrain: str | None = None
+    legs: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.train.seed == self.held_out.seed:
+            raise InvalidInput(
+                f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for "
+                "both"
+            )
+        _ = self.kind  # refuses unknown distributions
+
+    @classmethod
+    def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
+        """Read a file, some of its keys replaced.
+
+        Raises InvalidInput with every key that is wrong.
+        """
+        return validated(cls, read_yaml(path) | dict(overrides or {}), str(path))
+
+    @cached_property
+    def kind(self) -> SceneKind:
+        """Class of the scenes."""
+        if self.legs:
+            return SceneKind(name=self.problem, legs=self.legs)
+        source = distribution(self.problem, robot=self.robot, terrain=self.terrain)
+        return SceneKind(name=source.name, legs=source.legs)
+
+    @property
+    def shape(self) -> PolicyShape:
+        """The policy that is trained."""
+        return PolicyShape(
+            environment=self.environment,
+            problem=self.kind.name,
+            hidden=tuple(self.ppo.hidden),
+            spread=self.spread,
+            offset=self.offset,
+            legs=() if self.kind.name == self.problem and not self.legs else self.kind.legs,
+        )
+
+    @property
+    def segment(self) -> int:
+        """Steps between evaluations: whole rollouts."""
+        rollout = self.ppo.rollout * self.envs
+        return -(-self.evaluate_every // rollout) * rollout
+
+
+_Figures = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """A point of the learning curve: steps so far, mean reward an episode on held-out scenes, and
+    further figures.
+    """
+
+    steps: int
+    reward: float
+    figures: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trained:
+    """Result of a run."""
+
+    policy: TrainedPolicy
+    curve: tuple[CurvePoint, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainingScenes:
+    """Scenes that a run learns from, and scenes on which it is evaluated.
+
+    Arguments:
+        base: bounds, shape (12N,), empty where nothing is selected.
+        rows: those that ``train`` are of, where they are a data set's.
+    """
+
+    train: Sequence[LabelledScene]
+    held_out: Sequence[LabelledScene]
+    base: Array
+    rows: Dataset | None = None
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Origin of the rows learned from, see ``Dataset.origin``; empty where they come from no
+        data set.
+        """
+        return {} if self.rows is None else self.rows.origin
+
+    @classmethod
+    def label(
+        cls,
+        config: TrainConfig,
+        folder: Path,
+        *,
+        workers: int = 1,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> TrainingScenes:
+        """Make both data sets in a folder, or use those that are there.
+
+        Arguments:
+            progress: gets the stage, rows done and all.
+        """
+        sets = []
+        for name, quota in (("train", config.train), ("held-out", config.held_out)):
+            plan = LabelPlan(
+                distribution=config.problem,
+                robot=config.robot,
+                terrain=config.terrain,
+                shard_size=125,
+                **asdict(quota),
+            )
+            watched = (
+                None if progress is None else partial(_tell, progress, f"label {name}", plan.rows)
+            )
+            label(plan, folder / name, workers=workers, progress=watched)
+            sets.append(Dataset.open(folder / name))
+        scenes = [scenes_of(dataset) for dataset in sets]
+        if config.shape.selects:
+            base = bounds_of(fit(config.base, sets[0]).envelopes[0])
+            return cls(train=scenes[0], held_out=scenes[1], base=base, rows=sets[0])
+        cut = [open_scenes(part) for part in scenes]
+        for name, quota, left in zip(
+            ("train", "held_out"), (config.train, config.held_out), cut, strict=True
+        ):
+            if not left:
+                wanted = quota.feasible + quota.infeasible
+                raise InvalidInput(
+                    f"{name}: expected scenes that need cuts, found none among {wanted}: ask for "
+                    "more"
+                )
+        return cls(train=cut[0], held_out=cut[1], base=np.zeros(0), rows=sets[0])
+
+
+def _tell(
+    progress: Callable[[str, int, int], None], stage: str, rows: int, state: Progress
+) -> None:
+    progress(f"{stage}: {rows} rows", state.rows, rows)
+
+
+def evaluator(
+    config: TrainConfig, scenes: Sequence[LabelledScene]
+) -> Callable[[Predictor], tuple[float, _Figures]]:
+    """A function that plays every scene once with a policy: mean reward an episode, and figures.
+
+    Selection: ``p1_feasible``, ``p1_infeasible`` (shares that P1 answers as the expert does),
+    ``projected`` (of the feasible). Refinement: ``solves`` an episode, ``settled`` (share that
+    ended with a verdict).
+    """
+    if config.shape.selects:
+        selection = EnvelopeSelectionEnv(config.kind, scenes=ListedScenes(scenes))
+        return lambda policy: _selection_figures(policy, selection, len(scenes))
+    refinement = EnvelopeRefinementEnv(
+        config.kind, budget=config.budget, scenes=ListedScenes(scenes)
+    )
+    return lambda policy: _refinement_figures(policy, refinement, len(scenes))
+
+
+def _selection_figures(
+    policy: Predictor, env: EnvelopeSelectionEnv, episodes: int
+) -> tuple[float, _Figures]:
+    rewards, projected = [], []
+    right: dict[int, list[float]] = {0: [], 1: []}
+    for _ in range(episodes):
+        observation, _ = env.reset()
+        _, reward, _, _, info = env.step(policy.predict(observation, deterministic=True)[0])
+        rewards.append(reward)
+        right[info["label"]].append(float(info["p1_right"]))
+        if info["label"]:
+            projected.append(float(info["project_fix_p"]))
+    shares = {"p1_feasible": right[1], "p1_infeasible": right[0], "projected": projected}
+    return float(np.mean(rewards)), {
+        name: float(np.mean(values)) for name, values in shares.items() if values
+    }
+
+
+def _refinement_figures(
+    policy: Predictor, env: EnvelopeRefinementEnv, episodes: int
+) -> tuple[float, _Figures]:
+    reward, solves, settled = refinement_episodes(policy, env, episodes).mean(axis=0).tolist()
+    return reward, {"solves": solves, "settled": settled}
+
+
+def refinement_episodes(policy: Predictor, env: EnvelopeRefinementEnv, episodes: int) -> Array:
+    """Reward, solves, and whether it ended with a verdict (1 or 0), of every episode, shape
+    (episodes, 3).
+    """
+    figures = np.zeros((episodes, 3))
+    for row in figures:
+        observation, _ = env.reset()
+        total, over = 0.0, False
+        while not over:
+            action, _ = policy.predict(observation, deterministic=True)
+            observation, reward, ended, cut_off, info = env.step(np.int64(action))
+            total, over = total + reward, ended or cut_off
+        row[:] = total, info["solves"], info["verdict"] >= 0
+    return figures
+
+
+def open_scenes(scenes: Sequence[LabelledScene]) -> list[LabelledScene]:
+    """The scenes that the first box of ``EnvelopeRefinement-v0`` leaves open: those where cuts are
+    needed.
+    """
+    programs = Programs()
+    searches = (BoxSearch(scene.problem, Scaled.of(scene.problem), programs) for scene in scenes)
+    return [
+        scene
+        for scene, search in zip(scenes, searches, strict=True)
+        if search.verdict is Status.UNDECIDED
+    ]
+
+
+class SelectionVecEnv(VecEnv):
+    """``EnvelopeSelection-v0`` in batches, as a stable-baselines3 environment.
+
+    With ``base`` given the actions are moves of its bounds: base + offset · action
+    (``policy_file.moved``), so that an untrained policy of small actions answers about as the base
+    does.
+
+    Arguments:
+        base: shape (12N,).
+    """
+
+    def __init__(
+        self, env: EnvelopeSelectionVectorEnv, *, base: Array | None = None, offset: float = 0.25
+    ) -> None:
+        self._env, self._base, self._offset = env, base, offset
+        self._actions: NDArray[Any] = np.zeros(0)
+        self.render_mode = None
+        space = env.single_action_space
+        if base is not None and (not isinstance(space, spaces.Box) or space.shape != base.shape):
+            raise InvalidInput(f"base: expected bounds of shape {space.shape}, got {base.shape}")
+        super().__init__(env.num_envs, env.single_observation_space, space)
+
+    def reset(self) -> dict[str, NDArray[np.float32]]:
+        """Draw the next scenes."""
+        seeds = None if all(seed is None for seed in self._seeds) else self._seeds
+        observation, _ = self._env.reset(seed=seeds)
+        self._reset_seeds()
+        return observation
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep the actions."""
+        self._actions = actions if self._base is None else moved(self._base, self._offset, actions)
+
+    def step_wait(
+        self,
+    ) -> tuple[
+        dict[str, NDArray[np.float32]], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]
+    ]:
+        """Judge them."""
+        observation, rewards, ended, _, infos = self._env.step(self._actions)
+        final = {
+            name: values for name, values in infos["final_info"].items() if not name.startswith("_")
+        }
+        rows = [
+            {name: values[index] for name, values in final.items()}
+            | {
+                "terminal_observation": infos["final_obs"][index],
+                "episode": {"r": rewards[index], "l": 1, "t": 0.0},
+            }
+            for index in range(self.num_envs)
+        ]
+        return observation, rewards, ended, rows
+
+    def close(self) -> None:
+        """Close the batch."""
+        self._env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """The batch's attribute, once a sub-environment."""
+        return [getattr(self._env, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refused: sub-environments share what they have."""
+        raise StancekitError("the sub-environments of a batch have no attributes of their own")
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Refused: sub-environments share what they have."""
+        raise StancekitError("the sub-environments of a batch have no methods of their own")
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+        """Nothing is wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+
+def refinement_vec_env(
+    kind: SceneKind, scenes: Sequence[LabelledScene], *, envs: int, budget: int
+) -> DummyVecEnv:
+    """``EnvelopeRefinement-v0`` in batches, one after the other in this process."""
+    pool, programs = PooledScenes(scenes), Programs()
+    return DummyVecEnv(
+        [
+            lambda: EnvelopeRefinementEnv(kind, budget=budget, scenes=pool, programs=programs)
+            for _ in range(envs)
+        ]
+    )
+
 
 _CHECKPOINT_FORMAT = "stancekit/training/2"
 NAME = "checkpoint.safetensors"
@@ -92,7 +477,7 @@ def _read_checkpoint(
     return header, [CurvePoint(**point) for point in header["curve"]]
 
 
-Progress = Callable[[int, int], None]
+StepsDone = Callable[[int, int], None]
 _log = logging.getLogger(__name__)
 
 
@@ -103,7 +488,7 @@ def train(
     *,
     resume: bool = False,
     scenes: TrainingScenes | None = None,
-    progress: Progress | None = None,
+    progress: StepsDone | None = None,
     labelling: Callable[[str, int, int], None] | None = None,
 ) -> Trained:
     """Train, and write ``policy.safetensors``, ``checkpoint.safetensors`` and ``curve.jsonl`` into
@@ -164,7 +549,7 @@ class _Run:
         self._model.set_logger(_logger(folder, config.tensorboard))
         self._evaluate = evaluator(config, scenes.held_out)
 
-    def go(self, checkpoint: Path | None, progress: Progress | None) -> Trained:
+    def go(self, checkpoint: Path | None, progress: StepsDone | None) -> Trained:
         """Train segment by segment."""
         config, model = self._config, self._model
         segments = -(-config.steps // config.segment)
@@ -258,3 +643,58 @@ def _logger(folder: Path, tensorboard: bool) -> Logger:
     return (
         configure(str(folder / "tensorboard"), ["tensorboard"]) if tensorboard else Logger(None, [])
     )
+
+
+_JOINT_TARGET = 0.99
+"""Share of the feasible rows that the joint P1 must admit where nothing is said: chosen on
+validation rows."""
+
+
+def neural(request: FitRequest) -> NeuralSelector:
+    """A network from terrain to box."""
+    knobs = typed(NeuralSettings, request.settings.neural, "neural")
+    return fit_neural(
+        request.dataset,
+        knobs,
+        request.progress,
+        calibration=request.calibration,
+        checkpoint=request.checkpoint,
+    )
+
+
+def joint(request: FitRequest) -> NeuralSelector:
+    """A network from terrain to box and point, for the P1 that is joined with the lift."""
+    settings = request.settings
+    joint_settings = replace(
+        settings, neural={"target": _JOINT_TARGET, **settings.neural, "relaxation": "joint"}
+    )
+    return neural(replace(request, settings=joint_settings))
+
+
+def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:
+    """A policy trained on the data set's scenes; its learning curve is drawn on the calibration
+    rows.
+    """
+    dataset, calibration, settings = request.dataset, request.calibration, request.settings
+    learned, held_out = (
+        (dataset, calibration)
+        if calibration is not None
+        else kept_apart(dataset, 0.15, ("feasible", "infeasible"))
+    )
+    count = {
+        "feasible": len(learned.feasible),
+        "infeasible": len(learned.infeasible),
+        "seed": learned.header.plan.seed,
+    }
+    config = settings.training(
+        dataset.problem_class, dataset.header.legs if dataset.robot else None, count
+    )
+    base = bounds_of(fit(config.base, dataset, settings).envelopes[0])
+    scenes = TrainingScenes(
+        train=scenes_of(learned), held_out=scenes_of(held_out), base=base, rows=learned
+    )
+    with tempfile.TemporaryDirectory() as spare:
+        where = request.checkpoint or Path(spare)
+        make_folder(where)
+        resume = (where / "checkpoint.safetensors").exists()
+        return train(config, where, resume=resume, scenes=scenes, progress=request.progress).policy

@@ -37,14 +37,20 @@ from ..acceptance import Accepted
 from ..log import Record
 from ..prepared import Prepared, Resumption, Tracked
 from ..run import Runner
-from ..safety.ending import Ended
+from ..safety.guard import Ended
 from ..worlds.world import State
 from .envelope_choice import Policy, Replanner
-from .estimation import deviation_m, estimate_standing, measured_com_m
+from .estimation import (
+    EmptyStep,
+    deviation_m,
+    estimate_standing,
+    found_offsets,
+    measured_com_m,
+    without,
+)
 from .friction import FrictionEstimator, FrictionInterval
 from .loop_settings import LoopSettings
 from .slip_recovery import Shares, SlipDetector, SlipRecovery
-from .surfaces import EmptyStep, found_offsets, without
 from .tracker import Target, Tracker
 
 

@@ -23,7 +23,7 @@ from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.runner.control.closed_loop import LoopReport
 from stancekit.runner.control.envelope_choice import Observation
 from stancekit.runner.control.friction import FrictionInterval
-from stancekit.runner.safety.ending import Ended
+from stancekit.runner.safety.guard import Ended
 from tests.refusals import assert_names, refuses
 
 SHARES = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_scp")

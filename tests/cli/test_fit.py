@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.learners.training.train_config import TrainConfig
+from stancekit.learners.training.reinforce import TrainConfig
 from stancekit.planners.formats.question_file import read_envelopes
 from tests.refusals import assert_names
 

@@ -38,7 +38,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         TOOL: (
             "learners.data.executors",
             "learners.evaluation",
-            "learners.evaluation.bench",
+            "learners.evaluation.evaluate",
             "learners.evaluation.planner_bench",
             "learners.evaluation.room",
             "learners.zoo",
@@ -61,19 +61,13 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "evaluate": {
         CHOICES: ("planners.projection.project",),
-        TOOL: (
-            "learners.evaluation.bench",
-            "learners.evaluation.evaluate",
-        ),
+        TOOL: ("learners.evaluation.evaluate",),
         DRAWS: ("views.sheet",),
     },
     "export": {TOOL: ("learners.data.export",)},
     "gait": {
         CHOICES: ("planners.gait.charts",),
         LATER: ("planners.formats.motion_file",),
-        DRAWS: ("views.sheet",),
-    },
-    "gait_answer": {
         TOOL: ("planners.verify.trajectory_measurements",),
         DRAWS: (
             "planners.gait.charts.warped",
@@ -128,7 +122,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.terrain.reference",
         ),
         TOOL: (
-            "views.playground.keys_scenario",
             "views.playground.scenario",
             "views.playground.serving",
         ),
@@ -167,7 +160,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         TOOL: (
             "runner.log",
             "runner.safety.estop",
-            "runner.safety.stop_topic",
+            "runner.worlds.ros.estop",
         ),
         DRAWS: (
             "views.gait_plot",
@@ -204,12 +197,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "views.terrain",
         )
     },
-    "train": {
-        TOOL: (
-            "learners.training.reinforce",
-            "learners.training.train_config",
-        )
-    },
+    "train": {TOOL: ("learners.training.reinforce",)},
     "verify": {CHOICES: ("envs.data.ledger",)},
     "warp": {
         DRAWS: (

@@ -20,8 +20,7 @@ from stancekit.cli.solve import Between
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 from stancekit.planners.problem.course_file import read_course
-from stancekit.views.playground.keys_scenario import KeysScenario
-from stancekit.views.playground.scenario import FixedScenario
+from stancekit.views.playground.scenario import FixedScenario, KeysScenario
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main", "play"]
 

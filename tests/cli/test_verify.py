@@ -399,7 +399,7 @@ def test_a_bad_motion_is_one_line(
 def test_options_that_do_not_fit_are_one_line(walk_file: Path, refusal) -> None:
     table = walk_file.with_suffix(".csv")
     for arguments, line in (
-        ((table,), "--terrain: expected it or a course with the motion"),
+        ((table,), "moves over, as the name or file of heights or the file of a plan or a walk"),
         ((table, "--terrain", walk_file, "--course", "walls"), "got both"),
         ((walk_file, "--terrain", walk_file), "--terrain: expected a motion with it"),
         ((table, "--terrain", walk_file, "--robot", "nobody"), "--robot: expected"),

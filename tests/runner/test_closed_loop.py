@@ -43,9 +43,14 @@ from stancekit.runner.control.envelope_choice import (
     chosen,
     triangular,
 )
-from stancekit.runner.control.estimation import nearest_on
+from stancekit.runner.control.estimation import (
+    MISSING_M,
+    EmptyStep,
+    found_offsets,
+    nearest_on,
+    without,
+)
 from stancekit.runner.control.loop_settings import LoopSettings
-from stancekit.runner.control.surfaces import MISSING_M, EmptyStep, found_offsets, without
 from stancekit.runner.control.tracker import FARTHEST, LoopStiffness
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings

@@ -18,9 +18,8 @@ from stancekit.planners.errors import HardwareFault
 from stancekit.planners.robot.actuators import ActuatorModel
 from stancekit.runner import acceptance
 from stancekit.runner.acceptance import JointNeeds, thermal_load
-from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.estop import Stopped
-from stancekit.runner.safety.guard import Limits, SafeWorld
+from stancekit.runner.safety.guard import Limits, SafeWorld, end
 from stancekit.runner.worlds.world import JointBus, is_bus
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
 from tests.refusals import assert_names, refuses

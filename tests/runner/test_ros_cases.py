@@ -13,10 +13,9 @@ import pytest
 
 from stancekit.planners.errors import HardwareFault
 from stancekit.runner.safety.estop import Stopped
-from stancekit.runner.worlds.ros import controller, joint_states
-from stancekit.runner.worlds.ros.controller import FOREIGN, ControllerState
+from stancekit.runner.worlds.ros import joint_states
 from stancekit.runner.worlds.ros.driver import RosWorld
-from stancekit.runner.worlds.ros.joint_states import JointStates
+from stancekit.runner.worlds.ros.joint_states import FOREIGN, ControllerState, JointStates
 from stancekit.runner.worlds.ros.setup import Mapping, same_names
 from tests.emulators import rosbridge
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
@@ -353,8 +352,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     made = Clock()
-    for module in (joint_states, controller):
-        monkeypatch.setattr(module, "time", made)
+    monkeypatch.setattr(joint_states, "time", made)
     return made
 
 

@@ -27,9 +27,8 @@ from stancekit.runner.motion.time_parametrization import BLIND
 from stancekit.runner.prepared import Prepared
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
-from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.estop import SIGNALS, Stopped
-from stancekit.runner.safety.guard import SafeWorld
+from stancekit.runner.safety.guard import SafeWorld, end
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld

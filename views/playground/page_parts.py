@@ -5,189 +5,31 @@ robots in a menu.
 from __future__ import annotations
 
 import html
-import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.plan import WHOLE_BODY, Plan
 from stancekit.planners.answer.report import acceptance_word
-from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, StancekitError
+from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem import Problem
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import rotation_of
-from stancekit.planners.search.plan_course import LayOut, plan_course
-from stancekit.planners.search.two_stage import TwoStage
-from stancekit.planners.verify import Report, explain
-from stancekit.planners.verify.explain import Relaxation
+from stancekit.planners.verify import Report
 
 from ..plans import between
 from ..sheet import leg_colour
-from .scenario import BetweenScenario, Grip, Scenario, Slider
-
-_SHARES = (0.8, 1.0)
-"""Shares of the friction, that a plan is looked for with while the scene is changed."""
-_QUICK_S, _QUICK_NODES, _QUICK_STEPS = 0.15, 20, 6
-"""Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
-share."""
-_PATIENT_S = 60.0
-"""Time for all of an answer when nobody changes it any more: that of ``stancekit plan``."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SceneAnswer:
-    """Answer about a scene.
-
-    Arguments:
-        course: what is asked for; None where it makes no sense.
-        plan: accepted by the verifier as far as its contacts go.
-        status: None where the question makes no sense; undecided where no way was found for a course.
-        message: why there is no plan, or what is wrong with it; empty where nothing is.
-        lack: what would have to change, where that is proved.
-        report: on all of the plan, once it was judged.
-        patient: whether all was looked at.
-        seconds: CPU time of the layout and of the search.
-    """
-
-    course: Problem | None = None
-    status: Status | None = None
-    plan: Plan | None = None
-    message: str = ""
-    lack: Relaxation | None = None
-    report: Report[Plan] | None = None
-    patient: bool = False
-    share: float = 1.0
-    seconds: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def accepted(self) -> bool:
-        """Tell whether the verifier accepted all of a plan."""
-        return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
-
-
-def quick_answer(scenario: Scenario) -> SceneAnswer:
-    """A fast answer for the display, which looks at contacts alone; undecided if it would take
-    longer. Raises nothing.
-    """
-    planner = TwoStage(
-        time_limit_s=_QUICK_S,
-        max_nodes=_QUICK_NODES,
-        cuts=False,
-        steps=_QUICK_STEPS,
-    )
-    return _planned(
-        scenario,
-        partial(
-            plan_course,
-            planner=planner,
-            shares=_SHARES,
-            presses=(),
-            limits=None,
-        ),
-    )
-
-
-def patient_answer(scenario: Scenario) -> SceneAnswer:
-    """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
-    where no plan over the layout that is asked for is accepted, one over another; between places
-    that no balanced motion of a robot that does not leap joins, infeasible. Raises nothing.
-    """
-
-    def plan(question: LayOut) -> Answer[Plan]:
-        planner = TwoStage(time_limit_s=_PATIENT_S)
-        deadline = time.perf_counter() + _PATIENT_S
-        return plan_course(
-            question,
-            planner,
-            layouts=scenario.layouts,
-            deadline=deadline,
-        )
-
-    answer = _planned(scenario, plan, patient=True)
-    if not (isinstance(scenario, BetweenScenario) and answer.status is Status.UNDECIDED):
-        return answer
-    from stancekit.planners.search.flood import flood  # slow to import
-
-    passage = scenario.question.local.passage()
-    if passage.robot.source.own or flood(passage) is None:
-        return answer
-    return replace(answer, status=Status.INFEASIBLE, plan=None, report=None)
-
-
-def _planned(
-    scenario: Scenario, plan: Callable[[LayOut], Answer[Plan]], *, patient: bool = False
-) -> SceneAnswer:
-    """The answer that a way to plan gives, with the time that it took."""
-    begin, course = time.process_time(), None
-    between = isinstance(scenario, BetweenScenario)
-    try:
-        with suppress(*((NoPlace, PlanningFailed) if patient and between else ())):
-            course = scenario.course()  # where this layout has no place another one may have
-        laid = time.process_time()
-        outcome = plan(
-            scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
-        )
-    except StancekitError as error:
-        nowhere = between and isinstance(error, NoPlace | PlanningFailed)
-        return SceneAnswer(
-            status=Status.UNDECIDED if nowhere else None,
-            message=str(error),
-            patient=patient,
-            seconds=(time.process_time() - begin, 0.0),
-        )
-    seconds = (laid - begin, time.process_time() - laid)
-    return _answer(outcome, course, seconds, patient=patient)
-
-
-def _answer(
-    outcome: Answer[Plan],
-    asked: Problem | None,
-    seconds: tuple[float, float],
-    *,
-    patient: bool = False,
-) -> SceneAnswer:
-    """The answer that an outcome is.
-
-    Arguments:
-        asked: the scene's own course, where the outcome is not of a problem.
-    """
-    message, report, lack = outcome.message, outcome.report, None
-    if outcome.certificate is not None and outcome.problem is not None:
-        explanation = explain(outcome.certificate)
-        message, lack = explanation.message, next(iter(explanation.relaxations), None)
-        if outcome.sets is not None:
-            message += f", over the {outcome.sets} sets of its legs"
-    elif report is not None and not report.accepted:
-        message = report.message
-    share = (
-        1.0
-        if outcome.solution is None
-        else float(outcome.solution.provenance.get("friction_share", 1.0))
-    )
-    if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
-        message = (
-            f"laid out in another way than asked for, over which no plan was accepted: {layout}"
-        )
-    return SceneAnswer(
-        course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
-        status=outcome.status,
-        plan=outcome.solution,
-        message=message,
-        lack=lack,
-        report=report,
-        patient=patient,
-        share=share,
-        seconds=seconds,
-    )
-
+from .answers import SceneAnswer
+from .scenario import Grip, Slider
 
 _GRIP_M = 0.16
 """Length of the arrows of a grip."""
@@ -288,6 +130,121 @@ class Controls:
                 known.position = place
         if self._labels[grip.key].text != grip.label:
             self._labels[grip.key].text = grip.label
+
+
+_FPS = 15.0
+
+
+class Player:
+    """In the tab that is open on ``gui``, one second, or key frame, of it a second.
+
+    Arguments:
+        unit: what the slider counts.
+        on_time: called, with ``lock`` held, when another time is to be shown; it returns whether
+            there is anything to show, and where there is nothing the time stays. at: the time that
+            is shown; last: where it ends.
+    """
+
+    def __init__(
+        self, gui: Any, unit: str, on_time: Callable[[], bool], lock: AbstractContextManager[Any]
+    ) -> None:
+        self._on_time, self._lock = on_time, lock
+        self._stop: threading.Event | None = None
+        self.at, self.last = 0.0, 0.0
+        self._button = gui.add_button("play")
+        self._button.on_click(self._clicked)
+        self._slider = gui.add_slider(unit, min=0.0, max=1.0, step=0.02, initial_value=0.0)
+        self._slider.on_update(self._slid)
+
+    def show(self, at: float, last: float) -> None:
+        """From now on it ends there, and this is shown; ``on_time`` is not called."""
+        self.last, self.at = last, min(max(at, 0.0), last)
+        if abs(self._slider.max - max(last, 1.0)) > 1e-9:
+            self._slider.max = max(last, 1.0)
+        if abs(self._slider.value - self.at) > 0.01:
+            self._slider.value = round(self.at, 2)
+
+    def offer(self, there: bool) -> None:
+        """Show the button and the slider if there is something to play; without, neither button nor
+        slider is seen.
+        """
+        if not there:
+            self.stop()
+            self._button.label = "play"
+        for part in (self._button, self._slider):
+            if part.visible != there:
+                part.visible = there
+
+    def stop(self) -> None:
+        """Stay where it is."""
+        if self._stop is not None:
+            self._stop.set()
+            self._stop = None
+
+    def _clicked(self, _event: Any) -> None:
+        if self._stop is not None:
+            self.stop()
+        else:
+            self._stop = threading.Event()
+            threading.Thread(
+                target=self._play, args=(self._stop,), name="player", daemon=True
+            ).start()
+        self._button.label = "play" if self._stop is None else "stop"
+
+    def _slid(self, event: Any) -> None:
+        if event.client is not None:
+            with self._lock:
+                self._go(min(max(float(event.target.value), 0.0), self.last))
+
+    def _play(self, stop: threading.Event) -> None:
+        while not stop.wait(1.0 / _FPS):
+            with self._lock:
+                if self._go(0.0 if self.at >= self.last else min(self.at + 1.0 / _FPS, self.last)):
+                    self.show(self.at, self.last)
+
+    def _go(self, at: float) -> bool:
+        """To another time; whether there was anything to show there."""
+        before, self.at = self.at, at
+        shown = self._on_time()
+        self.at = at if shown else before
+        return shown
+
+
+class Files:
+    """Names, buttons, and a line that says what was written.
+
+    Arguments:
+        saves: by what a button saves, a function of the name that writes it and gives its path, and
+            the command that reads it.
+        show: called with a tab and the name, shows the course's file there.
+    """
+
+    def __init__(
+        self,
+        gui: Any,
+        folder: Path,
+        saves: Mapping[str, tuple[Callable[[str], Path], str]],
+        show: Callable[[Any, str], None] | None = None,
+    ) -> None:
+        with gui.add_folder("Files"):
+            self._name = gui.add_text(
+                "name", "played", hint="Of the files, without a folder or an ending."
+            )
+            for what, (save, command) in saves.items():
+                button = gui.add_button(f"save {what}", hint=f"Into {folder.resolve()}.")
+                button.on_click(partial(self._save, save, command))
+            if show is not None:
+                show_button = gui.add_button("show course", hint="The course's file, to copy.")
+                show_button.on_click(lambda event: show(event.client, str(self._name.value)))
+            self._said = gui.add_html("")
+
+    def _save(self, save: Callable[[str], Path], command: str, _event: Any) -> None:
+        try:
+            path = save(str(self._name.value))
+            colour, words = GOOD, f"wrote {path}; {command} {path} reads it"
+        except StancekitError as error:
+            colour, words = BAD, str(error)
+        self._said.content = told(colour, words)
 
 
 _FOV_RAD = 0.75
@@ -495,6 +452,24 @@ def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
     )
 
 
+def verdict_of_walk(answer: SceneAnswer, number: int) -> str:
+    """The verdict on a walk as HTML, see ``verdict``."""
+    colour, title, text = UNSURE, "Walk is being planned", answer.message
+    took = f"{'planned in' if answer.patient else 'for'} {sum(answer.seconds):.1f} s"
+    if answer.course is None:
+        colour, title, took = BAD, "No walk to plan", ""
+    elif answer.accepted and answer.report is not None:
+        word = acceptance_word(answer.report.unchecked)
+        colour, title = GOOD, word.partition(":")[0].capitalize()
+        text = text.removeprefix(word).lstrip(":; ")
+    elif answer.patient:
+        colour, title = BAD, "No walk"
+    elif not text:
+        title, text, took = "To be planned", "The walk is planned once nothing is changed.", ""
+    below = " · ".join(filter(None, (f"change {number}", took)))
+    return said(colour, title, text, below, change=number, patient=answer.patient)
+
+
 def _words(answer: SceneAnswer) -> tuple[str, str, str]:
     """Colour, title and sentence."""
     if answer.course is None:
@@ -580,7 +555,7 @@ def explained(limbs: list[str]) -> str:
 def summary(answer: SceneAnswer) -> str:
     """The plan in a few numbers, as HTML; empty without one."""
     plan = answer.plan
-    if plan is None:
+    if not isinstance(plan, Plan):
         return ""
     course = plan.problem
     share, frame, limb = margins(plan)

@@ -2,232 +2,43 @@
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
-import signal
-import threading
-import time
-from collections.abc import Callable, Hashable
-from contextlib import suppress
+from collections.abc import Hashable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.motion import Samples
+from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.problem import Problem
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.verify.explain import Relaxation
 
+from ..gaits import CELLS, GRID, GRID_M, GaitView
+from ..page import GOAL
 from ..plans import PlanView, asked, ghosts
 from ..robots import RobotShape, climber
-from ..scene import Scene
-from ..sheet import INK, friction_colours
-from ..terrain import Piece, pieces_within, surfaces
-from .page_parts import SceneAnswer, patient_answer, quick_answer
-from .scenario import Scenario
-
-_Told = Callable[[int, SceneAnswer], None]
-
-
-class _Judge:
-    """Judges one scene after another; of those that wait only the newest is kept.
-
-    on_answer(number, answer) is called in a thread of its own. The process starts with the first
-    scene.
-    """
-
-    def __init__(self, on_answer: _Told) -> None:
-        self._on_answer = on_answer
-        self._lock = threading.Lock()
-        self._pipe: Any = None
-        self._process: Any = None
-        self._waiting: tuple[int, Scenario] | None = None
-        self._busy = self._closed = False
-
-    def ask(self, number: int, scenario: Scenario) -> None:
-        """Judge this next, and not what still waits."""
-        with self._lock:
-            if self._closed:
-                return
-            self._waiting = (number, scenario)
-            if not self._busy:
-                self._busy = True
-                threading.Thread(target=self._work, name="judge", daemon=True).start()
-
-    def drop(self) -> None:
-        """Drop what waits: it is of no use any more."""
-        with self._lock:
-            self._waiting = None
-
-    def close(self) -> None:
-        """End the process, also in the middle of its work."""
-        with self._lock:
-            self._closed, self._waiting = True, None
-            process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.join()
-
-    def _work(self) -> None:
-        while True:
-            with self._lock:
-                if self._waiting is None or self._closed:
-                    self._busy = False
-                    return
-                (number, scenario), self._waiting = self._waiting, None
-                if self._process is None:
-                    self._start()
-                pipe = self._pipe
-            try:
-                pipe.send(scenario)
-                answer = pipe.recv()
-            except (EOFError, OSError):  # it was ended, by us or by somebody else
-                with self._lock:
-                    self._process = None
-                answer = SceneAnswer(
-                    message="the process that judges plans has ended; any change starts it anew"
-                )
-                if self._closed:
-                    continue
-            self._on_answer(number, answer)
-
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._pipe, there = context.Pipe()
-        self._process = context.Process(target=_serve, args=(there,), daemon=True)
-        self._process.start()
-        there.close()
-
-
-def _serve(pipe: Any) -> None:
-    """The process's whole life: it ends with its parent, who alone minds Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(EOFError, OSError):
-        while True:
-            pipe.send(patient_answer(pipe.recv()))
-
-
-_REST_S = 0.35
-"""A scene that was not changed for so long is judged."""
-log = logging.getLogger(__name__)
-
-
-class Session:
-    """on_answer(number, scenario, answer, since): called in the session's own thread for every
-    answer that is drawn; since: time of the change [s], as time.perf_counter has it.
-    """
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        on_answer: Callable[[int, Scenario, SceneAnswer, float], None],
-        *,
-        judges: bool = True,
-        rest_s: float = _REST_S,
-    ) -> None:
-        self._on_answer, self._rest_s = on_answer, rest_s
-        self._news = threading.Condition()
-        self._scenario, self._number, self._since = scenario, 0, time.perf_counter()
-        self._answered, self._judged = -1, -1
-        self._verdict: tuple[int, SceneAnswer] | None = None
-        self._judge = _Judge(self._told) if judges else None
-        self._closed = False
-        self._thread = threading.Thread(target=self._work, name="playground", daemon=True)
-
-    def start(self) -> None:
-        """Answer the first scene, and all that follow."""
-        self._thread.start()
-
-    @property
-    def scenario(self) -> Scenario:
-        """The newest."""
-        with self._news:
-            return self._scenario
-
-    @property
-    def number(self) -> int:
-        """Number of the newest change; 0 before the first."""
-        with self._news:
-            return self._number
-
-    def change(self, edit: Callable[[Scenario], Scenario]) -> int:
-        """Another scene, made of the newest by ``edit``; its number.
-
-        Raises what ``edit`` raises.
-
-        An edit that takes a while, as loading a robot, keeps nobody else from changing the scene:
-        it is done again on what is the newest then, and what others change meanwhile stays.
-        """
-        while True:
-            with self._news:
-                base, number, since = self._scenario, self._number, time.perf_counter()
-            edited = edit(base)
-            with self._news:
-                if number != self._number:
-                    continue
-                self._scenario, self._since = edited, since
-                self._number += 1
-                if self._judge is not None:
-                    self._judge.drop()
-                self._news.notify()
-                return self._number
-
-    def close(self) -> None:
-        """End thread and process."""
-        with self._news:
-            self._closed = True
-            self._news.notify()
-        if self._judge is not None:
-            self._judge.close()
-        if self._thread.is_alive():
-            self._thread.join(timeout=5.0)
-
-    def _told(self, number: int, answer: SceneAnswer) -> None:
-        with self._news:
-            self._verdict = (number, answer)
-            self._news.notify()
-
-    def _work(self) -> None:
-        while True:
-            with self._news:
-                self._news.wait_for(self._is_due, timeout=self._patience_s())
-                if self._closed:
-                    return
-                number, scenario, since = self._number, self._scenario, self._since
-                verdict, self._verdict = self._verdict, None
-            if number != self._answered:
-                self._say(number, scenario, quick_answer(scenario), since)
-                self._answered = number
-            elif verdict is not None and verdict[0] == number:
-                self._say(number, scenario, verdict[1], since)
-            elif (
-                self._judge is not None
-                and self._judged != number
-                and time.perf_counter() - since >= self._rest_s
-            ):
-                self._judged = number
-                self._judge.ask(number, scenario)
-
-    def _is_due(self) -> bool:
-        return self._closed or self._number != self._answered or self._verdict is not None
-
-    def _patience_s(self) -> float | None:
-        """Until the scene counts as one that nobody changes any more; None where there is nothing
-        to wait for.
-        """
-        if self._judge is None or self._judged == self._number or self._number != self._answered:
-            return None
-        return max(self._rest_s - (time.perf_counter() - self._since), 0.001)
-
-    def _say(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
-        try:
-            self._on_answer(number, scenario, answer, since)
-        except Exception:  # a page that cannot draw one answer draws the next
-            log.exception("an answer could not be drawn")
-
+from ..scene import DrawnBody, Label, Scene
+from ..scene import Path as Line
+from ..shapes import Sphere
+from ..sheet import INK, friction_colours, leg_colour
+from ..terrain import Piece, block, grid_on_ground, on_ground, pieces_within, surfaces
+from .answers import SceneAnswer
+from .page_parts import (
+    LimbLoad,
+    cone_share,
+    from_behind,
+    key_values,
+    loads,
+    solver_of,
+    summary,
+    verdict,
+    verdict_of_walk,
+)
+from .scenario import Scenario, WalkScenario
 
 _STEP_M = 0.25
 _AROUND_M = 0.75
@@ -237,9 +48,12 @@ _WAY = "#73808d"
 
 
 class Pictures:
-    """Draws scenes; what does not change from one to the next is kept."""
+    """Draws courses and plans; what does not change from one to the next is kept."""
+
+    tab, unit = "Plan", "key frame"
 
     def __init__(self) -> None:
+        self._solver: tuple[Hashable, Kinematics | None] | None = None
         self._shape: tuple[Hashable, RobotShape] | None = None
         self._ground: tuple[Hashable, Scene] | None = None
         self._pieces: tuple[Hashable, list[Piece]] | None = None
@@ -254,6 +68,23 @@ class Pictures:
     def view(self, plan: Plan) -> PlanView:
         """A plan as something to look at."""
         return PlanView(plan, drawn_as=self.shape(plan.problem.robot))
+
+    def camera(self, course: Problem, answer: SceneAnswer) -> tuple[Array, float, Array]:
+        """The first view of a course: where it looks, from how far [m], and in what direction."""
+        path = course.com_nominal_m
+        reach = max(limb.reach_m for limb in course.robot.limbs)
+        away_m = 2.0 * (float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach)
+        towards = np.array([-0.75, -0.45, 0.35])
+        if isinstance(answer.plan, Plan):
+            towards = self.view(answer.plan).camera.axes[2]
+        return path.mean(axis=0), away_m, from_behind(towards, path[0], course.goal_m)
+
+    def shown(self, before: SceneAnswer, answer: SceneAnswer, at: float) -> tuple[float, float]:
+        """Key frame that is shown with another answer, and the last one; an end is followed."""
+        course, earlier = answer.course, before.course
+        last = float(course.frames - 1) if isinstance(course, Problem) else 0.0
+        stays = isinstance(earlier, Problem) and at < earlier.frames - 1.001
+        return at if stays else last, last
 
     def ground(self, course: Problem) -> Scene:
         """The surfaces about the path, in the tints of their friction."""
@@ -271,9 +102,12 @@ class Pictures:
             self._ground = (key, surfaces(course.terrain, self._pieces[1], colours))
         return self._ground[1]
 
-    def asked(self, course: Problem, lack: Relaxation | None) -> Scene:
+    def asked(self, _scenario: Scenario, answer: SceneAnswer) -> Scene:
         """Without a plan: where the body was asked to go, and what is lacking."""
-        return asked(course, self.shape(course.robot), lack)
+        course = answer.course
+        if not isinstance(course, Problem):
+            return Scene()
+        return asked(course, self.shape(course.robot), answer.lack)
 
     def found(self, view: PlanView) -> Scene:
         """The way of a plan, the tracks of its toes, and its robot at some key frames in thin
@@ -285,12 +119,35 @@ class Pictures:
             scene += Scene(paths=ghost.paths)
         return scene
 
-    def moment(self, view: PlanView, now: Samples) -> tuple[Scene, Scene]:
-        """The robot and its forces in their cones; and what they are called, in N."""
-        names = Scene(
-            labels=[each for each in view.names(now).labels if each.name != "goal"]
-        )  # its grip has it
-        return view.moving(now), names
+    def moment(self, view: PlanView, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
+        """The robot and its forces in their cones at a key frame or between two, what they are
+        called, in N, what its limbs give, and what moment that is.
+        """
+        frame = round(at)
+        rests = abs(at - frame) < 0.01
+        now = view.key(frame) if rests else view.between_keys(at)
+        title = f"key frame {frame} of {view.plan.problem.frames - 1}"
+        if not rests:
+            title = f"between key frames {int(at)} and {int(at) + 1}"
+        names = [each for each in view.names(now).labels if each.name != "goal"]  # its grip has it
+        limbs = loads(view.plan, now, self._legs(view.plan.problem))
+        return view.moving(now), Scene(labels=names), limbs, title
+
+    def _legs(self, course: Problem) -> Kinematics | None:
+        """The solver for the robot, made once."""
+        robot = course.robot
+        key = (robot.name, robot.identity, robot.mass_kg, robot.limb_names, course.gravity_m_s2)
+        if self._solver is None or self._solver[0] != key:
+            self._solver = (key, solver_of(course))
+        return self._solver[1]
+
+    def summary(self, answer: SceneAnswer) -> str:
+        """The plan in a few numbers, as HTML."""
+        return summary(answer)
+
+    def verdict(self, answer: SceneAnswer, number: int, drawn_ms: float) -> str:
+        """The verdict as HTML."""
+        return verdict(answer, number, drawn_ms)
 
 
 def _between(scene: Scene) -> Scene:
@@ -313,3 +170,94 @@ def bounds_m(course: Problem) -> Array:
     com = np.vstack([course.com_nominal_m, course.goal_m[None]])
     low, high = com.min(axis=0) - around, com.max(axis=0) + around
     return _STEP_M * np.array([np.floor(low / _STEP_M), np.ceil(high / _STEP_M)])
+
+
+class WalkPictures:
+    """Draws a terrain with a way over it, and walks, as ``Pictures`` does courses."""
+
+    tab, unit = "Walk", "time [s]"
+
+    def __init__(self, scenario: WalkScenario) -> None:
+        self._first = scenario
+
+    def camera(self, *_: Any) -> tuple[Array, float, Array]:
+        """The first view of a walk."""
+        walk = self._first
+        start, goal = map(np.array, (walk.start_m, walk.goal_m))
+        away_m = 2.2 * (float(np.hypot(*(start - goal))) + 3.0 * walk.walker.stand_height_m)
+        middle = 0.5 * (walk.torso_m(walk.start_m) + walk.torso_m(walk.goal_m))
+        return middle, away_m, from_behind(np.array([-0.45, -0.75, 0.5]), start, goal)
+
+    def shown(self, _: Any, answer: SceneAnswer, at: float) -> tuple[float, float]:
+        """A walk is shown from its beginning."""
+        duration_s = getattr(answer.plan, "duration_s", 0.0)
+        return 0.0, duration_s
+
+    def view(self, trajectory: Trajectory) -> GaitView:
+        """A walk as something to look at."""
+        return GaitView(trajectory, moves_as=feet_motion(trajectory))
+
+    def ground(self, _: Any) -> Scene:
+        """All of the terrain, with lines of constant x and y, ``GRID_M`` apart."""
+        return self._ground
+
+    @cached_property
+    def _ground(self) -> Scene:
+        field, size_m = self._first.terrain, self._first.walker.stand_height_m
+        low, high = np.array(field.domain_m).T
+        sheets = block(
+            field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m
+        )
+        lines = grid_on_ground(field, low, high, GRID_M, 8 * CELLS)
+        grid = Line(pieces_m=lines, colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
+        return Scene(sheets=sheets, paths=[grid])
+
+    def asked(self, scenario: WalkScenario, _: SceneAnswer) -> Scene:
+        """A straight line on the ground from start to goal, and the goal."""
+        line = np.linspace(scenario.start_m, scenario.goal_m, 81)
+        low, high = np.array(scenario.terrain.domain_m).T
+        laid = on_ground(np.column_stack([line, 0.0 * line[:, :1]]), scenario.terrain, low, high)
+        ball = DrawnBody(
+            name="goal",
+            shape=Sphere(0.06 * scenario.walker.stand_height_m),
+            position_m=scenario.torso_m(scenario.goal_m),
+            colour=GOAL,
+        )
+        way = Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)
+        return Scene(paths=[way], bodies=[ball])
+
+    def found(self, view: GaitView) -> Scene:
+        """The ways of a walk."""
+        return Scene(paths=view.fixed.paths[1:])
+
+    def moment(self, view: GaitView, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
+        """The robot at a time, the contact forces on its feet in words, and as loads."""
+        trajectory, now = view.trajectory, view.now(at)
+        rows, labels = list[LimbLoad](), list[Label]()
+        for k, limb in enumerate(view.shape.limbs):
+            down, force_n = bool(now.stands[k]), now.forces_n[k]
+            share, size_n = float("nan"), float(np.linalg.norm(force_n))
+            if down:
+                share = cone_share(force_n, now.normals[k], trajectory.friction)
+                text, place = f"{limb} {size_n:.0f} N", now.toes_m[k]
+                labels.append(Label(name=limb, position_m=place, text=text, colour=leg_colour(k)))
+            rows.append(LimbLoad(name=limb, force_n=size_n, cone=share, in_air=not down))
+        title = f"{at:.2f} s of {trajectory.duration_s:g} s"
+        return view.moment(at), Scene(labels=labels), rows, title
+
+    def summary(self, answer: SceneAnswer) -> str:
+        """The walk in a few numbers, as HTML; empty without one."""
+        walk = answer.plan
+        if not isinstance(walk, Trajectory):
+            return ""
+        length = float(np.linalg.norm(np.diff(walk.torso_m, axis=0), axis=1).sum())
+        rows = [
+            ("robot", f"{walk.robot.name}, {walk.robot.mass_kg:.3g} kg"),
+            ("way", f"{length:.2f} m in {walk.duration_s:g} s"),
+            ("chart", str(walk.provenance.get("chart", "–"))),
+        ]
+        return key_values(rows)
+
+    def verdict(self, answer: SceneAnswer, number: int, _: float) -> str:
+        """The verdict as HTML."""
+        return verdict_of_walk(answer, number)

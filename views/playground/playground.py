@@ -1,5 +1,5 @@
-"""The playground's page: a scene in three dimensions with grips and sliders, its plan, and what
-that asks of limbs.
+"""The playground's page: a scene in three dimensions with grips and sliders, what is planned over
+it, and what that asks of limbs.
 """
 
 from __future__ import annotations
@@ -7,10 +7,7 @@ from __future__ import annotations
 import html
 import threading
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,160 +18,28 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem import Problem
-from stancekit.planners.robot.kinematics import Kinematics
 
-from ..plans import PlanView
 from ..scene import Scene, Stage
-from .page_parts import (
-    BAD,
-    GOOD,
-    Controls,
-    SceneAnswer,
-    called,
-    from_behind,
-    let_camera,
-    limb_table,
-    loads,
-    named_in,
-    quick_answer,
-    set_up,
-    solver_of,
-    summary,
-    told,
-    verdict,
-)
-from .pictures import Pictures, Session
-from .scenario import Scenario
-
-_FPS = 15.0
+from .answers import SceneAnswer, Session, quick_answer
+from .page_parts import Controls, Files, Player, called, let_camera, limb_table, named_in, set_up
+from .pictures import Pictures, WalkPictures
+from .scenario import Scenario, WalkScenario
 
 
-class Player:
-    """In the tab that is open on ``gui``, one second, or key frame, of it a second.
-
-    Arguments:
-        unit: what the slider counts.
-        on_time: called, with ``lock`` held, when another time is to be shown; it returns whether
-            there is anything to show, and where there is nothing the time stays. at: the time that
-            is shown; last: where it ends.
-    """
-
-    def __init__(
-        self, gui: Any, unit: str, on_time: Callable[[], bool], lock: AbstractContextManager[Any]
-    ) -> None:
-        self._on_time, self._lock = on_time, lock
-        self._stop: threading.Event | None = None
-        self.at, self.last = 0.0, 0.0
-        self._button = gui.add_button("play")
-        self._button.on_click(self._clicked)
-        self._slider = gui.add_slider(unit, min=0.0, max=1.0, step=0.02, initial_value=0.0)
-        self._slider.on_update(self._slid)
-
-    def show(self, at: float, last: float) -> None:
-        """From now on it ends there, and this is shown; ``on_time`` is not called."""
-        self.last, self.at = last, min(max(at, 0.0), last)
-        if abs(self._slider.max - max(last, 1.0)) > 1e-9:
-            self._slider.max = max(last, 1.0)
-        if abs(self._slider.value - self.at) > 0.01:
-            self._slider.value = round(self.at, 2)
-
-    def offer(self, there: bool) -> None:
-        """Show the button and the slider if there is something to play; without, neither button nor
-        slider is seen.
-        """
-        if not there:
-            self.stop()
-            self._button.label = "play"
-        for part in (self._button, self._slider):
-            if part.visible != there:
-                part.visible = there
-
-    def stop(self) -> None:
-        """Stay where it is."""
-        if self._stop is not None:
-            self._stop.set()
-            self._stop = None
-
-    def _clicked(self, _event: Any) -> None:
-        if self._stop is not None:
-            self.stop()
-        else:
-            self._stop = threading.Event()
-            threading.Thread(
-                target=self._play, args=(self._stop,), name="player", daemon=True
-            ).start()
-        self._button.label = "play" if self._stop is None else "stop"
-
-    def _slid(self, event: Any) -> None:
-        if event.client is not None:
-            with self._lock:
-                self._go(min(max(float(event.target.value), 0.0), self.last))
-
-    def _play(self, stop: threading.Event) -> None:
-        while not stop.wait(1.0 / _FPS):
-            with self._lock:
-                if self._go(0.0 if self.at >= self.last else min(self.at + 1.0 / _FPS, self.last)):
-                    self.show(self.at, self.last)
-
-    def _go(self, at: float) -> bool:
-        """To another time; whether there was anything to show there."""
-        before, self.at = self.at, at
-        shown = self._on_time()
-        self.at = at if shown else before
-        return shown
-
-
-class Files:
-    """Names, buttons, and a line that says what was written.
-
-    Arguments:
-        saves: by what a button saves, a function of the name that writes it and gives its path, and
-            the command that reads it.
-        show: called with a tab and the name, shows the course's file there.
-    """
-
-    def __init__(
-        self,
-        gui: Any,
-        folder: Path,
-        saves: Mapping[str, tuple[Callable[[str], Path], str]],
-        show: Callable[[Any, str], None] | None = None,
-    ) -> None:
-        with gui.add_folder("Files"):
-            self._name = gui.add_text(
-                "name", "played", hint="Of the files, without a folder or an ending."
-            )
-            for what, (save, command) in saves.items():
-                button = gui.add_button(f"save {what}", hint=f"Into {folder.resolve()}.")
-                button.on_click(partial(self._save, save, command))
-            if show is not None:
-                show_button = gui.add_button("show course", hint="The course's file, to copy.")
-                show_button.on_click(lambda event: show(event.client, str(self._name.value)))
-            self._said = gui.add_html("")
-
-    def _save(self, save: Callable[[str], Path], command: str, _event: Any) -> None:
-        try:
-            path = save(str(self._name.value))
-            colour, words = GOOD, f"wrote {path}; {command} {path} reads it"
-        except StancekitError as error:
-            colour, words = BAD, str(error)
-        self._said.content = told(colour, words)
-
-
-def save_plan(answer: SceneAnswer, folder: Path, name: str) -> Path:
-    """Write the plan of an answer; where it is.
+def save_plan(answer: SceneAnswer, folder: Path, name: str, kind: str = "plan") -> Path:
+    """Write the plan, or the walk, of an answer; where it is.
 
     Raises InvalidInput where there is none that was accepted.
     """
     if answer.plan is None:
-        raise InvalidInput("plan: expected one, got none to save")
+        raise InvalidInput(f"{kind}: expected one, got none to save")
     if answer.report is None:
         raise InvalidInput(
-            "plan: expected one that was judged, got one whose joints and bodies are not yet"
+            f"{kind}: expected one that was judged, got one whose joints and bodies are not yet"
         )
     if not answer.accepted:
-        raise InvalidInput(f"plan: expected one that is accepted, got {answer.message}")
-    path = named_in(folder, name, "-plan.json")
+        raise InvalidInput(f"{kind}: expected one that is accepted, got {answer.message}")
+    path = named_in(folder, name, f"-{kind}.json")
     write_motion(path, answer.plan, answer.report)
     return path
 
@@ -206,28 +71,34 @@ def _show_course(scenario: Scenario, client: Any, name: str) -> None:
     client.send_file_download(f"{name}-course{suffix or '.txt'}", text.encode())
 
 
-class ScenePage(ABC):
+_PICK = "pick a surface"
+
+
+class Playground:
     """A page on a viser server: what may be changed on the left, what comes of it on the right.
 
     Arguments:
         scenario: what it shows at first.
         robots: names and files in its menu.
         folder: where it saves.
-        tab, unit: titles of what comes of it, and of the time that is played.
+
+    Raises:
+        StancekitError: where the scene asks for nothing that makes sense to begin with.
     """
 
     def __init__(
-        self,
-        server: Any,
-        scenario: Any,
-        *,
-        robots: Sequence[str],
-        folder: Path,
-        tab: str,
-        unit: str,
+        self, server: Any, scenario: Scenario, *, robots: Sequence[str], folder: Path
     ) -> None:
+        course, gui = scenario.course(), server.gui
         self._server, self._folder, self._lock = server, folder, threading.RLock()
-        gui = server.gui
+        self._look: Any = (
+            WalkPictures(scenario) if isinstance(scenario, WalkScenario) else Pictures()
+        )
+        self._answer, self._view = quick_answer(scenario), None
+        set_up(server)
+        middle, away_m, towards = self._look.camera(course, self._answer)
+        let_camera(server, middle, away_m, towards)
+        self._stage = Stage(server.scene, away_m)
         gui.set_panel_label(f"Stancekit playground: {scenario.name}")
         gui.main_panel.dock_left()
         self._robots = called(list(dict.fromkeys(filter(None, (scenario.robot, *robots)))))
@@ -241,40 +112,60 @@ class ScenePage(ABC):
             self._robot = names[0]
             self._menu = gui.add_dropdown("robot", names, initial_value=self._robot)
             self._menu.on_update(self._robot_chosen)
-        self._lay_out(gui)
+        self._lay_out(gui, walks=isinstance(scenario, WalkScenario))
         panel = gui.add_panel()
-        with panel.add_tab(tab):
+        with panel.add_tab(self._look.tab):
             self._verdict, self._summary = gui.add_html(""), gui.add_html("")
-            self._player = Player(gui, unit, self._move, self._lock)
+            self._player = Player(gui, self._look.unit, self._move, self._lock)
             self._limbs = gui.add_html("")
         panel.dock_right()
         panel.set_width(380)
         server.on_client_disconnect(lambda _: self._controls.let_go())
+        self._player.show(*self._look.shown(SceneAnswer(), SceneAnswer(course=course), 0.0))
+        self.session = Session(scenario, self._draw)
+        self._controls.update(scenario.sliders(), scenario.grips(course))
+        self.session.start()
 
     def clients(self) -> list[Any]:
         """Tabs that show the page, as viser knows them."""
         return list(self._server.get_clients().values())
 
-    @abstractmethod
     def close(self) -> None:
         """End what works behind the page."""
+        self._player.stop()
+        self.session.close()
 
-    @abstractmethod
-    def _lay_out(self, gui: Any) -> None:
-        """Add buttons of its own, and files."""
+    def _lay_out(self, gui: Any, *, walks: bool) -> None:
+        """Add the files, and of a course the button that picks a surface."""
+        kind, reader = ("walk" if walks else "plan"), "stancekit verify"
+        saves: dict[str, tuple[Callable[[str], Path], str]] = {
+            kind: (lambda name: save_plan(self._answer, self._folder, name, kind), reader)
+        }
+        if walks:
+            Files(gui, self._folder, saves)
+            return
+        self._picker = gui.add_button(
+            _PICK, hint="The next click on a surface gives it a grip and a friction."
+        )
+        self._picker.on_click(self._pick)
+        saves["course"] = (
+            lambda name: save_course(self.session.scenario, self._folder, name),
+            "stancekit plan",
+        )
+        self._files = Files(
+            gui,
+            self._folder,
+            saves,
+            show=lambda client, name: _show_course(self.session.scenario, client, name),
+        )
 
-    @abstractmethod
-    def _edit(self, edit: Callable[[Any], Any]) -> None:
-        """Ask another question, made of the newest."""
-
-    @abstractmethod
-    def _move(self) -> bool:
-        """To the time that the player shows; whether there is anything to show."""
+    # -----------------------------------------------------------------------------------------------
+    # what changes
 
     def _change(self, edit: Callable[[Any], Any]) -> bool:
-        """Ask another question; whether that was possible."""
+        """Ask another question, made of the newest; whether that was possible."""
         try:
-            self._edit(edit)
+            self.session.change(edit)
         except StancekitError as error:
             self._notify(str(error))
             return False
@@ -292,79 +183,6 @@ class ScenePage(ABC):
         for client in self.clients():
             client.add_notification("Not possible", text, auto_close_seconds=8.0)
 
-
-_PICK = "pick a surface"
-
-
-class Playground(ScenePage):
-    """The page of a course.
-
-    Raises StancekitError where the scene is no course to begin with.
-    """
-
-    def __init__(
-        self, server: Any, scenario: Scenario, *, robots: Sequence[str], folder: Path
-    ) -> None:
-        course = scenario.course()
-        self._answer = quick_answer(scenario)
-        self._pictures = Pictures()
-        self._view: PlanView | None = None
-        self._solver: tuple[Any, Kinematics | None] | None = None
-        distance_m = self._look(server, course)
-        self._stage = Stage(server.scene, distance_m)
-        super().__init__(
-            server, scenario, robots=robots, folder=folder, tab="Plan", unit="key frame"
-        )
-        self._player.show(float(course.frames - 1), float(course.frames - 1))
-        self.session = Session(scenario, self._draw)
-        self._controls.update(scenario.sliders(), scenario.grips(course))
-        self.session.start()
-
-    def close(self) -> None:
-        """End what works behind the page."""
-        self._player.stop()
-        self.session.close()
-
-    # -------------------------------------------------------------------------------------------------
-    # the page
-
-    def _look(self, server: Any, course: Problem) -> float:
-        """Set the lights and the first view of the scene; how far away it is seen from [m]."""
-        set_up(server)
-        path, answer = course.com_nominal_m, self._answer
-        reach = max(limb.reach_m for limb in course.robot.limbs)
-        middle, size = path.mean(axis=0), float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach
-        towards = from_behind(np.array([-0.75, -0.45, 0.35]), path[0], course.goal_m)
-        if answer.plan is not None:
-            self._view = self._pictures.view(answer.plan)
-            towards = from_behind(self._view.camera.axes[2], path[0], course.goal_m)
-        let_camera(server, middle, 2.0 * size, towards)
-        return 2.0 * size
-
-    def _lay_out(self, gui: Any) -> None:
-        self._picker = gui.add_button(
-            _PICK, hint="The next click on a surface gives it a grip and a friction."
-        )
-        self._picker.on_click(self._pick)
-        self._files = Files(
-            gui,
-            self._folder,
-            {
-                "plan": (
-                    lambda name: save_plan(self._answer, self._folder, name),
-                    "stancekit verify",
-                ),
-                "course": (
-                    lambda name: save_course(self.session.scenario, self._folder, name),
-                    "stancekit plan",
-                ),
-            },
-            show=lambda client, name: _show_course(self.session.scenario, client, name),
-        )
-
-    # -----------------------------------------------------------------------------------------------
-    # what changes
-
     def _pick(self, _event: Any) -> None:
         """The next click picks a surface."""
         if self._picker.label == _PICK:
@@ -375,14 +193,13 @@ class Playground(ScenePage):
         self._server.scene.remove_click_callback()
         self._picker.label = _PICK
         course = self._answer.course
-        hit = None if course is None else struck(course, event.ray_origin, event.ray_direction)
-        if course is None or hit is None:
+        hit = None
+        if isinstance(course, Problem):
+            hit = struck(course, event.ray_origin, event.ray_direction)
+        if hit is None:
             self._notify("no surface was there; press the button and click once more")
         else:
             self._change(lambda scenario: scenario.picked(course, hit))
-
-    def _edit(self, edit: Callable[[Scenario], Scenario]) -> None:
-        self.session.change(edit)
 
     # ------------------------------------------------------------------------------------------------
     # what is seen
@@ -390,68 +207,41 @@ class Playground(ScenePage):
     def _draw(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
         """Show an answer, all of it at once."""
         with self._lock:
-            followed = (
-                self._answer.course is None or self._player.at >= self._answer.course.frames - 1.001
-            )
-            before = self._answer.course
-            self._answer = answer
-            course = answer.course
+            before, self._answer = self._answer, answer
+            course, look = answer.course, self._look
             with self._server.atomic():
                 if course is not None:
-                    last = float(course.frames - 1)
-                    self._player.show(last if followed or before is None else self._player.at, last)
-                    self._stage.show(self._pictures.ground(course), "/ground")
+                    self._player.show(*look.shown(before, answer, self._player.at))
+                    self._stage.show(look.ground(course), "/ground")
+                if course is not None or isinstance(scenario, WalkScenario):
                     self._controls.update(scenario.sliders(), scenario.grips(course))
-                self._view = None if answer.plan is None else self._pictures.view(answer.plan)
-                self._show_plan(course)
+                self._view = None if answer.plan is None else look.view(answer.plan)
+                self._player.offer(self._view is not None)
+                if self._view is None:
+                    self._stage.show(look.asked(scenario, answer), "/way")
+                    self._stage.show(Scene(), "/names")
+                    self._stage.pose(Scene())
+                    self._limbs.content = ""
+                else:
+                    self._stage.show(look.found(self._view), "/way")
+                    self._pose()
                 drawn_ms = 1e3 * (time.perf_counter() - since)
-                self._verdict.content = verdict(answer, number, drawn_ms)
-                self._summary.content = summary(answer)
+                self._verdict.content = look.verdict(answer, number, drawn_ms)
+                self._summary.content = look.summary(answer)
             self._server.flush()
 
-    def _show_plan(self, course: Problem | None) -> None:
-        self._player.offer(self._view is not None)
-        if self._view is None:
-            wanted = Scene() if course is None else self._pictures.asked(course, self._answer.lack)
-            self._stage.show(wanted, "/way")
-            self._stage.show(Scene(), "/names")
-            self._stage.pose(Scene())
-            self._limbs.content = ""
-        else:
-            self._stage.show(self._pictures.found(self._view), "/way")
-            self._pose(self._view)
-
-    def _pose(self, view: PlanView) -> None:
+    def _pose(self) -> None:
         """The robot at the time that is shown, and what its limbs give then."""
-        at = round(self._player.at)
-        rests = abs(self._player.at - at) < 0.01
-        now = view.key(at) if rests else view.between_keys(self._player.at)
-        scene, names = self._pictures.moment(view, now)
+        scene, names, limbs, title = self._look.moment(self._view, self._player.at)
         self._stage.pose(scene)
         self._stage.show(names, "/names")
-        where = f"key frame {at} of {view.plan.problem.frames - 1}"
-        title = (
-            where
-            if rests
-            else f"between key frames {int(self._player.at)} and {int(self._player.at) + 1}"
-        )
-        self._limbs.content = limb_table(
-            loads(view.plan, now, self._legs(view.plan.problem)), title
-        )
-
-    def _legs(self, course: Problem) -> Kinematics | None:
-        """The solver for the robot, made once."""
-        robot = course.robot
-        key = (robot.name, robot.identity, robot.mass_kg, robot.limb_names, course.gravity_m_s2)
-        if self._solver is None or self._solver[0] != key:
-            self._solver = (key, solver_of(course))
-        return self._solver[1]
+        self._limbs.content = limb_table(limbs, title)
 
     def _move(self) -> bool:
         """To the time that the player shows; whether there is anything to show."""
         if self._view is not None:
             with self._server.atomic():
-                self._pose(self._view)
+                self._pose()
         return self._view is not None
 
 

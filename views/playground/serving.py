@@ -26,7 +26,7 @@ from stancekit.planners.errors import InvalidInput
 from ..page import viser_module, viser_server
 
 if TYPE_CHECKING:
-    from .scenario import Scenario, WalkScenario
+    from .scenario import Scenario
 
 
 _ADDED = """
@@ -400,7 +400,7 @@ def check_port(host: str, port: int) -> None:
 
 @contextmanager
 def served(
-    scenario: Scenario | WalkScenario,
+    scenario: Scenario,
     *,
     robots: Sequence[str] = (),
     folder: Path = Path(),
@@ -412,18 +412,11 @@ def served(
     Raises StancekitError for a scene that is no course, and what is no walk.
     """
     from .playground import Playground
-    from .scenario import WalkScenario
-    from .walk_page import WalkPage
 
-    make: Any = WalkPage
-    if isinstance(scenario, WalkScenario):
-        scenario.task()
-    else:
-        scenario.course()
-        make = Playground
+    scenario.course()
     with quiet(), viser_server(host, port, _guarded_server(host)) as server:
         _guard_messages(server)
-        shown = make(server, scenario, robots=robots, folder=folder)
+        shown = Playground(server, scenario, robots=robots, folder=folder)
         try:
             yield Page(f"http://{host}:{server.get_port()}", shown)
         finally:

@@ -18,9 +18,8 @@ from stancekit.planners.files.arrays import Array
 from ...safety.estop import StopLatch
 from ..settings import EstopCheck
 from .bridge import Message, RosGraph, RosLink
-from .controller import ControllerState
 from .estop import Estop
-from .joint_states import JointStates, version_of
+from .joint_states import ControllerState, JointStates, version_of
 from .setup import Mapping, RosSetup
 
 _RUNNING = ("running", "active")

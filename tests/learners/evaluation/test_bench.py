@@ -13,9 +13,8 @@ import yaml
 from stancekit.configs import config_path
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.learners.data.executors import processes
-from stancekit.learners.evaluation import bench
-from stancekit.learners.evaluation.bench import ClassResult, Experiment
-from stancekit.learners.evaluation.evaluate import evaluate
+from stancekit.learners.evaluation import evaluate as bench
+from stancekit.learners.evaluation.evaluate import ClassResult, Experiment, evaluate
 from stancekit.learners.selectors.selector import load_selector
 from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.errors import InvalidInput

@@ -148,3 +148,5 @@ def test_selectors_by_name_are_one_table_and_one_picture(
         stancekit.evaluate(named, dataset)
     with refuses("selector"):
         stancekit.evaluate({}, fresh)
+    with refuses("nothing", "None"):
+        stancekit.evaluate({"nothing": None}, fresh)

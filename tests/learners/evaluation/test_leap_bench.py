@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.learners.evaluation.leap_bench import (
+from stancekit.learners.evaluation.room import (
     ROWS,
     LeapBenchSettings,
     run,

@@ -17,7 +17,7 @@ from sb3_contrib import MaskablePPO
 import stancekit
 import stancekit.envs
 from stancekit.envs.leap_choice import LeapChoiceEnv
-from stancekit.learners.evaluation.leap_bench import LeapBenchSettings, run
+from stancekit.learners.evaluation.room import LeapBenchSettings, run
 from stancekit.learners.leaps.kinds import FORMAT
 from stancekit.learners.leaps.policy import (
     _LEAP_SIGNS,

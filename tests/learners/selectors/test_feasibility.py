@@ -12,19 +12,17 @@ from scipy.optimize import linprog
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.executors import processes
-from stancekit.learners.selectors.dual_bounds import (
+from stancekit.learners.selectors.feasibility import (
     BAND,
+    CachingOracle,
     DualBounds,
+    SolvingOracle,
+    SpreadOracle,
+    VerdictCounts,
     balanced,
     least,
     ranges,
     witnessed,
-)
-from stancekit.learners.selectors.feasibility import (
-    CachingOracle,
-    SolvingOracle,
-    SpreadOracle,
-    VerdictCounts,
 )
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled

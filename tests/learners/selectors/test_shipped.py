@@ -19,8 +19,7 @@ from stancekit.envs.data.dataset import scenes_of
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import SampledScenes
 from stancekit.learners.data.executors import processes
-from stancekit.learners.evaluation.bench import Experiment
-from stancekit.learners.evaluation.evaluate import evaluate
+from stancekit.learners.evaluation.evaluate import Experiment, evaluate
 from stancekit.learners.selectors.selector import card, load_selector
 from stancekit.learners.zoo import shipped
 from stancekit.planners.errors import StancekitError

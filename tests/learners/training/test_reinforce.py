@@ -22,10 +22,16 @@ from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.data.labelling import Quota
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy, bounds_of, moved
 from stancekit.learners.selectors.selector import FixedSelector, heuristic_envelope
-from stancekit.learners.training.baselines import SelectionVecEnv, open_scenes, refinement_vec_env
-from stancekit.learners.training.held_out import TrainingScenes, evaluator
-from stancekit.learners.training.reinforce import train
-from stancekit.learners.training.train_config import PpoSettings, TrainConfig
+from stancekit.learners.training.reinforce import (
+    PpoSettings,
+    SelectionVecEnv,
+    TrainConfig,
+    TrainingScenes,
+    evaluator,
+    open_scenes,
+    refinement_vec_env,
+    train,
+)
 from tests.refusals import refuses
 
 SELECTION, REFINEMENT = "stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"

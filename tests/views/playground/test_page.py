@@ -21,21 +21,19 @@ from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.motion.path import path_of
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStage
-from stancekit.views.playground import pictures as session_module
-from stancekit.views.playground.keys_scenario import KeysScenario
+from stancekit.views.playground import answers as session_module
+from stancekit.views.playground.answers import SceneAnswer, Session, patient_answer, quick_answer
 from stancekit.views.playground.page_parts import (
-    SceneAnswer,
     cone_share,
     limb_table,
     loads,
     margins,
-    patient_answer,
-    quick_answer,
     solver_of,
     verdict,
 )
-from stancekit.views.playground.pictures import Pictures, Session
+from stancekit.views.playground.pictures import Pictures
 from stancekit.views.playground.playground import save_course, save_plan, struck
+from stancekit.views.playground.scenario import KeysScenario
 from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 from stancekit.views.scene import UP
 from tests.emulators.chromium import CHROMIUM, opened

@@ -17,12 +17,10 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.explain import Relaxation, _change
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.views.playground.keys_scenario import KeysScenario
-from stancekit.views.playground.page_parts import explained, from_behind, quick_answer
-from stancekit.views.playground.playground import Player
-from stancekit.views.playground.scenario import FixedScenario, WalkScenario
+from stancekit.views.playground.answers import Judge, quick_answer
+from stancekit.views.playground.page_parts import Player, explained, from_behind
+from stancekit.views.playground.scenario import FixedScenario, KeysScenario, WalkScenario
 from stancekit.views.playground.serving import served
-from stancekit.views.playground.walk_page import WalkPlanning
 from tests.emulators.chromium import CHROMIUM, opened
 from tests.emulators.playground import middle_of, pixel_of
 from tests.refusals import assert_names, refuses
@@ -107,14 +105,14 @@ def test_a_walk_takes_its_time_until_that_is_slid(scenario):
     far = scenario.dragged("goal", np.array([1.5, 0.0, 9.0]))
     assert far.takes_s == 6.0
     assert far.slid("duration_s", 8.0).takes_s == 8.0
-    assert far.slid("friction", 0.3).task().friction == 0.3
+    assert far.slid("friction", 0.3).course().friction == 0.3
     start, goal = far.grips()
     assert goal.position_m == pytest.approx(
         [1.5, 0.0, 0.03 * np.sin(3.0) + far.walker.stand_height_m], abs=1e-3
     )
     assert start.axes == (True, True, False)
     with refuses("goal"):
-        scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).task()
+        scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).course()
 
 
 def test_only_the_last_walk_that_is_asked_for_is_answered(scenario):
@@ -122,19 +120,20 @@ def test_only_the_last_walk_that_is_asked_for_is_answered(scenario):
 
     def on_answer(number, answer):
         answers.append((number, answer))
-        if answer.done:
+        if answer.patient:
             done.set()
 
-    planning = WalkPlanning(on_answer)
-    planning.begin(1, scenario.dragged("goal", np.array([1.2, 0.4, 0.0])).task())
-    planning.begin(2, scenario.task())
+    judge = Judge(on_answer)
+    judge.ask(1, scenario.dragged("goal", np.array([1.2, 0.4, 0.0])))
+    judge.drop(ends=True)
+    judge.ask(2, scenario)
     assert done.wait(PATIENCE_S)
-    planning.end()
-    assert {number for number, answer in answers if answer.done} == {2}
+    judge.close()
+    assert {number for number, answer in answers if answer.patient} == {2}
     found = answers[-1][1]
     assert found.accepted
-    assert check_trajectory(found.trajectory).accepted
-    assert found.trajectory.torso_m[-1, :2] == pytest.approx([0.5, 0.1], abs=1e-3)
+    assert check_trajectory(found.plan).accepted
+    assert found.plan.torso_m[-1, :2] == pytest.approx([0.5, 0.1], abs=1e-3)
 
 
 def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario):
@@ -142,16 +141,18 @@ def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario
 
     def on_answer(number, answer):
         answers.append((number, answer))
-        if answer.done:
+        if "process" in answer.message:
             told.set()
 
-    planning = WalkPlanning(on_answer)
-    planning.begin(1, scenario.task())
-    planning.end()
-    planning.begin(2, scenario.task())
-    planning._process.kill()  # not all that there are: another test's workers may live in this process, too
+    judge = Judge(on_answer)
+    judge.ask(1, scenario)
+    judge.drop(ends=True)
+    judge.ask(2, scenario)
+    while judge._process is None:
+        time.sleep(0.01)
+    judge._process.kill()  # not all that there are: another test's workers may live in this process, too
     assert told.wait(PATIENCE_S)
-    planning.end()
+    judge.close()
     assert {number for number, _ in answers} == {2}
     assert not answers[-1][1].accepted
     assert_names(answers[-1][1].message, "process")
@@ -168,20 +169,21 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for(f"{VERDICT}?.dataset.patient === '1'")
         tab.wait_for("document.querySelector('#limbs') !== null")
         assert "Accepted" in tab.text()
-        goal = page.playground.scenario.torso_m(page.playground.scenario.goal_m)
+        goal = page.playground.session.scenario.torso_m(page.playground.session.scenario.goal_m)
         east = np.array([1.0, 0.0, 0.0])
         tab.drag(*(pixel_of(page, tab, goal + along * east) for along in (0.10, 0.16)))
         tab.wait_for(f"{VERDICT}.dataset.change > 0")
         until = time.monotonic() + PATIENCE_S
-        while (
-            answer := page.playground.answer
-        ) is None or not answer.done:  # the last of the drag's changes
-            assert time.monotonic() < until, page.playground.answer
+        session = page.playground.session
+        while session._judged != session.number or not page.playground._answer.patient:
+            assert time.monotonic() < until, (
+                page.playground._answer
+            )  # the last of the drag's changes
             time.sleep(0.05)
         tab.wait_for(
-            f"{VERDICT}.dataset.change === '{page.playground.number}' && {VERDICT}.dataset.patient === '1'"
+            f"{VERDICT}.dataset.change === '{page.playground.session.number}' && {VERDICT}.dataset.patient === '1'"
         )
-        assert page.playground.scenario.goal_m == pytest.approx((0.56, 0.1), abs=0.02)
+        assert page.playground.session.scenario.goal_m == pytest.approx((0.56, 0.1), abs=0.02)
         tab.click(
             *middle_of(
                 tab,
@@ -191,7 +193,7 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for("document.querySelector('#saved') !== null")
     trajectory = read_motion(tmp_path / "played-walk.json")[0]
     assert check_trajectory(trajectory).accepted
-    assert trajectory.goal == pytest.approx(page.playground.scenario.goal_m)
+    assert trajectory.goal == pytest.approx(page.playground.session.scenario.goal_m)
 
 
 def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():

@@ -1,0 +1,446 @@
+"""Answers about scenes: a fast one while a scene is changed, and all that commands say once it
+rests, from a process of its own.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import Report
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
+from stancekit.planners.gait.method.attempt import Attempt
+from stancekit.planners.gait.method.portfolio import Caps
+from stancekit.planners.gait.method.way import plan_walk
+from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.problem import Problem
+from stancekit.planners.problem.walk import Walk
+from stancekit.planners.search.plan_course import LayOut, plan_course
+from stancekit.planners.search.two_stage import TwoStage
+from stancekit.planners.verify import explain
+from stancekit.planners.verify.explain import Relaxation
+
+from .scenario import BetweenScenario, Scenario, WalkScenario
+
+_SHARES = (0.8, 1.0)
+"""Shares of the friction, that a plan is looked for with while the scene is changed."""
+_QUICK_S, _QUICK_NODES, _QUICK_STEPS = 0.15, 20, 6
+"""Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
+share."""
+_PATIENT_S = 60.0
+"""Time for all of an answer when nobody changes it any more: that of ``stancekit plan``."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneAnswer:
+    """Answer about a scene.
+
+    Arguments:
+        course: what is asked for; None where it makes no sense.
+        plan: accepted by the verifier as far as its contacts go; of a walk its trajectory.
+        status: None where the question makes no sense; undecided where no way was found for a course.
+        message: why there is no plan, or what is wrong with it; empty where nothing is.
+        lack: what would have to change, where that is proved.
+        report: on all of the plan, once it was judged.
+        patient: whether all was looked at.
+        seconds: CPU time of the layout and of the search; of a walk the time since it was begun.
+    """
+
+    course: Problem | Walk | None = None
+    status: Status | None = None
+    plan: Plan | Trajectory | None = None
+    message: str = ""
+    lack: Relaxation | None = None
+    report: Report[Any] | None = None
+    patient: bool = False
+    share: float = 1.0
+    seconds: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def accepted(self) -> bool:
+        """Tell whether the verifier accepted all of a plan."""
+        return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
+
+
+def quick_answer(scenario: Scenario) -> SceneAnswer:
+    """A fast answer for the display, which looks at contacts alone; undecided if it would take
+    longer. Of a walk, whether there is one to plan. Raises nothing.
+    """
+    if isinstance(scenario, WalkScenario):
+        try:
+            return SceneAnswer(course=scenario.course())
+        except StancekitError as error:
+            return SceneAnswer(message=str(error))
+    planner = TwoStage(
+        time_limit_s=_QUICK_S,
+        max_nodes=_QUICK_NODES,
+        cuts=False,
+        steps=_QUICK_STEPS,
+    )
+    return _planned(
+        scenario,
+        partial(
+            plan_course,
+            planner=planner,
+            shares=_SHARES,
+            presses=(),
+            limits=None,
+        ),
+    )
+
+
+_Told = Callable[[SceneAnswer], None]
+_ITERATIONS, _TOTAL_S = 80, 120.0
+"""Most iterations of a solve, and CPU time of all solves of a walk [s]."""
+
+
+def planned_walk(task: Walk, tell: _Told) -> SceneAnswer:
+    """The walk that is found; until then ``tell`` gets how far its planning is. Raises nothing."""
+    begun, last = time.monotonic(), 0.0
+
+    def since() -> tuple[float, float]:
+        return 0.0, time.monotonic() - begun
+
+    def progress(
+        attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
+    ) -> bool:
+        nonlocal last
+        if time.monotonic() - last > 0.15:
+            last = time.monotonic()
+            words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
+            tell(SceneAnswer(course=task, message=words, seconds=since()))
+        return os.getppid() == 1
+
+    settings = GaitSettings(max_iterations=_ITERATIONS)
+    caps = Caps(iterations=_ITERATIONS, total_s=_TOTAL_S)
+    try:
+        found = plan_walk(task, settings, progress, caps=caps).answer
+    except StancekitError as error:
+        return SceneAnswer(course=task, message=str(error), patient=True, seconds=since())
+    return SceneAnswer(
+        course=task,
+        status=found.status,
+        plan=found.solution,
+        message=found.message,
+        report=found.report,
+        patient=True,
+        seconds=since(),
+    )
+
+
+def patient_answer(scenario: Scenario, tell: _Told = lambda _: None) -> SceneAnswer:
+    """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
+    where no plan over the layout that is asked for is accepted, one over another; between places
+    that no balanced motion of a robot that does not leap joins, infeasible. Of a walk that of
+    ``stancekit gait``. Raises nothing.
+    """
+    if isinstance(scenario, WalkScenario):
+        quick = quick_answer(scenario)
+        asked = quick.course
+        return (
+            planned_walk(asked, tell) if isinstance(asked, Walk) else replace(quick, patient=True)
+        )
+
+    def plan(question: LayOut) -> Answer[Plan]:
+        planner = TwoStage(time_limit_s=_PATIENT_S)
+        deadline = time.perf_counter() + _PATIENT_S
+        return plan_course(
+            question,
+            planner,
+            layouts=scenario.layouts,
+            deadline=deadline,
+        )
+
+    answer = _planned(scenario, plan, patient=True)
+    if not (isinstance(scenario, BetweenScenario) and answer.status is Status.UNDECIDED):
+        return answer
+    from stancekit.planners.search.flood import flood  # slow to import
+
+    passage = scenario.question.local.passage()
+    if passage.robot.source.own or flood(passage) is None:
+        return answer
+    return replace(answer, status=Status.INFEASIBLE, plan=None, report=None)
+
+
+def _planned(
+    scenario: Scenario, plan: Callable[[LayOut], Answer[Plan]], *, patient: bool = False
+) -> SceneAnswer:
+    """The answer that a way to plan gives, with the time that it took."""
+    begin, course = time.process_time(), None
+    between = isinstance(scenario, BetweenScenario)
+    try:
+        with suppress(*((NoPlace, PlanningFailed) if patient and between else ())):
+            course = scenario.course()  # where this layout has no place another one may have
+        laid = time.process_time()
+        outcome = plan(
+            scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
+        )
+    except StancekitError as error:
+        nowhere = between and isinstance(error, NoPlace | PlanningFailed)
+        return SceneAnswer(
+            status=Status.UNDECIDED if nowhere else None,
+            message=str(error),
+            patient=patient,
+            seconds=(time.process_time() - begin, 0.0),
+        )
+    seconds = (laid - begin, time.process_time() - laid)
+    return _answer(outcome, course, seconds, patient=patient)
+
+
+def _answer(
+    outcome: Answer[Plan],
+    asked: Problem | None,
+    seconds: tuple[float, float],
+    *,
+    patient: bool = False,
+) -> SceneAnswer:
+    """The answer that an outcome is.
+
+    Arguments:
+        asked: the scene's own course, where the outcome is not of a problem.
+    """
+    message, report, lack = outcome.message, outcome.report, None
+    if outcome.certificate is not None and outcome.problem is not None:
+        explanation = explain(outcome.certificate)
+        message, lack = explanation.message, next(iter(explanation.relaxations), None)
+        if outcome.sets is not None:
+            message += f", over the {outcome.sets} sets of its legs"
+    elif report is not None and not report.accepted:
+        message = report.message
+    share = (
+        1.0
+        if outcome.solution is None
+        else float(outcome.solution.provenance.get("friction_share", 1.0))
+    )
+    if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
+        message = (
+            f"laid out in another way than asked for, over which no plan was accepted: {layout}"
+        )
+    return SceneAnswer(
+        course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
+        status=outcome.status,
+        plan=outcome.solution,
+        message=message,
+        lack=lack,
+        report=report,
+        patient=patient,
+        share=share,
+        seconds=seconds,
+    )
+
+
+class Judge:
+    """Judges one scene after another; of those that wait only the newest is kept.
+
+    on_answer(number, answer) is called in a thread of its own. The process starts with the first
+    scene.
+    """
+
+    def __init__(self, on_answer: Callable[[int, SceneAnswer], None]) -> None:
+        self._on_answer = on_answer
+        self._lock = threading.Lock()
+        self._pipe: Any = None
+        self._process: Any = None
+        self._waiting: tuple[int, Scenario] | None = None
+        self._busy = self._closed = False
+
+    def ask(self, number: int, scenario: Scenario) -> None:
+        """Judge this next, and not what still waits."""
+        with self._lock:
+            if self._closed:
+                return
+            self._waiting = (number, scenario)
+            if not self._busy:
+                self._busy = True
+                threading.Thread(target=self._work, name="judge", daemon=True).start()
+
+    def drop(self, *, ends: bool = False) -> None:
+        """Drop what waits: it is of no use any more.
+
+        Arguments:
+            ends: what is in work, too, with its process.
+        """
+        with self._lock:
+            self._waiting = None
+            process = self._process if ends else None
+            self._process = None if ends else self._process
+        if process is not None:
+            process.kill()
+            process.join()
+
+    def close(self) -> None:
+        """End the process, also in the middle of its work."""
+        self._closed = True
+        self.drop(ends=True)
+
+    def _work(self) -> None:
+        while True:
+            with self._lock:
+                if self._waiting is None or self._closed:
+                    self._busy = False
+                    return
+                (number, scenario), self._waiting = self._waiting, None
+                if self._process is None:
+                    self._start()
+                pipe, process, done = self._pipe, self._process, False
+            try:
+                pipe.send(scenario)
+                while not done:
+                    answer = pipe.recv()
+                    done = answer.patient
+                    self._on_answer(number, answer)
+            except (EOFError, OSError):
+                with self._lock:
+                    if self._process is not process:  # we ended it
+                        continue
+                    self._process = None
+                message = "the process that judges plans has ended; any change starts it anew"
+                self._on_answer(number, SceneAnswer(message=message))
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, there = context.Pipe()
+        self._process = context.Process(target=_serve, args=(there,), daemon=True)
+        self._process.start()
+        there.close()
+
+
+def _serve(pipe: Any) -> None:
+    """The process's whole life: it ends with its parent, who alone minds Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(EOFError, OSError):
+        while True:
+            pipe.send(patient_answer(pipe.recv(), pipe.send))
+
+
+_REST_S, _WALK_REST_S = 0.35, 0.6
+"""A scene, or a walk, that was not changed for so long is judged."""
+log = logging.getLogger(__name__)
+
+
+class Session:
+    """on_answer(number, scenario, answer, since): called in the session's own thread for every
+    answer that is drawn; since: time of the change [s], as time.perf_counter has it.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        on_answer: Callable[[int, Scenario, SceneAnswer, float], None],
+        *,
+        judges: bool = True,
+        rest_s: float | None = None,
+    ) -> None:
+        self._walks = isinstance(scenario, WalkScenario)
+        self._on_answer = on_answer
+        self._rest_s = (_WALK_REST_S if self._walks else _REST_S) if rest_s is None else rest_s
+        self._news = threading.Condition()
+        self._scenario, self._number, self._since = scenario, 0, time.perf_counter()
+        self._answered, self._judged = -1, -1
+        self._verdict: tuple[int, SceneAnswer] | None = None
+        self._judge = Judge(self._told) if judges else None
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="playground", daemon=True)
+
+    def start(self) -> None:
+        """Answer the first scene, and all that follow."""
+        self._thread.start()
+
+    @property
+    def scenario(self) -> Scenario:
+        """The newest."""
+        with self._news:
+            return self._scenario
+
+    @property
+    def number(self) -> int:
+        """Number of the newest change; 0 before the first."""
+        with self._news:
+            return self._number
+
+    def change(self, edit: Callable[[Scenario], Scenario]) -> int:
+        """Another scene, made of the newest by ``edit``; its number.
+
+        Raises what ``edit`` raises.
+
+        An edit that takes a while, as loading a robot, keeps nobody else from changing the scene:
+        it is done again on what is the newest then, and what others change meanwhile stays.
+        """
+        while True:
+            with self._news:
+                base, number, since = self._scenario, self._number, time.perf_counter()
+            edited = edit(base)
+            with self._news:
+                if number != self._number:
+                    continue
+                self._scenario, self._since = edited, since
+                self._number += 1
+                if self._judge is not None:
+                    self._judge.drop(ends=self._walks)
+                self._news.notify()
+                return self._number
+
+    def close(self) -> None:
+        """End thread and process."""
+        with self._news:
+            self._closed = True
+            self._news.notify()
+        if self._judge is not None:
+            self._judge.close()
+        if self._thread.is_alive():
+            self._thread.join(timeout=5.0)
+
+    def _told(self, number: int, answer: SceneAnswer) -> None:
+        with self._news:
+            self._verdict = (number, answer)
+            self._news.notify()
+
+    def _work(self) -> None:
+        while True:
+            with self._news:
+                self._news.wait_for(self._is_due, timeout=self._patience_s())
+                if self._closed:
+                    return
+                number, scenario, since = self._number, self._scenario, self._since
+                verdict, self._verdict = self._verdict, None
+            if number != self._answered:
+                self._say(number, scenario, quick_answer(scenario), since)
+                self._answered = number
+            elif verdict is not None and verdict[0] == number:
+                self._say(number, scenario, verdict[1], since)
+            elif (
+                self._judge is not None
+                and self._judged != number
+                and time.perf_counter() - since >= self._rest_s
+            ):
+                self._judged = number
+                self._judge.ask(number, scenario)
+
+    def _is_due(self) -> bool:
+        return self._closed or self._number != self._answered or self._verdict is not None
+
+    def _patience_s(self) -> float | None:
+        """Until the scene counts as one that nobody changes any more; None where there is nothing
+        to wait for.
+        """
+        if self._judge is None or self._judged == self._number or self._number != self._answered:
+            return None
+        return max(self._rest_s - (time.perf_counter() - self._since), 0.001)
+
+    def _say(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
+        try:
+            self._on_answer(number, scenario, answer, since)
+        except Exception:  # a page that cannot draw one answer draws the next
+            log.exception("an answer could not be drawn")
