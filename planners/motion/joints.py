@@ -9,9 +9,9 @@ are those that bring it there.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
@@ -47,24 +47,6 @@ def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPost
     return ToeKinematics(model).solve(torso, rotation, feet, normals)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WalkPostures:
-    """A walk of K samples as a robot of N legs and J joints has it, whose legs weigh something.
-
-    Arguments:
-        angles: shape (K, J) [rad].
-        origin_m: p_WB of the base's frame, shape (K, 3): it is where the whole robot's centre of
-            mass is at the walk's.
-        normals: of the ground under every foot, shape (K, N, 3).
-        kinematics: of the robot.
-    """
-
-    angles: Array
-    origin_m: Array
-    normals: Array
-    kinematics: Kinematics
-
-
 class MovingBody:
     """The robot of a model along a motion of its centre of mass and its toes; it is kept for
     several motions.
@@ -80,17 +62,21 @@ class MovingBody:
         rotation: Array,
         toes_m: Array,
         normals: Array,
+        stands: NDArray[np.bool_],
         *,
         near: Array | None = None,
         rounds: int = _WALK_ROUNDS,
         steps: int = 0,
-    ) -> WalkPostures:
-        """Postures of K samples, each found from the standing posture or from one that is near.
+    ) -> WholeBody:
+        """Postures of K samples of a robot whose legs weigh something, each found from the standing
+        posture or from one that is near: the base's frame is where the whole robot's centre of mass
+        is at the motion's.
 
         Arguments:
             com_m: of the whole robot, shape (K, 3) [m].
             rotation: R_WB, shape (K, 3, 3).
             toes_m, normals: where feet touch or would, and of the surface there, shape (K, N, 3).
+            stands: which feet touch, shape (K, N).
             near: angles to begin with, shape (K, J) [rad].
             rounds: as ``_ROUNDS``.
             steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
@@ -109,8 +95,13 @@ class MovingBody:
                 angles = np.concatenate(postures.angles, axis=1)
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
         assert angles is not None
-        return WalkPostures(
-            angles=angles, origin_m=origin, normals=normals, kinematics=self.kinematics
+        return WholeBody(
+            rotation=rotation,
+            origin_m=origin,
+            angles=angles,
+            toes_m=toes_m,
+            normals=normals,
+            stands=stands,
         )
 
     def _descended(self, feet: Array, near: Array, steps: int) -> Array:
@@ -129,13 +120,17 @@ class MovingBody:
         return np.array([self.kinematics.com_offset(posture) for posture in angles])
 
 
-def walk_postures(trajectory: Trajectory) -> WalkPostures:
-    """The posture at every sample, found as ``walk_joints`` finds it.
+def walk_postures(trajectory: Trajectory) -> tuple[WholeBody, Kinematics]:
+    """The posture at every sample, found as ``walk_joints`` finds it, and the robot's legs.
 
     Raises InvalidInput as that does.
     """
-    return MovingBody(_model(trajectory)).postures(
-        trajectory.torso_m, trajectory.rotation, trajectory.feet_m, _normals(trajectory)
+    body, normals = MovingBody(_model(trajectory)), _normals(trajectory)
+    return (
+        body.postures(
+            trajectory.torso_m, trajectory.rotation, trajectory.feet_m, normals, trajectory.contact
+        ),
+        body.kinematics,
     )
 
 

@@ -230,7 +230,7 @@ class _Slopes:
         feet = np.array([legs[0], legs[-1]])
         torso, rotation = self._walk.torso_m[sample], self._walk.rotation[sample]
         at = (self._walk.feet_m[sample, feet] - torso) @ rotation
-        posture = self._body.posture(sample)
+        posture = self._body.postures.at(sample)
         if overlap.other in self._legs:
             depth, by_foot, by_torso = *self._homeward(overlap, posture, legs, at), np.zeros(6)
         else:
