@@ -26,7 +26,15 @@ from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
 from ..files.documents import shown
 from ..plugins import Registry, foreign, takes
-from .trajectory_measurements import WHOLE_BODY, Rows, Series, TrajectoryMeasurements, WalkLimits
+from .trajectory_measurements import (
+    GROUPS,
+    WHOLE_BODY,
+    TrajectoryMeasurements,
+    WalkLimits,
+    as_far_as_known,
+    rms,
+    worst_group,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -286,26 +294,21 @@ class MovingBodyMeasurements:
         feet, levers = zip(*swept, strict=True)
         return np.array(feet), np.array(levers)
 
-    def off_toes(self) -> Series:
+    def off_toes(self) -> Array:
         """Distance of every foot, as the URDF has it within the joints' limits, from where it
         touches, (K, N) [m].
         """
         body = self.postures
         wanted = body.toes_m + self.kinematics.radii_m[:, None] * self.normals
         placed = np.einsum("kij,knj->kni", body.rotation, self._legs[0])
-        off = np.linalg.norm(body.origin_m[:, None] + placed - wanted, axis=-1)
-        return Series(off, self.feet, self.times_s)
+        return np.asarray(np.linalg.norm(body.origin_m[:, None] + placed - wanted, axis=-1))
 
-    def speed(self) -> Series:
+    def speed(self) -> Array:
         """Joint speed between samples as a share of the joint's limit; 0 where its file has none,
         (K − 1, J).
         """
         most = self.kinematics.velocity_rad_s
-        return Series(
-            np.abs(self.rates_rad_s) / np.where(most > 0.0, most, np.inf),
-            self.kinematics.joints,
-            self.times_s[1:],
-        )
+        return np.asarray(np.abs(self.rates_rad_s) / np.where(most > 0.0, most, np.inf))
 
     @cached_property
     def rates_rad_s(self) -> Array:
@@ -361,12 +364,7 @@ class MovingBodyMeasurements:
         turned += solver.resistance(velocity[:, solver.columns])
         return np.asarray(moved + turned - np.einsum("kji,kji->kj", levers, forces[:, solver.legs]))
 
-    def torque(self) -> Series:
-        """Torques as a share of the joints' limits, 0 where the limit is not known, (K − 2, J)."""
-        shares = np.abs(self.torques_nm) / self.kinematics.torque_nm
-        return Series(shares, self.kinematics.joints, self.times_s[1:-1])
-
-    def legs_moment(self) -> Series:
+    def legs_moment(self) -> Array:
         """dL/dt − Σ (p_i − p) × f_i at the inner samples with L of the whole robot, legs and all,
         (K − 2, 3) [Nm].
 
@@ -388,11 +386,7 @@ class MovingBodyMeasurements:
         )
         arms = self.postures.toes_m - self.com_m[:, None]
         moments = np.cross(arms, self.forces_n).sum(axis=1)
-        return Series(
-            np.diff(momentum, axis=0) / self.step_s - moments[1:-1],
-            ("x", "y", "z"),
-            self.times_s[1:-1],
-        )
+        return np.asarray(np.diff(momentum, axis=0) / self.step_s - moments[1:-1])
 
     # ------------------------------------------------------------------------------------------------
     # bodies
@@ -416,46 +410,65 @@ class MovingBodyMeasurements:
         return self.times_s[rows], body.at(rows)
 
 
-def nothing(why: str) -> tuple[Rows, dict[str, str]]:
+def nothing(why: str) -> list[Group]:
     """None of the groups of ``WHOLE_BODY`` measured, and why."""
-    rows: Rows = {name: (Series(np.zeros((0, 0)), (), np.zeros(0)), 0.0) for name in WHOLE_BODY}
-    return rows, dict.fromkeys(WHOLE_BODY, why)
+    return [
+        Group(name, unit=GROUPS[name], message=why, verdict="not checked") for name in WHOLE_BODY
+    ]
 
 
-def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Rows, dict[str, str]]:
-    """Measure the groups of ``WHOLE_BODY``, and say why some of them are not checked, by their
-    names.
+def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Group]:
+    """The groups of ``WHOLE_BODY``; none is checked for a robot of boxes or without pinocchio.
 
     Arguments:
         limits: what is allowed of each.
-
-    Returns:
-        Series with their limits, all empty for a robot of boxes or without pinocchio, and reasons
-        in words: a file without speed or torque limits, meshes that are not there, no coal.
     """
     try:
         body = WholeBodyMeasurements(measured)
     except InvalidInput as error:  # legs that nobody knows, or no pinocchio
         return nothing(str(error))
-    model = body.kinematics.model
-    rows, missing = nothing("")[0], dict[str, str]()
-    rows["joints"] = body.off_toes(), limits.joints_m
-    rows["joint_speed"] = body.speed(), limits.joint_speed
-    rows["torque"] = body.torque(), limits.torque
-    swung = body.legs_moment()
-    rows["legs_moment"] = swung.size(), limits.legs_moment * measured.moment_scale_nm, swung.rms()
-    if model.limit_doubts:
-        missing["joints"] = "; ".join(model.limit_doubts)
-    if unlimited := model.lines_of(model.torque_doubts):
-        missing["torque"] = "; ".join(unlimited)
-    if np.any(body.kinematics.velocity_rad_s <= 0.0):
-        missing["joint_speed"] = "no limit of the joints' speed in the robot's file"
+    model, joints, times_s = body.kinematics.model, body.kinematics.joints, body.times_s
+    slow = np.any(body.kinematics.velocity_rad_s <= 0.0)
+    shares, swung = np.abs(body.torques_nm) / body.kinematics.torque_nm, body.legs_moment()
+    groups = [
+        as_far_as_known(worst_group(name, values, limit, GROUPS[name], names, times), why)
+        for name, values, limit, names, times, why in (
+            (
+                "joints",
+                body.off_toes(),
+                limits.joints_m,
+                body.feet,
+                times_s,
+                "; ".join(model.limit_doubts),
+            ),
+            (
+                "joint_speed",
+                body.speed(),
+                limits.joint_speed,
+                joints,
+                times_s[1:],
+                "no limit of the joints' speed in the robot's file" if slow else "",
+            ),
+            (
+                "torque",
+                shares,
+                limits.torque,
+                joints,
+                times_s[1:-1],
+                "; ".join(model.lines_of(model.torque_doubts)),
+            ),
+        )
+    ]
+    most = limits.legs_moment * measured.moment_scale_nm
+    sizes = np.linalg.norm(swung, axis=1)
+    groups.append(measured.group("legs_moment", sizes, most, judged=rms(swung)))
     try:
-        depth, missing["bodies"] = body.overlap()
-        rows["bodies"] = depth, limits.bodies_m
+        groups.append(body.overlap(limits.bodies_m))
     except InvalidInput as error:  # no coal
-        missing["bodies"] = str(error)
-    return rows, missing
+        groups.append(
+            Group("bodies", unit=GROUPS["bodies"], message=str(error), verdict="not checked")
+        )
+    return groups
 
 
 class WholeBodyMeasurements(MovingBodyMeasurements):
@@ -477,17 +490,19 @@ class WholeBodyMeasurements(MovingBodyMeasurements):
         )
         self.trajectory = walk
 
-    def overlap(self) -> tuple[Series, str]:
-        """The deepest that a link is inside another or inside the ground, (1, 1) [m], and which
-        links; and what has no shape. Raises InvalidInput without coal.
+    def overlap(self, limit_m: float) -> Group:
+        """The deepest that a link is inside another or inside the ground, and which links; what has
+        no shape is not checked.
+
+        Raises InvalidInput without coal.
         """
         from ..robot.bodies import Bodies
         from ..terrain.obstacles import Obstacles
 
         bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.terrain))
-        group = bodies_group("bodies", bodies, *self.spaced(), between=True)
+        found = bodies_group("bodies", bodies, *self.spaced(), between=True)
         place, when = "", float(self.times_s[0])
-        if worst := group.figures["worst"]:
+        if worst := found.figures["worst"]:
             place, when = f"{worst['link']} in {worst['other']}", worst["frame"]
-        deepest = Series(np.array([[group.value]]), (place,), np.array([when]))
-        return deepest, "; ".join(bodies.missing)
+        deepest = Group("bodies", found.value, limit_m, "m", where=place, when=when)
+        return as_far_as_known(deepest, "; ".join(bodies.missing))

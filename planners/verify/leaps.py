@@ -27,6 +27,7 @@ from ..terrain.obstacles import Obstacles
 from .bodies import MovingBodyMeasurements
 from .geometry import cross, exact_and_linear, length
 from .postures import violation
+from .trajectory_measurements import worst_group
 
 _BODY_UNITS = {
     "joints": "m",
@@ -146,10 +147,10 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         off, left = self.off_toes(), self.dips()
         legs = [self.feet[leg] for leg in self.kinematics.legs]
         speed, model = self.speed(), self.kinematics.model
-        bent = _group("joints", off.values, feet, times, JOINTS_M, feet)
+        bent = _group("joints", off, feet, times, JOINTS_M, feet)
         yield _as_far_as_known(bent, model.limit_doubts)
-        shares = np.where(self._limited, speed.values, 0.0)
-        fast = _group("joint_speed", shares, joints, speed.times_s, JOINT_SPEED, legs)
+        shares = np.where(self._limited, speed, 0.0)
+        fast = _group("joint_speed", shares, joints, times[1:], JOINT_SPEED, legs)
         torque = _group("torque", self.line, joints, times[1:-1], TORQUE, legs)
         slow = [name for name, there in zip(joints, self._limited, strict=True) if not there]
         unlimited = [f"no velocity limit of {', '.join(slow)}"] if slow else []
@@ -181,26 +182,13 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
 def _group(
     name: str,
     values: Array,
-    names: tuple[str, ...],
+    names: Sequence[str],
     times_s: Array,
     limit: float,
-    limbs: tuple[str, ...] | list[str] = (),
+    limbs: Sequence[str] = (),
 ) -> Group:
-    """The worst of what was measured.
-
-    Arguments:
-        limbs: of the columns.
-    """
-    row, column = (int(i) for i in np.unravel_index(int(values.argmax()), values.shape))
-    return Group(
-        name=name,
-        value=float(values[row, column]),
-        limit=limit,
-        unit=_BODY_UNITS[name],
-        where=names[column],
-        limb=limbs[column] if limbs else "",
-        when=float(times_s[row]),
-    )
+    """The worst of what was measured."""
+    return worst_group(name, values, limit, _BODY_UNITS[name], names, times_s, limbs=limbs)
 
 
 def _as_far_as_known(group: Group, unlimited: Sequence[str]) -> Group:

@@ -492,16 +492,15 @@ def flaws(program: GaitProgram, report: Report[Trajectory], band: float = _BAND)
     steps, feet = program.structure.nodes - 1, program.structure.feet
     balance, arms = np.zeros(steps, dtype=bool), np.zeros((steps, feet), dtype=bool)
     if broken & _BALANCES:
-        for series, scale in (
-            (measured.force_residual(), measured.weight_n),
-            (measured.moment_residual(), measured.moment_scale_nm),
+        for residual, scale in (
+            (measured.force_residual, measured.weight_n),
+            (measured.moment_residual, measured.moment_scale_nm),
         ):
-            off = np.linalg.norm(series.values, axis=1) > _FLAW * band * scale
-            balance[_steps(series.times_s[off], program)] = True
+            off = np.linalg.norm(residual, axis=1) > _FLAW * band * scale
+            balance[_steps(measured.times_s[1:-1][off], program)] = True
     if "reach" in broken:
-        series = measured.reach()
-        samples, columns = np.nonzero(series.values > 0.5 * report.limits["reach_m"])
-        arms[_steps(series.times_s[samples], program), columns] = True
+        samples, columns = np.nonzero(measured.reach() > 0.5 * report.limits["reach_m"])
+        arms[_steps(measured.times_s[samples], program), columns] = True
     loads = leg_loads(program.structure, report) if "torque" in broken else None
     overlaps = _leg_overlaps(program.structure, report) if "bodies" in broken else None
     return Checks(balance=balance, reach=arms, band=band, loads=loads, overlaps=overlaps)
