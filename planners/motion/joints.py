@@ -20,7 +20,7 @@ from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..robot.chain import rotations_of
 from ..robot.drawn_legs import ToeKinematics
-from ..robot.inverse_kinematics import LegPostures, WholeBody, descend
+from ..robot.inverse_kinematics import WholeBody, descend
 from ..robot.kinematics import JointAnswer, Kinematics
 from ..robot.legged import robot_of
 from ..robot.robot_model import RobotModel
@@ -32,9 +32,9 @@ _WALK_ROUNDS = 6
 of it."""
 
 
-def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPostures:
-    """Angles at every sample, or some, each found from the standing posture; feet face the ground
-    below them, also in the air.
+def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> tuple[list[Array], Array]:
+    """Angles at every sample, or some, each found from the standing posture, and errors of the feet,
+    as ``InverseKinematics.solve`` has them; feet face the ground below them, also in the air.
 
     Raises InvalidInput for a robot that is but boxes.
     """
@@ -91,8 +91,8 @@ class MovingBody:
                 feet = self._solver.centres(standing, rotation, toes_m, normals)
                 angles = self._descended(feet, angles, steps)
             else:
-                postures = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
-                angles = np.concatenate(postures.angles, axis=1)
+                legs, _ = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
+                angles = np.concatenate(legs, axis=1)
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
         assert angles is not None
         return WholeBody(

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .actuators import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
-from .inverse_kinematics import InverseKinematics, LegPostures, seeds_of
+from .inverse_kinematics import InverseKinematics, seeds_of
 from .limb import Limb
 from .robot_model import RobotModel
 
@@ -35,9 +35,9 @@ class ToeKinematics:
         toes_m: ArrayLike,
         normals: ArrayLike,
         near: ArrayLike | None = None,
-    ) -> LegPostures:
+    ) -> tuple[list[Array], Array]:
         """Angles of K stances of N legs, each found from the standing posture, so that knees keep
-        their bend.
+        their bend, and errors of the feet, as ``InverseKinematics.solve`` has them.
 
         Arguments:
             com_m: p_WC, shape (K, 3) [m].

@@ -290,10 +290,10 @@ class Kinematics:
             np.concatenate([leg.stance_rad for leg in self.model.legs]) if near is None else near
         )
         split = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
-        postures = self.own.solve(
+        legs, _ = self.own.solve(
             feet[None], near=[part[None] for part in np.split(start, split)], up=up
         )
-        return np.concatenate([angles[0] for angles in postures.angles])
+        return np.concatenate([angles[0] for angles in legs])
 
     def reach(
         self,

@@ -138,21 +138,20 @@ def bodies_group(
     on_ground_m = {leg.foot: -TOUCH_M for leg in bodies.model.legs}  # links but feet want room
     for count, near in bodies.sweep(postures, terrain_m=-TOUCH_M, links_m=-ROOM_M, between=between):
         missing_m = (
-            each.depth_m
-            + (ROOM_M if each.other in bodies.links else on_ground_m.get(each.link, TOUCH_M))
-            for _, each in near
+            depth_m + (ROOM_M if other in bodies.links else on_ground_m.get(link, TOUCH_M))
+            for _, (depth_m, link, other) in near
         )
         short_m = max(short_m, *missing_m, 0.0)
         overlaps = [
-            (moment, each)
-            for moment, each in near
-            if each.depth_m > (LINKS_M if each.other in bodies.links else TOUCH_M)
+            (moment, (depth_m, link, other))
+            for moment, (depth_m, link, other) in near
+            if depth_m > (LINKS_M if other in bodies.links else TOUCH_M)
         ]
         ways = sum(moment % 1.0 > 0.0 for moment, _ in overlaps)
         hit += ways + len({moment for moment, _ in overlaps if not moment % 1.0})
         on_the_way += ways
         for moment, overlap in sorted(overlaps, key=lambda each: each[0]):
-            if deepest is None or overlap.depth_m > deepest[0].depth_m:
+            if deepest is None or overlap[0] > deepest[0][0]:
                 deepest = overlap, float(np.interp(moment, at, frames))
         if time.perf_counter() > deadline and count < len(frames):
             missing = (f"{LATE} after {count} postures", *missing)
@@ -160,13 +159,12 @@ def bodies_group(
     fault, worst, place = astray[0], None, ""
     postures_judged, depth_m, frame = count + on_the_way, 0.0, None
     if deepest is not None:
-        overlap, frame = deepest
-        place, depth_m = overlap.link, overlap.depth_m
-        worst = {"frame": frame, "link": place, "other": overlap.other}
+        (depth_m, place, other), frame = deepest
+        worst = {"frame": frame, "link": place, "other": other}
         when = f"frame {frame:.3g}" if frame % 1.0 else f"frame {frame:.0f}"
         more = f", the deepest of {hit} of {postures_judged} postures" if hit > 1 else ""
         more += f"; {fault}" if fault else ""
-        fault = f"{when}: {place} is {1e3 * depth_m:.3g} mm inside {overlap.other}{more}"
+        fault = f"{when}: {place} is {1e3 * depth_m:.3g} mm inside {other}{more}"
     return Group(
         name=name,
         value=depth_m,
