@@ -33,7 +33,7 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
 from .certificate import proof_report
-from .explain import Explanation, Relaxation
+from .explain import Explanation, Relaxation, halved
 from .geometry import cross, length
 
 _MOST_GRIP = 3.0
@@ -268,11 +268,7 @@ class _Parts:
 
         if holds(_MOST_GRIP):
             return math.inf
-        low, high = 0.0, _MOST_GRIP
-        for _ in range(16):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if holds(middle) else (low, middle)
-        return high
+        return halved(holds, 0.0, _MOST_GRIP, 16)[1]
 
     def reach_needed(self, opened: list[list[int]], i: int) -> float:
         """Additional reach of a limb with which the leaf would fail [m]; inf where it weighs
