@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1472, 16878),
+    "api": (1438, 16844),
     "cli": (3585, 40048),
     "configs": (3, 30),
-    "envs": (3139, 42955),
-    "learners": (5345, 78425),
-    "planners": (36113, 584829),
-    "runner": (6817, 91867),
-    "views": (4462, 69832),
+    "envs": (3136, 42952),
+    "learners": (5344, 78424),
+    "planners": (35830, 581985),
+    "runner": (6816, 91891),
+    "views": (4459, 69837),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

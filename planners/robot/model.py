@@ -25,9 +25,7 @@ from ..physics import GRAVITY_M_S2
 from ..terrain.frame import Frame
 from .actuators import USUAL_REACH_M, Servo
 from .leg_sources import DrawnLegs, LegSource, OwnLegs
-from .limb import Foot, half_sides
-from .limb import LegLimits as LegLimits
-from .limb import Limb as Limb
+from .limb import Foot, LegLimits as LegLimits, Limb as Limb, half_sides
 from .reach import RelativeReach
 
 if TYPE_CHECKING:

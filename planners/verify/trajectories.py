@@ -20,9 +20,14 @@ from ..answer.trajectory import Trajectory
 from ..files.arrays import LARGEST, Array
 from ..physics import GRAVITY_M_S2
 from .bodies import nothing, whole_body
-from .trajectory_measurements import GROUPS as GROUPS
-from .trajectory_measurements import Flags, TrajectoryMeasurements, as_far_as_known, rms
-from .trajectory_measurements import WalkLimits as WalkLimits
+from .trajectory_measurements import (
+    GROUPS as GROUPS,
+    Flags,
+    TrajectoryMeasurements,
+    WalkLimits as WalkLimits,
+    as_far_as_known,
+    rms,
+)
 
 _APART_M = 0.01
 """Between samples a swinging foot is looked at this often along its way [m]."""

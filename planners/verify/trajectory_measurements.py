@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.report import Group
-from ..answer.trajectory import OFF_M, STEP_S, Trajectory
-from ..answer.trajectory import WALK_BODY as WHOLE_BODY
+from ..answer.trajectory import OFF_M, STEP_S, WALK_BODY as WHOLE_BODY, Trajectory
 from ..arguments import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2

@@ -15,8 +15,7 @@ from stancekit.planners.robot.chain import rotations_of
 from stancekit.planners.robot.inverse_kinematics import WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain.obstacles import Obstacles
-from stancekit.planners.verify.bodies import bodies_group
-from stancekit.planners.verify.bodies import spaced as rows_apart
+from stancekit.planners.verify.bodies import bodies_group, spaced as rows_apart
 
 
 def motion_bodies(plan: Plan, rows: Samples, kinematics: Kinematics) -> Group:

@@ -30,8 +30,7 @@ from stancekit.planners.problem.walk import Walk
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..page import GOAL
-from ..scene import DrawnBody, Label, Scene, Stage
-from ..scene import Path as Line
+from ..scene import DrawnBody, Label, Path as Line, Scene, Stage
 from ..shapes import Sphere
 from ..sheet import INK, leg_colour
 from ..terrain import block, grid_on_ground, on_ground

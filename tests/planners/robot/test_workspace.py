@@ -10,8 +10,7 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from stancekit.planners.robot import hexapod
-from stancekit.planners.robot import workspace as sets
+from stancekit.planners.robot import hexapod, workspace as sets
 from stancekit.planners.robot.chain import Chain
 from stancekit.planners.robot.hulls import Polytope
 from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinematics, Seeds, descend
