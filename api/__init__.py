@@ -20,39 +20,27 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .answers import explain as explain
-    from .answers import margins as margins
-    from .answers import verify as verify
+    from .answers import explain as explain, margins as margins, verify as verify
     from .courses import plan as plan
     from .datasets import label as label
     from .envs.data.dataset import Dataset as Dataset
     from .envs.data.leap_tries import LeapTries as LeapTries
-    from .exports import ExportedMotions as ExportedMotions
-    from .exports import export as export
-    from .files import load as load
-    from .files import save as save
+    from .exports import ExportedMotions as ExportedMotions, export as export
+    from .files import load as load, save as save
     from .learners.data.export import Exported as Exported
     from .learners.data.labelling import RecheckReport as RecheckReport
     from .learners.evaluation.bench import Comparison as Comparison
     from .learners.evaluation.evaluate import Score as Score
     from .learners.selectors.selector import Learned as Learned
     from .learners.surrogates.calibration import Screened as Screened
-    from .motions import run as run
-    from .motions import simulate as simulate
-    from .pictures import draw as draw
-    from .pictures import film as film
-    from .planners.answer.answer import Answer as Answer
-    from .planners.answer.answer import Effort as Effort
-    from .planners.answer.answer import Status as Status
-    from .planners.answer.certificate import Certificate as Certificate
-    from .planners.answer.certificate import Crossing as Crossing
-    from .planners.answer.plan import LeapPlan as LeapPlan
-    from .planners.answer.plan import Plan as Plan
-    from .planners.answer.report import Group as Group
-    from .planners.answer.report import Report as Report
+    from .motions import run as run, simulate as simulate
+    from .pictures import draw as draw, film as film
+    from .planners.answer.answer import Answer as Answer, Effort as Effort, Status as Status
+    from .planners.answer.certificate import Certificate as Certificate, Crossing as Crossing
+    from .planners.answer.plan import LeapPlan as LeapPlan, Plan as Plan
+    from .planners.answer.report import Group as Group, Report as Report
     from .planners.answer.trajectory import Trajectory as Trajectory
-    from .planners.errors import InvalidInput as InvalidInput
-    from .planners.errors import StancekitError as StancekitError
+    from .planners.errors import InvalidInput as InvalidInput, StancekitError as StancekitError
     from .planners.formats.motion_file import FileCheck as FileCheck
     from .planners.leap.finder import LeapFinder as LeapFinder
     from .planners.problem.contact import Contact as Contact
@@ -62,36 +50,25 @@ if TYPE_CHECKING:
     from .planners.problem.walk import Walk as Walk
     from .planners.projection.whole_body import WholeBodyLimits as WholeBodyLimits
     from .planners.relaxation.boxes import Modes as Modes
-    from .planners.relaxation.envelope import Envelope as Envelope
-    from .planners.relaxation.envelope import EnvelopeSet as EnvelopeSet
-    from .planners.robot.model import Limb as Limb
-    from .planners.robot.model import Robot as Robot
-    from .planners.robot.model import hexapod as hexapod
+    from .planners.relaxation.envelope import Envelope as Envelope, EnvelopeSet as EnvelopeSet
+    from .planners.robot.model import Limb as Limb, Robot as Robot, hexapod as hexapod
     from .planners.search.answer import PlanSettings as PlanSettings
     from .planners.search.exact import Exact as Exact
-    from .planners.search.micp import Decoupled as Decoupled
-    from .planners.search.micp import Micp as Micp
-    from .planners.search.micp import Nlp as Nlp
+    from .planners.search.micp import Decoupled as Decoupled, Micp as Micp, Nlp as Nlp
     from .planners.search.two_stage import TwoStage as TwoStage
-    from .planners.terrain.footholds import FootholdLimits as FootholdLimits
-    from .planners.terrain.footholds import Footholds as Footholds
+    from .planners.terrain.footholds import FootholdLimits as FootholdLimits, Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
     from .planners.verify.explain import Explanation as Explanation
     from .planners.warp.conformal import MapFit as MapFit
-    from .postures import robot as robot
-    from .postures import solve as solve
+    from .postures import robot as robot, solve as solve
     from .runner.control.closed_loop import LoopReport as LoopReport
     from .runner.report import RunReport as RunReport
     from .runner.settings import RunSettings as RunSettings
     from .samples import sample as sample
-    from .selectors import evaluate as evaluate
-    from .selectors import fit as fit
-    from .selectors import screen as screen
-    from .selectors import warp as warp
+    from .selectors import evaluate as evaluate, fit as fit, screen as screen, warp as warp
     from .standing import map as map
-    from .terrains import heights as heights
-    from .terrains import terrain as terrain
+    from .terrains import heights as heights, terrain as terrain
     from .walks import walk as walk
 
     __version__: str

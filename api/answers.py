@@ -23,8 +23,7 @@ from stancekit.planners.files.arrays import checked as checked_number
 from stancekit.planners.formats.motion_file import FileCheck
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
-from stancekit.planners.verify import Explanation
-from stancekit.planners.verify import explain as explain_proof
+from stancekit.planners.verify import Explanation, explain as explain_proof
 from stancekit.planners.verify.judge import TOLERANCE, judge
 from stancekit.planners.verify.margins import stances_of
 from stancekit.planners.verify.stance_margin import Margins, places, pushes, stances_from

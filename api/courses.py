@@ -15,8 +15,7 @@ from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
-from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.arrays import checked as checked_number
+from stancekit.planners.files.arrays import Array, checked as checked_number
 from stancekit.planners.files.documents import shown
 from stancekit.planners.formats.motion_file import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap

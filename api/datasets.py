@@ -13,8 +13,7 @@ from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.envs.data.ledger import LabelPlan, TryPlan
 from stancekit.envs.distributions.postures import distribution_of
 from stancekit.learners.data import labelling, leap_tries
-from stancekit.learners.data.executors import Executor, processes
-from stancekit.learners.data.executors import executor as executor
+from stancekit.learners.data.executors import Executor, executor as executor, processes
 from stancekit.learners.data.labelling import Progress
 from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput, not_installed

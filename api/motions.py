@@ -27,8 +27,7 @@ from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.settings import EstopCheck, WorldSettings
-from stancekit.runner.worlds.world import WORLDS as WORLDS
-from stancekit.runner.worlds.world import JointBus
+from stancekit.runner.worlds.world import WORLDS as WORLDS, JointBus
 
 if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy

@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.leap_tries import LeapTries, open_rows
-from stancekit.learners.data.executors import Executor, processes
-from stancekit.learners.data.executors import executor as executor
-from stancekit.learners.data.labelling import check_unseen
-from stancekit.learners.data.labelling import rows_of as rows_of
-from stancekit.learners.evaluation.evaluate import Comparison as Comparison
-from stancekit.learners.evaluation.evaluate import Score, check_same_class, evaluate_lift
-from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
+from stancekit.learners.data.executors import Executor, executor as executor, processes
+from stancekit.learners.data.labelling import check_unseen, rows_of as rows_of
+from stancekit.learners.evaluation.evaluate import (
+    Comparison as Comparison,
+    Score,
+    check_same_class,
+    evaluate as rolled_out,
+    evaluate_lift,
+)
 from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import Learned, load_selector
 from stancekit.learners.surrogates.calibration import Screened
-from stancekit.learners.training.fitting import SPREAD as SPREAD
-from stancekit.learners.training.fitting import FitSettings, learn, missing
+from stancekit.learners.training.fitting import SPREAD as SPREAD, FitSettings, learn, missing
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked_int

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 from stancekit.learners.surrogates.calibration import checked_error
 from stancekit.planners.arguments import checked, settings_from
 from stancekit.planners.errors import InvalidInput, not_installed
-from stancekit.planners.files.arrays import checked as checked_number
-from stancekit.planners.files.arrays import checked_int
+from stancekit.planners.files.arrays import checked as checked_number, checked_int
 from stancekit.planners.problem.standing_map import StandingMap as StandingMap
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits, Footholds

@@ -12,8 +12,7 @@ from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, interruptible
-from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.files.arrays import checked as checked_number
+from stancekit.planners.files.arrays import Array, checked as checked_number, checked_int
 from stancekit.planners.gait.method.attempt import Attempt, Progress
 from stancekit.planners.gait.method.budget import Checkpoint as Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts

@@ -20,8 +20,7 @@ from typing import Any
 
 import torch
 from _bench import ROOT, Options, launch
-from neural import Arguments as Neural
-from neural import cell, data
+from neural import Arguments as Neural, cell, data
 
 from stancekit.envs.data.dataset import scenes_of
 from stancekit.learners.evaluation.evaluate import Score, evaluate

@@ -30,10 +30,7 @@ from typing import Any
 
 import numpy as np
 from _bench import Options, launch, share
-from _crossings import counts
-from _crossings import line as crossing_line
-from _crossings import robots as named
-from _crossings import rows as crossings
+from _crossings import counts, line as crossing_line, robots as named, rows as crossings
 from _robot_step import REACHED_M, step_line, step_row
 
 from stancekit.planners.errors import InvalidInput

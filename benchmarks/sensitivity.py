@@ -27,8 +27,7 @@ import tyro
 from _bench import Options, kept, launch
 from _robot_step import scene_course
 from _wrong import Wrong
-from walks import ROBOTS, robot_file
-from walks import planned as walk_file
+from walks import ROBOTS, planned as walk_file, robot_file
 
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.formats.motion_file import write_motion

@@ -411,8 +411,7 @@ def depth_in(points: Array, boxes: Array) -> Array:
 def judged(scene: Scene, path: Path) -> dict[str, Any]:
     """The deepest that any link is in a solid, along the motion of a plan [m]."""
     from stancekit.planners.motion.joints import JointPath
-    from stancekit.planners.motion.path import APART_M as STEP_M
-    from stancekit.planners.motion.path import PlanPath
+    from stancekit.planners.motion.path import APART_M as STEP_M, PlanPath
     from stancekit.planners.robot.kinematics import Kinematics
 
     plan = _read(path)

@@ -36,7 +36,7 @@ from stancekit.planners.robot.walker import walking_robot
 from stancekit.planners.verify import Report
 from stancekit.planners.verify.geometry import tipping
 from stancekit.planners.verify.judge import judge
-from stancekit.planners.verify.postures import joint_report
+from stancekit.planners.verify.postures import joint_groups
 
 if TYPE_CHECKING:
     from .safety.guard import SafeWorld
@@ -323,10 +323,10 @@ def check_fits(accepted: Accepted[Plan], world: SafeWorld) -> None:
     of the plan.
     """
     check_joints(accepted.source, accepted.robot, world, accepted.gravity_m_s2)
-    report = joint_report(accepted.plan, world.servo)
-    if not report.accepted:
+    _, *groups = joint_groups(accepted.plan, world.servo)
+    if faults := [group.message for group in groups if group.verdict == "violated"]:
         raise InvalidInput(
-            f"{accepted.source}: expected joints that can do it, they cannot: {report.message}"
+            f"{accepted.source}: expected joints that can do it, they cannot: {'; '.join(faults)}"
         )
 
 

@@ -396,8 +396,7 @@ def read_log(path: str | Path) -> Recorded:
     """
     path = Path(path)
     try:
-        from mcap.records import Channel, Chunk, Footer
-        from mcap.records import Message as Raw
+        from mcap.records import Channel, Chunk, Footer, Message as Raw
     except ImportError:
         raise not_installed(str(path), "mcap", "logs of runs", "viz") from None
     messages, topics, whole = list[Message](), dict[int, str](), False

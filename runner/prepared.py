@@ -437,17 +437,13 @@ def _check_bodies(accepted: Accepted[Plan], profile: JointProfile, kinematics: K
     """Raise InvalidInput where a link goes through another one or the terrain on the way; log what
     has no shape.
     """
-    report = motion_bodies(accepted.plan, profile.rows, kinematics)
-    if report.message:
+    group = motion_bodies(accepted.plan, profile.rows, kinematics)
+    if group.verdict == "violated":
         raise InvalidInput(
-            f"{accepted.source}: expected a motion in which no bodies collide: {report.message}"
+            f"{accepted.source}: expected a motion in which no bodies collide: {group.message}"
         )
-    if report.missing:
-        LOG.warning(
-            "%s: bodies not checked along the motion: %s",
-            accepted.source,
-            "; ".join(report.missing),
-        )
+    if group.verdict == "not checked":
+        LOG.warning("%s: bodies not checked along the motion: %s", accepted.source, group.message)
 
 
 def _check_gait(

@@ -21,8 +21,7 @@ import matplotlib.pyplot as plt
 import pytest
 import yaml
 
-from stancekit.cli.main import COMMANDS as KNOWN
-from stancekit.cli.main import main, parse
+from stancekit.cli.main import COMMANDS as KNOWN, main, parse
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.exact import Exact

@@ -15,8 +15,7 @@ from pathlib import Path as File
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_rgb as rgb
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_rgb as rgb, to_rgba
 from PIL import Image
 
 from stancekit.planners.errors import InvalidInput, installed

@@ -315,7 +315,8 @@ class GaitView(View):
             )
         if self.joints_rad is not None:
             return links.split(self.joints_rad[sample])
-        return [angles[0] for angles in walk_joints(trajectory, slice(sample, sample + 1)).angles]
+        legs, _ = walk_joints(trajectory, slice(sample, sample + 1))
+        return [angles[0] for angles in legs]
 
     def guess(self, now: Samples) -> list[Array]:
         """Hip, knee and toe of every leg; where knees bend is a guess, for the eye."""

@@ -108,14 +108,14 @@ class View(ABC):
             return links.split(now.angles_rad)
         if links is not None:
             near = self.near_rad(now)
-            postures = ToeKinematics(links.model).solve(
+            legs, _ = ToeKinematics(links.model).solve(
                 now.com_m[None],
                 turn[None],
                 now.toes_m[None],
                 now.normals[None],
                 None if near is None else near[None],
             )
-            return [angles[0] for angles in postures.angles]
+            return [angles[0] for angles in legs]
         if now.angles_rad is not None and now.origin_m is not None and self._kinematics is not None:
             return list(now.origin_m + self._kinematics.chains(now.angles_rad) @ turn.T)
         return self.guess(now)

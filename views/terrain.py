@@ -11,8 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import to_hex, to_rgb, to_rgba
-from matplotlib.colors import to_rgb as rgb
+from matplotlib.colors import to_hex, to_rgb, to_rgb as rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, FancyArrow, Rectangle, Wedge
 

@@ -28,10 +28,13 @@ from stancekit.planners.files import writing
 from stancekit.planners.files.documents import open_file, read_json, shown, validation_errors
 from stancekit.planners.files.writing import write_bytes
 
-from .label_plan import STRICT, RowPlan
-from .label_plan import Counts as Counts
-from .label_plan import LabelPlan as LabelPlan
-from .label_plan import TryPlan as TryPlan
+from .label_plan import (
+    STRICT,
+    Counts as Counts,
+    LabelPlan as LabelPlan,
+    RowPlan,
+    TryPlan as TryPlan,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -32,8 +32,7 @@ from stancekit.envs.distributions.stance import (
 )
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.equilibrium.batch import LIMITS as ROOMS
-from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch, slacks
+from stancekit.planners.equilibrium.batch import LIMITS as ROOMS, PointBatch, ScaledBatch, slacks
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked, checked_int
 from stancekit.planners.problem import PostureBatch, Problem

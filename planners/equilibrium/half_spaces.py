@@ -146,51 +146,25 @@ def within_half_spaces(
     rows.right(at, Of(f"scaled.half_spaces.{bounds}", row))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RelativeHalfSpaces:
-    """Non-dimensional numbers of half-spaces a·(p_other − p_limb) ≤ b, by pair of feet
-    (``robot.reach``).
+def relative_half_spaces(robot: Robot, length_m: float, sides: Array) -> Array:
+    """Non-dimensional half-spaces a·(p_other − p_limb) ≤ b, by pair of feet (``robot.reach``), and
+    those that sides n·(p′ − p) ≥ b of least steps of toes are: (a, b), shape (G, 4).
+
+    Arguments:
+        sides: (n, b), shape (K, 4) [m].
     """
+    pairs = [
+        np.column_stack([each.rows.normals, each.rows.bounds_m]) for each in robot.relative_reach
+    ]
+    return np.concatenate([np.zeros((0, 4)), *pairs, -sides]) / [1.0, 1.0, 1.0, length_m]
 
-    normals: Array  # (G, 3)
-    bounds: Array  # (G,)
 
-    @classmethod
-    def of(cls, robot: Robot, length_m: float) -> RelativeHalfSpaces:
-        """Half spaces of a robot."""
-        rows = [each.rows for each in robot.relative_reach]
-        if not rows:
-            return cls.none()
-        bounds = np.concatenate([each.bounds_m for each in rows]) / length_m
-        return cls(normals=np.concatenate([each.normals for each in rows]), bounds=bounds)
-
-    def with_sides(self, rows: Array, length_m: float) -> RelativeHalfSpaces:
-        """The half-spaces, and those that sides n·(p′ − p) ≥ b of least steps of toes are.
-
-        Arguments:
-            rows: (n, b), shape (K, 4) [m].
-        """
-        if not len(rows):
-            return self
-        return RelativeHalfSpaces(
-            normals=np.concatenate([self.normals, -rows[:, :3]]),
-            bounds=np.concatenate([self.bounds, -rows[:, 3] / length_m]),
-        )
-
-    @classmethod
-    def none(cls) -> RelativeHalfSpaces:
-        """No half-spaces."""
-        return cls(normals=np.zeros((0, 3)), bounds=np.zeros(0))
-
-    @staticmethod
-    def pairs(robot: Robot) -> tuple[tuple[int, int, int], ...]:
-        """``Layout.relative``."""
-        if not robot.relative_reach:
-            return ()
-        number = {name: index for index, name in enumerate(robot.limb_names)}
-        return tuple(
-            (number[e.limb], number[e.other], len(e.rows.bounds_m)) for e in robot.relative_reach
-        )
+def pairs_of_feet(robot: Robot) -> tuple[tuple[int, int, int], ...]:
+    """``Layout.relative``."""
+    number = {name: index for index, name in enumerate(robot.limb_names)}
+    return tuple(
+        (number[e.limb], number[e.other], len(e.rows.bounds_m)) for e in robot.relative_reach
+    )
 
 
 def within_relative_reach(
@@ -205,5 +179,5 @@ def within_relative_reach(
     put_toes(is_apart, other, -1.0)
     put_toes(is_apart, moved, 1.0)
     at = rows.at_most("relative_reach", len(half_space))
-    rows.put(at[:, None], apart[which], Of("scaled.relative.normals", half_space))
-    rows.right(at, Of("scaled.relative.bounds", half_space))
+    rows.put(at[:, None], apart[which], Of("scaled.relative", np.s_[half_space, :3]))
+    rows.right(at, Of("scaled.relative", np.s_[half_space, 3]))

@@ -21,7 +21,7 @@ from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.problem import Weights
 from ..robot.model import turned_most
-from .half_spaces import HalfSpaces, RelativeHalfSpaces
+from .half_spaces import HalfSpaces, pairs_of_feet, relative_half_spaces
 from .layout import Index, Layout, shared
 
 Values = TypeVar("Values")
@@ -54,7 +54,7 @@ def _of_problem(scaled: Callable[..., Values], course: Problem) -> Values:
             points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs)
             if points
             else (),
-            relative=RelativeHalfSpaces.pairs(course.robot),
+            relative=pairs_of_feet(course.robot),
             least_toes=len(toe_sides) > 0,
             linear=linear.shape[1],
             stands=course.weights is not None and course.weights.stance > 0.0,
@@ -94,7 +94,7 @@ def _of_problem(scaled: Callable[..., Values], course: Problem) -> Values:
         origin_m=origin,
         half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
         offsets=offsets,
-        relative=RelativeHalfSpaces.of(course.robot, scale).with_sides(toe_sides, scale),
+        relative=relative_half_spaces(course.robot, scale, toe_sides),
         linear=linear,
         wrench=wrench,
         standing=_standing(course, layout),
@@ -205,7 +205,7 @@ class Scaled:
         shoulders: (N, 3).
         reach: (N,).
         half_spaces: of reach.
-        relative: of feet from one another.
+        relative: half-spaces (a, b) of feet from one another, shape (G, 4).
         offsets: from the toe to the points of its foot, on every candidate, with zeros after them,
             shape (K, points, 3); of point feet (0, 1, 3).
         force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
@@ -251,7 +251,7 @@ class Scaled:
     origin_m: Array = field(default_factory=lambda: np.zeros(3))
     half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
     offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
-    relative: RelativeHalfSpaces = field(default_factory=RelativeHalfSpaces.none)
+    relative: Array = field(default_factory=lambda: np.zeros((0, 4)))
     linear: Array = field(default_factory=lambda: np.zeros((0, 0, 7)))
     wrench: Array = field(default_factory=lambda: np.zeros((0, 6)))
     standing: Array = field(default_factory=lambda: np.zeros((0, 3)))

@@ -35,6 +35,7 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
+    Field as Key,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     PlainValidator,
@@ -42,7 +43,6 @@ from pydantic import (
     WithJsonSchema,
     create_model,
 )
-from pydantic import Field as Key
 from pydantic_core import CoreSchema, core_schema
 
 from ..errors import InvalidInput

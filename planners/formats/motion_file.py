@@ -31,8 +31,7 @@ from ..files.documents import read_json, shown, validated
 from ..files.writing import check_writable, first_difference, remove_leftovers, write_text
 from ..problem import Problem
 from ..problem.course_file import course_difference
-from ..problem.leap import FORMAT as LEAP
-from ..problem.leap import Leap
+from ..problem.leap import FORMAT as LEAP, Leap
 from ..problem.passage import Passage
 from ..problem.posture import FORMAT as POSTURE
 from ..robot.robot_file import named_robot, robot_numbers

@@ -127,7 +127,7 @@ class _JudgedLeap:
     @property
     def short_m(self) -> Array:
         """Length that the reach of every limb lacks, with what was known before, shape (N,) [m]."""
-        off, stands = self.body.off_toes().values, self.body.path.contact
+        off, stands = self.body.off_toes(), self.body.postures.stands
         flying = np.minimum(np.where(stands, 0.0, off), _MOST_AIR_M)
         missed = np.where(stands, off, flying).max(axis=0)
         return np.asarray(
@@ -284,9 +284,9 @@ class LeapBender:
         """Largest share of a limit that joints have in the air, or while some limb stands; a foot
         that is off its path counts a unit per centimetre.
         """
-        flies = np.logical_not(measured.path.contact.any(axis=1))
+        flies = np.logical_not(measured.postures.stands.any(axis=1))
         rows = (flies if air else ~flies)[1:-1]
-        off = measured.off_toes().values[1:-1][rows].max(initial=0.0)
+        off = measured.off_toes()[1:-1][rows].max(initial=0.0)
         fast = np.abs(measured.shares[0][rows]).max(initial=0.0) / JOINT_SPEED
         line = measured.line[rows].max(initial=0.0) / TORQUE
         return float(max(fast, line) + 100.0 * off * (off > JOINTS_M))
@@ -340,7 +340,7 @@ class LeapBender:
         """
         best = judged
         for _ in range(_RESTARTS):
-            missed_m = judged.body.off_toes().values.max(axis=0)
+            missed_m = judged.body.off_toes().max(axis=0)
             if missed_m.max() < _FAR_OFF_M or time.perf_counter() > self._deadline:
                 break
             short_m = np.minimum(judged.shortened_m + missed_m + _MORE_M, _MOST_SHORT_M)

@@ -9,16 +9,16 @@ are those that bring it there.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..robot.inverse_kinematics import LegPostures, ToeKinematics, WholeBody, descend
+from ..robot.inverse_kinematics import ToeKinematics, WholeBody, descend
 from ..robot.kinematics import JointAnswer, Kinematics
 from ..robot.leg import rotations_of
 from ..robot.robot_model import RobotModel
@@ -31,9 +31,9 @@ _WALK_ROUNDS = 6
 of it."""
 
 
-def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPostures:
-    """Angles at every sample, or some, each found from the standing posture; feet face the ground
-    below them, also in the air.
+def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> tuple[list[Array], Array]:
+    """Angles at every sample, or some, each found from the standing posture, and errors of the feet,
+    as ``InverseKinematics.solve`` has them; feet face the ground below them, also in the air.
 
     Raises InvalidInput for a robot that is but boxes.
     """
@@ -44,24 +44,6 @@ def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> LegPost
         trajectory.feet_m[samples],
     )
     return ToeKinematics(model).solve(torso, rotation, feet, normals)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WalkPostures:
-    """A walk of K samples as a robot of N legs and J joints has it, whose legs weigh something.
-
-    Arguments:
-        angles: shape (K, J) [rad].
-        origin_m: p_WB of the base's frame, shape (K, 3): it is where the whole robot's centre of
-            mass is at the walk's.
-        normals: of the ground under every foot, shape (K, N, 3).
-        kinematics: of the robot.
-    """
-
-    angles: Array
-    origin_m: Array
-    normals: Array
-    kinematics: Kinematics
 
 
 class MovingBody:
@@ -79,17 +61,21 @@ class MovingBody:
         rotation: Array,
         toes_m: Array,
         normals: Array,
+        stands: NDArray[np.bool_],
         *,
         near: Array | None = None,
         rounds: int = _WALK_ROUNDS,
         steps: int = 0,
-    ) -> WalkPostures:
-        """Postures of K samples, each found from the standing posture or from one that is near.
+    ) -> WholeBody:
+        """Postures of K samples of a robot whose legs weigh something, each found from the standing
+        posture or from one that is near: the base's frame is where the whole robot's centre of mass
+        is at the motion's.
 
         Arguments:
             com_m: of the whole robot, shape (K, 3) [m].
             rotation: R_WB, shape (K, 3, 3).
             toes_m, normals: where feet touch or would, and of the surface there, shape (K, N, 3).
+            stands: which feet touch, shape (K, N).
             near: angles to begin with, shape (K, J) [rad].
             rounds: as ``_ROUNDS``.
             steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
@@ -104,12 +90,17 @@ class MovingBody:
                 feet = self._solver.centres(standing, rotation, toes_m, normals)
                 angles = self._descended(feet, angles, steps)
             else:
-                postures = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
-                angles = np.concatenate(postures.angles, axis=1)
+                legs, _ = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
+                angles = np.concatenate(legs, axis=1)
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
         assert angles is not None
-        return WalkPostures(
-            angles=angles, origin_m=origin, normals=normals, kinematics=self.kinematics
+        return WholeBody(
+            rotation=rotation,
+            origin_m=origin,
+            angles=angles,
+            toes_m=toes_m,
+            normals=normals,
+            stands=stands,
         )
 
     def _descended(self, feet: Array, near: Array, steps: int) -> Array:
@@ -128,13 +119,17 @@ class MovingBody:
         return np.array([self.kinematics.com_offset(posture) for posture in angles])
 
 
-def walk_postures(trajectory: Trajectory) -> WalkPostures:
-    """The posture at every sample, found as ``walk_joints`` finds it.
+def walk_postures(trajectory: Trajectory) -> tuple[WholeBody, Kinematics]:
+    """The posture at every sample, found as ``walk_joints`` finds it, and the robot's legs.
 
     Raises InvalidInput as that does.
     """
-    return MovingBody(_model(trajectory)).postures(
-        trajectory.torso_m, trajectory.rotation, trajectory.feet_m, _normals(trajectory)
+    body, normals = MovingBody(_model(trajectory)), _normals(trajectory)
+    return (
+        body.postures(
+            trajectory.torso_m, trajectory.rotation, trajectory.feet_m, normals, trajectory.contact
+        ),
+        body.kinematics,
     )
 
 

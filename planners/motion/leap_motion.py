@@ -14,9 +14,10 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
+from ..robot.inverse_kinematics import WholeBody
 from ..robot.leg import rotations_of
 from ..terrain.patch import solids_of
-from .joints import MovingBody, WalkPostures
+from .joints import MovingBody
 from .motion import Played, Samples
 
 _STEP_S = 0.005
@@ -43,7 +44,7 @@ class LeapBody:
     times_s: shape (K,) [s]. com_m, velocity_m_s, momentum_m2_s: exact, shape (K, 3). rotation:
     R_WB, shape (K, 3, 3). centres_m, normals: of the feet, and of the surface below them, shape (K,
     N, 3). forces_n: shape (K, N, 3) [N]. holds: foothold under every limb, −1 in the air, shape (K,
-    N). postures: of the whole robot. spins: ∂ω/∂L per mass, shape (K, 3, 3).
+    N). postures: of the whole robot. kinematics: of its legs. spins: ∂ω/∂L per mass, shape (K, 3, 3).
 
     Arguments:
         quick: half as many samples, and no other posture is looked for where a foot is out of reach
@@ -67,7 +68,8 @@ class LeapBody:
         edge, fold = GATHER if plan.gather is None else plan.gather
         self._edge, self._fold = float(edge), float(fold)
         self._body = body or MovingBody(robot.source.own_model())
-        self._radii = self._body.kinematics.radii_m
+        self.kinematics = self._body.kinematics
+        self._radii = self.kinematics.radii_m
         ends = plan.times_s
         count = int(np.ceil((ends[-1] - ends[0]) / (2.0 * _STEP_S if quick else _STEP_S))) + 1
         self.times_s = np.linspace(ends[0], ends[-1], max(count, LEAST))
@@ -109,11 +111,12 @@ class LeapBody:
         stands = np.concatenate([leg.stance_rad for leg in self._body.model.legs])
         near = np.tile(stands, (len(self.times_s), 1))
         for turn in range(_TURNS):
-            self.postures: WalkPostures = self._body.postures(
+            self.postures = self._body.postures(
                 self.com_m,
                 self.rotation,
                 self.toes_m,
                 self.normals,
+                self.contact,
                 near=near,
                 rounds=3 if turn == 0 else 1,
                 steps=_QUICK if turn or self._quick else 0,
@@ -192,7 +195,7 @@ class LeapBody:
             last += 1
         return first, last + 1
 
-    def _turned(self, postures: WalkPostures) -> Array:
+    def _turned(self, postures: WholeBody) -> Array:
         """R_WB that leaves the whole robot with the momentum of the plan, shape (K, 3, 3).
 
         Feet go where they should whatever the body does, ẋ = J_b v_b + J_q q̇, so that (A_b − A_q
@@ -200,7 +203,7 @@ class LeapBody:
         """
         from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
 
-        pin, solver = pinocchio(), postures.kinematics
+        pin, solver = pinocchio(), self.kinematics
         known, mass = solver.known, self.plan.problem.robot.mass_kg
         data, base = known.createData(), known.joints[base_joint(known)]
         rows, first = slice(base.idx_q, base.idx_q + 7), slice(base.idx_v, base.idx_v + 6)

@@ -20,14 +20,16 @@ from ..terrain.families import Terrain
 from ..terrain.footholds import Rung
 from ..terrain.patch import Patch
 from ..terrain.polygon import surface_patch, surface_patches
-from .terrain_spec import MOST_PATCHES
-from .terrain_spec import FamilyScene as FamilyScene
-from .terrain_spec import FileTerrain as FileTerrain
-from .terrain_spec import Friction as Friction
-from .terrain_spec import Length as Length
-from .terrain_spec import Point as Point
-from .terrain_spec import Positive as Positive
-from .terrain_spec import TerrainSpec as TerrainSpec
+from .terrain_spec import (
+    MOST_PATCHES,
+    FamilyScene as FamilyScene,
+    FileTerrain as FileTerrain,
+    Friction as Friction,
+    Length as Length,
+    Point as Point,
+    Positive as Positive,
+    TerrainSpec as TerrainSpec,
+)
 
 _BEYOND_M = 0.6
 """Length by which a generated terrain goes on beyond the ends of the path [m]."""

@@ -39,11 +39,15 @@ from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
 from ..terrain.patch import Frame, Patch
 from ..terrain.polygon import sole_offsets, sole_region
-from .contact import OPEN, Contact, checked_wrench
-from .contact import Foothold as Foothold
-from .contact import Stance as Stance
-from .contact import StepLimits as StepLimits
-from .contact import Weights as Weights
+from .contact import (
+    OPEN,
+    Contact,
+    Foothold as Foothold,
+    Stance as Stance,
+    StepLimits as StepLimits,
+    Weights as Weights,
+    checked_wrench,
+)
 from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
 
 Value = TypeVar("Value")

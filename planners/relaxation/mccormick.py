@@ -28,8 +28,16 @@ from ..equilibrium.scaled import Point, Scaled, cones_met, skew
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, objective
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Envelope, envelope_rows
-from .envelope import Boxed as Boxed
+from .envelope import (
+    HIGH_HIGH,
+    HIGH_LOW,
+    LOW_HIGH,
+    LOW_LOW,
+    SIGNS,
+    Boxed as Boxed,
+    Envelope,
+    envelope_rows,
+)
 from .relaxed import DualBound, RelaxationAnswer, Relaxed
 
 

@@ -363,9 +363,9 @@ class PlanVariables:
         if not len(row):
             return {}
         apart, rows = cp.Variable((len(moved), 3), name="apart"), self.scaled.relative
-        along = cp.sum(cp.multiply(rows.normals[row], apart[which]), axis=1)
+        along = cp.sum(cp.multiply(rows[row, :3], apart[which]), axis=1)
         is_apart = apart - self.toes[other] + self.toes[moved] == 0
-        return {"apart": is_apart, "relative_reach": along <= rows.bounds[row]}
+        return {"apart": is_apart, "relative_reach": along <= rows[row, 3]}
 
     def stays_at(self, point: Point) -> Terms:
         """c and Θ are those of the point."""

@@ -142,7 +142,7 @@ class Bodies:
         on.
         """
         result = [each for _, each in self._swept(body.moments, terrain_m, links_m, between=False)]
-        return tuple(sorted(result, key=lambda each: -each.depth_m))
+        return tuple(sorted(result, key=lambda each: -each[0]))
 
     def sweep(
         self,
@@ -201,13 +201,12 @@ class Bodies:
         """Depth of the link of an overlap inside the same other thing in another posture, negative
         outside [m]; of the terrain the ground alone.
         """
-        one = body.moments
+        one, (_, link, other) = body.moments, overlap
         world = self._in_world(one, self._placed(one.angles))
         shapes, others = (
-            [k for k, link in enumerate(self.links) if link == n]
-            for n in (overlap.link, overlap.other)
+            [k for k, link in enumerate(self.links) if link == n] for n in (link, other)
         )
-        if self._in_ground is not None and overlap.other == Ground.name:
+        if self._in_ground is not None and other == Ground.name:
             return max(self._in_ground.depth(world[0][0], world[1][0], i) for i in shapes)
         apart = self._distances(world)
         return max(-apart(0, i, j) for i in shapes for j in others)
@@ -281,12 +280,7 @@ class Bodies:
             for t, k, depth_m in self._deep(
                 where, pairs, bounds, limits_m, way if between else None, terrain=bool(on)
             ):
-                yield (
-                    t,
-                    Overlap(
-                        link=self.links[pairs[k, 0]], other=names[pairs[k, 1]], depth_m=depth_m
-                    ),
-                )
+                yield t, (depth_m, self.links[pairs[k, 0]], names[pairs[k, 1]])
         yield from self._below(bodies, world, terrain_m)
 
     def _links_apart(
@@ -447,14 +441,14 @@ class Bodies:
                 *world, middles - reach, middles + reach, bodies
             ):
                 if depth_m > terrain_m:
-                    yield t, Overlap(link=self.links[i], other=Ground.name, depth_m=depth_m)
+                    yield t, (depth_m, self.links[i], Ground.name)
         for surface in self._terrain.closed:
             for t, i in np.argwhere(
                 surface.holds(middles.reshape(-1, 3)).reshape(middles.shape[:2])
             ).tolist():
                 depth_m = surface.depth(middles[t, i])
                 if depth_m > terrain_m:
-                    yield t, Overlap(link=self.links[i], other=surface.name, depth_m=depth_m)
+                    yield t, (depth_m, self.links[i], surface.name)
 
     def _measured_near(
         self,

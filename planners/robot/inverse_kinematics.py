@@ -62,13 +62,9 @@ class WholeBody:
         return len(self.moments.angles)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Overlap:
-    """A link is depth_m deep inside something: another link, or a part of the terrain."""
-
-    link: str
-    other: str
-    depth_m: float
+Overlap = tuple[float, str, str]
+"""How deep a link is inside something [m], the link, and what it is in: another link, or a part of
+the terrain."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -268,24 +264,6 @@ def starts_of(leg: Leg, count: int, rng: np.random.Generator) -> Array:
     return np.asarray(np.clip(leg.stance_rad + off, leg.lower_rad, leg.upper_rad))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LegPostures:
-    """Joint angles of K stances of N legs.
-
-    Arguments:
-        angles: joint angles, one array per leg, shape (K, n) [rad].
-        error_m: position error of every foot, shape (K, N) [m].
-    """
-
-    angles: tuple[Array, ...]
-    error_m: Array
-
-    @property
-    def reached(self) -> np.ndarray:
-        """Tell which feet are where they should be, shape (K, N)."""
-        return np.asarray(self.error_m <= REACHED_M)
-
-
 class InverseKinematics:
     """All legs of a robot.
 
@@ -307,8 +285,9 @@ class InverseKinematics:
         *,
         near: ArrayLike | None = None,
         up: ArrayLike = (0.0, 0.0, 1.0),
-    ) -> LegPostures:
-        """Angles for feet in the base's frame, shape (K, N, 3) [m].
+    ) -> tuple[list[Array], Array]:
+        """Angles for feet in the base's frame, shape (K, N, 3) [m]: one array per leg, shape (K, n)
+        [rad], and how far every foot is off, shape (K, N) [m].
 
         Raises InvalidInput for feet of another shape.
 
@@ -327,9 +306,7 @@ class InverseKinematics:
             leg.solve(target[:, i], None if starts is None else starts[:, a:b], ups[:, i])
             for i, (leg, (a, b)) in enumerate(zip(self.legs, pairwise(ends), strict=True))
         ]
-        return LegPostures(
-            angles=tuple(q for q, _ in answers), error_m=np.stack([e for _, e in answers], axis=1)
-        )
+        return [q for q, _ in answers], np.stack([e for _, e in answers], axis=1)
 
 
 class ToeKinematics:
@@ -345,9 +322,9 @@ class ToeKinematics:
         toes_m: ArrayLike,
         normals: ArrayLike,
         near: ArrayLike | None = None,
-    ) -> LegPostures:
+    ) -> tuple[list[Array], Array]:
         """Angles of K stances of N legs, each found from the standing posture, so that knees keep
-        their bend.
+        their bend, and errors of the feet, as ``InverseKinematics.solve`` has them.
 
         Arguments:
             com_m: p_WC, shape (K, 3) [m].

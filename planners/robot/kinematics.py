@@ -244,8 +244,8 @@ class Kinematics:
             )
         else:
             start = np.concatenate(self.own.standing) if near is None else near
-            postures = self.own.solve(feet[None], near=start, up=up)
-            wished = np.concatenate(postures.angles, axis=1)[0]
+            legs, _ = self.own.solve(feet[None], near=start, up=up)
+            wished = np.concatenate(legs, axis=1)[0]
         if near is not None:
             far = self.by_leg(np.abs(wished - near)).max(axis=1) > most_rad
             wished = np.where(self.of_joints(far), near, wished)

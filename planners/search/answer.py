@@ -23,8 +23,7 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs, programs_of_this_thread
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
-from ..files.arrays import Array
-from ..files.arrays import checked as checked_number
+from ..files.arrays import Array, checked as checked_number
 from ..files.documents import shown
 from ..plugins import foreign
 from ..problem import Problem

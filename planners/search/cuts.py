@@ -109,7 +109,7 @@ class FarkasCuts:
             - com_step * norm(parts["com_step"], axis=1).sum()
             - rotation_step * norm(parts["rotation_step"], axis=1).sum()
             - toe_step * norm(parts["toe_step"], axis=1).sum()
-            - parts["relative_reach"] @ scaled.relative.bounds[layout.relative_rows[0]]
+            - parts["relative_reach"] @ scaled.relative[layout.relative_rows[0], 3]
             + parts["progress"] @ scaled.progress
             - np.sum(parts["linear_step"] * scaled.linear[..., 6])
         )
@@ -136,7 +136,7 @@ class FarkasCuts:
         np.add.at(pull, layout.moves[:, 1], parts["toe_step"])
         np.add.at(pull, layout.moves[:, 0], -parts["toe_step"])
         row, which = layout.relative_rows
-        apart = parts["relative_reach"][:, None] * scaled.relative.normals[row]
+        apart = parts["relative_reach"][:, None] * scaled.relative[row, :3]
         np.add.at(pull, layout.relative_pairs[which, 1], apart)
         np.add.at(pull, layout.relative_pairs[which, 0], -apart)
         value = np.sum(scaled.vertices * pull[layout.vertex_footholds], axis=1)

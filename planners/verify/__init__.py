@@ -10,16 +10,16 @@ Read ``stances``, ``geometry`` and ``plans`` (plans), ``trajectories``, ``leaps`
 rest), then ``lagrangian``, ``certificate`` and ``flood`` (proofs), ``explain`` (their sentences).
 """
 
-from ..answer.report import GROUPS as GROUPS
-from ..answer.report import PLAN_GROUPS as PLAN_GROUPS
-from ..answer.report import Group as Group
-from ..answer.report import Report as Report
-from .certificate import check_certificate as check_certificate
-from .certificate import check_certificates as check_certificates
-from .explain import Explanation as Explanation
-from .explain import Relaxation as Relaxation
-from .explain import explain as explain
-from .plans import BETWEEN as BETWEEN
-from .plans import check_plan as check_plan
-from .postures import check_postures as check_postures
-from .postures import check_whole_body as check_whole_body
+from ..answer.report import (
+    GROUPS as GROUPS,
+    PLAN_GROUPS as PLAN_GROUPS,
+    Group as Group,
+    Report as Report,
+)
+from .certificate import (
+    check_certificate as check_certificate,
+    check_certificates as check_certificates,
+)
+from .explain import Explanation as Explanation, Relaxation as Relaxation, explain as explain
+from .plans import BETWEEN as BETWEEN, check_plan as check_plan
+from .postures import check_postures as check_postures, check_whole_body as check_whole_body

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -26,12 +26,19 @@ from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import Array
 from ..files.documents import shown
 from ..plugins import Registry, foreign, takes
-from .trajectory_measurements import WHOLE_BODY, Rows, Series, TrajectoryMeasurements, WalkLimits
+from .trajectory_measurements import (
+    GROUPS,
+    WHOLE_BODY,
+    TrajectoryMeasurements,
+    WalkLimits,
+    as_far_as_known,
+    rms,
+    worst_group,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ..motion.joints import WalkPostures
     from ..robot.bodies import Bodies
     from ..robot.inverse_kinematics import Overlap, WholeBody
     from ..robot.kinematics import Kinematics
@@ -75,68 +82,6 @@ def further_groups(plan: Plan) -> tuple[Group, ...]:
 _NO_ANGLES = "the plan has no joint angles that the motion could go through"
 
 
-@dataclass(frozen=True, kw_only=True)
-class BodyReport:
-    """Report on links that go through something.
-
-    Arguments:
-        postures: how many were judged.
-        hit: how many of them a link is too deep in something in.
-        worst: the deepest overlap; place: of it, for people, and frame, its key frame or progress
-            between two.
-        missing: what has no shape and was not judged.
-        drawn_so: pairs of links that are inside each other in every posture, and are left out.
-        astray: of a foot that cannot follow its path; empty where all do.
-        short_m: what is missing to bodies that are clear: of the distance between links what is
-            less than ``ROOM_M``, of that of links from the terrain what is less than ``TOUCH_M``, of
-            the depth of feet in it what is more, and how far a foot is off its path.
-    """
-
-    postures: int
-    hit: int
-    worst: Overlap | None
-    frame: float
-    missing: tuple[str, ...]
-    drawn_so: tuple[tuple[str, str], ...]
-    astray: str = ""
-    short_m: float = 0.0
-
-    @property
-    def message(self) -> str:
-        """Fault in one line; empty where nothing is."""
-        if self.worst is None:
-            return self.astray
-        more = f", the deepest of {self.hit} of {self.postures} postures" if self.hit > 1 else ""
-        more += f"; {self.astray}" if self.astray else ""
-        where = f"frame {self.frame:.3g}" if self.frame % 1.0 else f"frame {self.frame:.0f}"
-        return f"{where}: {self.worst.link} is {1e3 * self.worst.depth_m:.3g} mm inside {self.worst.other}{more}"
-
-    def group(self, name: str) -> Group:
-        """The group of a report with that name."""
-        depth_m = 0.0 if self.worst is None else self.worst.depth_m
-        worst = None
-        if self.worst is not None:
-            worst = {"frame": self.frame, "link": self.worst.link, "other": self.worst.other}
-        return Group(
-            name=name,
-            value=depth_m,
-            limit=0.0,
-            unit="m",
-            where="" if self.worst is None else self.worst.link,
-            when=None if self.worst is None else self.frame,
-            message=self.message or "; ".join(self.missing),
-            verdict="violated" if self.message else "not checked" if self.missing else "holds",
-            figures={
-                "postures": self.postures,
-                "hit": self.hit,
-                "depth_m": depth_m,
-                "short_m": self.short_m,
-                "worst": worst,
-                "drawn_so": [list(pair) for pair in self.drawn_so],
-            },
-        )
-
-
 def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
     """The fewest samples of a motion that are no farther apart than ``APART_M`` and ``TURN_RAD``,
     with the first and the last.
@@ -156,7 +101,8 @@ def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
     return np.unique([*chosen, len(points_m) - 1])
 
 
-def bodies_report(
+def bodies_group(
+    name: str,
     bodies: Bodies,
     frames: Array,
     postures: WholeBody,
@@ -164,14 +110,21 @@ def bodies_report(
     *,
     between: bool = False,
     deadline: float = math.inf,
-) -> BodyReport:
-    """Judge postures.
+) -> Group:
+    """The group of links that go through something, with how many postures were judged, in how many
+    a link is too deep in something, and the deepest.
+
+    Figures: drawn_so, pairs of links that are inside each other in every posture, and are left out;
+    short_m, what is missing to bodies that are clear: of the distance between links what is less
+    than ``ROOM_M``, of that of links from the terrain what is less than ``TOUCH_M``, of the depth of
+    feet in it what is more, and how far a foot is off its path.
 
     Arguments:
+        name: of the group.
         bodies: the robot's links, and the terrain.
         frames: progress of every posture, shape (T,).
         postures: the T postures.
-        astray: as of ``BodyReport``, and how far that foot is off its path [m].
+        astray: of a foot that cannot follow its path, empty where all do; and how far it is off [m].
         between: whether the postures follow each other, and what is only on the way from one to the
             next is judged, too. Whether they are near enough to each other to stand for the motion
             between them is their maker's to see to.
@@ -185,35 +138,49 @@ def bodies_report(
     on_ground_m = {leg.foot: -TOUCH_M for leg in bodies.model.legs}  # links but feet want room
     for count, near in bodies.sweep(postures, terrain_m=-TOUCH_M, links_m=-ROOM_M, between=between):
         missing_m = (
-            each.depth_m
-            + (ROOM_M if each.other in bodies.links else on_ground_m.get(each.link, TOUCH_M))
-            for _, each in near
+            depth_m + (ROOM_M if other in bodies.links else on_ground_m.get(link, TOUCH_M))
+            for _, (depth_m, link, other) in near
         )
         short_m = max(short_m, *missing_m, 0.0)
         overlaps = [
-            (moment, each)
-            for moment, each in near
-            if each.depth_m > (LINKS_M if each.other in bodies.links else TOUCH_M)
+            (moment, (depth_m, link, other))
+            for moment, (depth_m, link, other) in near
+            if depth_m > (LINKS_M if other in bodies.links else TOUCH_M)
         ]
         ways = sum(moment % 1.0 > 0.0 for moment, _ in overlaps)
         hit += ways + len({moment for moment, _ in overlaps if not moment % 1.0})
         on_the_way += ways
         for moment, overlap in sorted(overlaps, key=lambda each: each[0]):
-            if deepest is None or overlap.depth_m > deepest[0].depth_m:
+            if deepest is None or overlap[0] > deepest[0][0]:
                 deepest = overlap, float(np.interp(moment, at, frames))
         if time.perf_counter() > deadline and count < len(frames):
             missing = (f"{LATE} after {count} postures", *missing)
             break
-    worst, frame = deepest or (None, 0.0)
-    return BodyReport(
-        postures=count + on_the_way,
-        hit=hit,
-        worst=worst,
-        frame=frame,
-        missing=missing,
-        drawn_so=bodies.drawn_so,
-        astray=astray[0],
-        short_m=short_m,
+    fault, worst, place = astray[0], None, ""
+    postures_judged, depth_m, frame = count + on_the_way, 0.0, None
+    if deepest is not None:
+        (depth_m, place, other), frame = deepest
+        worst = {"frame": frame, "link": place, "other": other}
+        when = f"frame {frame:.3g}" if frame % 1.0 else f"frame {frame:.0f}"
+        more = f", the deepest of {hit} of {postures_judged} postures" if hit > 1 else ""
+        more += f"; {fault}" if fault else ""
+        fault = f"{when}: {place} is {1e3 * depth_m:.3g} mm inside {other}{more}"
+    return Group(
+        name=name,
+        value=depth_m,
+        unit="m",
+        where=place,
+        when=frame,
+        message=fault or "; ".join(missing),
+        verdict="violated" if fault else "not checked" if missing else "holds",
+        figures={
+            "postures": postures_judged,
+            "hit": hit,
+            "depth_m": depth_m,
+            "short_m": short_m,
+            "worst": worst,
+            "drawn_so": [list(pair) for pair in bodies.drawn_so],
+        },
     )
 
 
@@ -237,10 +204,9 @@ def check_bodies(
     from ..terrain.obstacles import Obstacles
 
     bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
-    keys = bodies_report(
-        bodies, np.arange(float(len(angles))), key_postures(plan, angles), deadline=deadline
-    )
-    group = keys.group("bodies")
+    keys = key_postures(plan, angles)
+    frames = np.arange(float(len(angles)))
+    group = bodies_group("bodies", bodies, frames, keys, deadline=deadline)
     if plan.problem.robot.absent and group.verdict == "holds":
         absent = ", ".join(plan.problem.robot.absent)
         group = replace(
@@ -266,8 +232,10 @@ def check_bodies(
         if stray_m > STRAY_M
         else ("", 0.0)
     )
-    motion = bodies_report(bodies, moments.frame, postures, astray, between=True, deadline=deadline)
-    return group, motion.group("motion")
+    motion = bodies_group(
+        "motion", bodies, moments.frame, postures, astray, between=True, deadline=deadline
+    )
+    return group, motion
 
 
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
@@ -277,43 +245,37 @@ def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
     return f"frame {frames[row]:.3g}: the foot of {name} stays {1e3 * error_m[row, limb]:.3g} mm from its path"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BodyPath:
-    """A body and its feet over time: K samples on a uniform grid, N feet.
-
-    Arguments:
-        times_s: shape (K,) [s].
-        com_m: centre of mass, shape (K, 3) [m].
-        rotation: R_WB, shape (K, 3, 3).
-        toes_m, normals: where feet touch, or would, and of the surface there, shape (K, N, 3).
-        forces_n: on the robot, shape (K, N, 3) [N].
-        contact: which feet stand, shape (K, N).
-        feet: their names.
-    """
-
-    times_s: Array
-    com_m: Array
-    rotation: Array
-    toes_m: Array
-    normals: Array
-    forces_n: Array
-    contact: NDArray[np.bool_]
-    feet: tuple[str, ...]
-
-
 class MovingBodyMeasurements:
-    """Measurements of one motion of a robot that has a model; K samples, N legs, J joints.
+    """Measurements of one motion of a robot that has a model; K samples on a uniform grid, N legs,
+    J joints.
 
     Raises InvalidInput without pinocchio.
+
+    Arguments:
+        postures: at every sample.
+        kinematics: of the robot.
+        times_s: shape (K,).
+        com_m: of the whole robot, shape (K, 3).
+        normals: of what is below the feet, as the verifier has it, shape (K, N, 3).
+        forces_n: shape (K, N, 3) [N].
     """
 
-    def __init__(self, path: BodyPath, postures: WalkPostures) -> None:
+    def __init__(
+        self,
+        postures: WholeBody,
+        kinematics: Kinematics,
+        *,
+        times_s: Array,
+        com_m: Array,
+        normals: Array,
+        forces_n: Array,
+    ) -> None:
         from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
 
-        self.path, self.postures, self._pin = path, postures, pinocchio()
-        self.times_s = path.times_s
-        self.step_s = float(path.times_s[-1] - path.times_s[0]) / (len(path.times_s) - 1)
-        self.kinematics = postures.kinematics
+        self.kinematics, self.postures, self._pin = kinematics, postures, pinocchio()
+        self.feet, self.times_s, self.com_m = kinematics.robot.limb_names, times_s, com_m
+        self.normals, self.forces_n = normals, forces_n
+        self.step_s = float(times_s[-1] - times_s[0]) / (len(times_s) - 1)
         self._known = self.kinematics.known
         self._data = self._known.createData()
         base = self._known.joints[base_joint(self._known)]
@@ -330,28 +292,21 @@ class MovingBodyMeasurements:
         feet, levers = zip(*swept, strict=True)
         return np.array(feet), np.array(levers)
 
-    def off_toes(self) -> Series:
+    def off_toes(self) -> Array:
         """Distance of every foot, as the URDF has it within the joints' limits, from where it
         touches, (K, N) [m].
         """
-        radii, path = self.kinematics.radii_m, self.path
-        wanted = path.toes_m + radii[:, None] * path.normals
-        feet, _ = self._legs
-        placed = self.postures.origin_m[:, None] + np.einsum(
-            "kij,knj->kni", self.path.rotation, feet
-        )
-        return Series(np.linalg.norm(placed - wanted, axis=-1), self.path.feet, self.times_s)
+        body = self.postures
+        wanted = body.toes_m + self.kinematics.radii_m[:, None] * self.normals
+        placed = np.einsum("kij,knj->kni", body.rotation, self._legs[0])
+        return np.asarray(np.linalg.norm(body.origin_m[:, None] + placed - wanted, axis=-1))
 
-    def speed(self) -> Series:
+    def speed(self) -> Array:
         """Joint speed between samples as a share of the joint's limit; 0 where its file has none,
         (K − 1, J).
         """
         most = self.kinematics.velocity_rad_s
-        return Series(
-            np.abs(self.rates_rad_s) / np.where(most > 0.0, most, np.inf),
-            self.kinematics.joints,
-            self.times_s[1:],
-        )
+        return np.asarray(np.abs(self.rates_rad_s) / np.where(most > 0.0, most, np.inf))
 
     @cached_property
     def rates_rad_s(self) -> Array:
@@ -373,7 +328,7 @@ class MovingBodyMeasurements:
         states = np.array(
             [self.kinematics.configuration(angles) for angles in self.postures.angles]
         )
-        for state, turn, origin in zip(states, self.path.rotation, origins, strict=True):
+        for state, turn, origin in zip(states, self.postures.rotation, origins, strict=True):
             state[self._base] = pin.SE3ToXYZQUAT(pin.SE3(turn, origin) * self._home)
         velocity = [pin.difference(self._known, a, b) for a, b in pairwise(states)]
         return states, np.array(velocity) / self.step_s
@@ -384,7 +339,7 @@ class MovingBodyMeasurements:
         fᵢ + I q̈ + r(q̇), the rows of the joints, with the whole robot moving as the trajectory has
         it and the feet pressed by its forces; I of the rotors, r of damping and friction.
         """
-        return self._torques(self.path.forces_n)
+        return self._torques(self.forces_n)
 
     def _torques(self, forces_n: Array) -> Array:
         """Torques of the joints at the inner samples under these forces, shape (K, N, 3) [N]."""
@@ -401,18 +356,13 @@ class MovingBodyMeasurements:
                 for each in zip(states[1:-1], velocity, rising, strict=True)
             ]
         )
-        rotation, forces = self.path.rotation[1:-1], forces_n[1:-1]
+        rotation, forces = self.postures.rotation[1:-1], forces_n[1:-1]
         levers = self._legs[1][1:-1] @ np.swapaxes(rotation, 1, 2)
         turned = solver.rotor_kg_m2 * rising[:, solver.columns]
         turned += solver.resistance(velocity[:, solver.columns])
         return np.asarray(moved + turned - np.einsum("kji,kji->kj", levers, forces[:, solver.legs]))
 
-    def torque(self) -> Series:
-        """Torques as a share of the joints' limits, 0 where the limit is not known, (K − 2, J)."""
-        shares = np.abs(self.torques_nm) / self.kinematics.torque_nm
-        return Series(shares, self.kinematics.joints, self.times_s[1:-1])
-
-    def legs_moment(self) -> Series:
+    def legs_moment(self) -> Array:
         """dL/dt − Σ (p_i − p) × f_i at the inner samples with L of the whole robot, legs and all,
         (K − 2, 3) [Nm].
 
@@ -432,91 +382,91 @@ class MovingBodyMeasurements:
                 for state, velocity in zip(states[:-1], between, strict=True)
             ]
         )
-        arms = self.path.toes_m - self.path.com_m[:, None]
-        moments = np.cross(arms, self.path.forces_n).sum(axis=1)
-        return Series(
-            np.diff(momentum, axis=0) / self.step_s - moments[1:-1],
-            ("x", "y", "z"),
-            self.times_s[1:-1],
-        )
+        arms = self.postures.toes_m - self.com_m[:, None]
+        moments = np.cross(arms, self.forces_n).sum(axis=1)
+        return np.asarray(np.diff(momentum, axis=0) / self.step_s - moments[1:-1])
 
     # ------------------------------------------------------------------------------------------------
     # bodies
 
-    def bodies(self, obstacles: Obstacles) -> BodyReport:
-        """Judge links against each other and against obstacles, all the way.
+    def bodies(self, name: str, obstacles: Obstacles) -> Group:
+        """The group of links against each other and against obstacles, all the way.
 
         Raises InvalidInput without coal.
         """
         from ..robot.bodies import Bodies
 
-        return bodies_report(Bodies(self.kinematics, obstacles), *self.spaced(), between=True)
+        bodies = Bodies(self.kinematics, obstacles)
+        return bodies_group(name, bodies, *self.spaced(), between=True)
 
     def spaced(self) -> tuple[Array, WholeBody]:
         """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,)
         [s], and they.
         """
-        points = np.concatenate([self.path.toes_m, self.postures.origin_m[:, None]], axis=1)
-        rows = spaced(points, self.postures.angles)
-        return self.times_s[rows], self.posture(rows)
-
-    def posture(self, samples: NDArray[np.intp] | int) -> WholeBody:
-        """Posture of the whole robot at samples, or at one."""
-        from ..robot.inverse_kinematics import WholeBody
-
-        path, postures, k = self.path, self.postures, samples
-        return WholeBody(
-            rotation=path.rotation[k],
-            origin_m=postures.origin_m[k],
-            angles=postures.angles[k],
-            toes_m=path.toes_m[k],
-            normals=postures.normals[k],
-            stands=path.contact[k],
-        )
+        body = self.postures
+        rows = spaced(np.concatenate([body.toes_m, body.origin_m[:, None]], axis=1), body.angles)
+        return self.times_s[rows], body.at(rows)
 
 
-def nothing(why: str) -> tuple[Rows, dict[str, str]]:
+def nothing(why: str) -> list[Group]:
     """None of the groups of ``WHOLE_BODY`` measured, and why."""
-    rows: Rows = {name: (Series(np.zeros((0, 0)), (), np.zeros(0)), 0.0) for name in WHOLE_BODY}
-    return rows, dict.fromkeys(WHOLE_BODY, why)
+    return [
+        Group(name, unit=GROUPS[name], message=why, verdict="not checked") for name in WHOLE_BODY
+    ]
 
 
-def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Rows, dict[str, str]]:
-    """Measure the groups of ``WHOLE_BODY``, and say why some of them are not checked, by their
-    names.
+def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Group]:
+    """The groups of ``WHOLE_BODY``; none is checked for a robot of boxes or without pinocchio.
 
     Arguments:
         limits: what is allowed of each.
-
-    Returns:
-        Series with their limits, all empty for a robot of boxes or without pinocchio, and reasons
-        in words: a file without speed or torque limits, meshes that are not there, no coal.
     """
     try:
         body = WholeBodyMeasurements(measured)
     except InvalidInput as error:  # legs that nobody knows, or no pinocchio
         return nothing(str(error))
-    model = body.kinematics.model
-    rows, missing = nothing("")[0], dict[str, str]()
-    rows["joints"] = body.off_toes(), limits.joints_m
-    rows["joint_speed"] = body.speed(), limits.joint_speed
-    rows["torque"] = body.torque(), limits.torque
-    swung = body.legs_moment()
-    rows["legs_moment"] = swung.size(), limits.legs_moment * measured.moment_scale_nm, swung.rms()
-    if model.limit_doubts:
-        missing["joints"] = "; ".join(model.limit_doubts)
-    if unlimited := model.lines_of(model.torque_doubts):
-        missing["torque"] = "; ".join(unlimited)
-    if np.any(body.kinematics.velocity_rad_s <= 0.0):
-        missing["joint_speed"] = "no limit of the joints' speed in the robot's file"
+    model, joints, times_s = body.kinematics.model, body.kinematics.joints, body.times_s
+    slow = np.any(body.kinematics.velocity_rad_s <= 0.0)
+    shares, swung = np.abs(body.torques_nm) / body.kinematics.torque_nm, body.legs_moment()
+    groups = [
+        as_far_as_known(worst_group(name, values, limit, GROUPS[name], names, times), why)
+        for name, values, limit, names, times, why in (
+            (
+                "joints",
+                body.off_toes(),
+                limits.joints_m,
+                body.feet,
+                times_s,
+                "; ".join(model.limit_doubts),
+            ),
+            (
+                "joint_speed",
+                body.speed(),
+                limits.joint_speed,
+                joints,
+                times_s[1:],
+                "no limit of the joints' speed in the robot's file" if slow else "",
+            ),
+            (
+                "torque",
+                shares,
+                limits.torque,
+                joints,
+                times_s[1:-1],
+                "; ".join(model.lines_of(model.torque_doubts)),
+            ),
+        )
+    ]
+    most = limits.legs_moment * measured.moment_scale_nm
+    sizes = np.linalg.norm(swung, axis=1)
+    groups.append(measured.group("legs_moment", sizes, most, judged=rms(swung)))
     try:
-        depth, bare = body.overlap()
-        rows["bodies"] = depth, limits.bodies_m
-        if bare:
-            missing["bodies"] = "; ".join(bare)
+        groups.append(body.overlap(limits.bodies_m))
     except InvalidInput as error:  # no coal
-        missing["bodies"] = str(error)
-    return rows, missing
+        groups.append(
+            Group("bodies", unit=GROUPS["bodies"], message=str(error), verdict="not checked")
+        )
+    return groups
 
 
 class WholeBodyMeasurements(MovingBodyMeasurements):
@@ -529,29 +479,28 @@ class WholeBodyMeasurements(MovingBodyMeasurements):
         from ..motion.joints import walk_postures  # slow to import
 
         walk = measured.trajectory
-        path = BodyPath(
-            times_s=measured.times_s,
+        super().__init__(
+            *walk_postures(walk),
+            times_s=walk.times_s,
             com_m=walk.torso_m,
-            rotation=walk.rotation,
-            toes_m=walk.feet_m,
             normals=measured.ground[1],
             forces_n=walk.forces_n,
-            contact=walk.contact,
-            feet=measured.feet,
         )
-        super().__init__(path, walk_postures(walk))
         self.trajectory = walk
 
-    def overlap(self) -> tuple[Series, tuple[str, ...]]:
-        """The deepest that a link is inside another or inside the ground, (1, 1) [m], and which
-        links; and what has no shape. Raises InvalidInput without coal.
+    def overlap(self, limit_m: float) -> Group:
+        """The deepest that a link is inside another or inside the ground, and which links; what has
+        no shape is not checked.
+
+        Raises InvalidInput without coal.
         """
+        from ..robot.bodies import Bodies
         from ..terrain.obstacles import Obstacles
 
-        report = self.bodies(Obstacles.under(self.trajectory.terrain))
-        if report.worst is None:
-            return Series(np.zeros((1, 1)), ("",), self.times_s[:1]), report.missing
-        names = f"{report.worst.link} in {report.worst.other}"
-        return Series(
-            np.array([[report.worst.depth_m]]), (names,), np.array([report.frame])
-        ), report.missing
+        bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.terrain))
+        found = bodies_group("bodies", bodies, *self.spaced(), between=True)
+        place, when = "", float(self.times_s[0])
+        if worst := found.figures["worst"]:
+            place, when = f"{worst['link']} in {worst['other']}", worst["frame"]
+        deepest = Group("bodies", found.value, limit_m, "m", where=place, when=when)
+        return as_far_as_known(deepest, "; ".join(bodies.missing))

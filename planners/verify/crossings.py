@@ -139,7 +139,7 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
         from .leaps import LeapBodyMeasurements
 
         obstacles = Obstacles.of(crossing.terrain)
-        yield LeapBodyMeasurements(body_of(plan)).bodies(obstacles).group(name)
+        yield LeapBodyMeasurements(body_of(plan)).bodies(name, obstacles)
     except InvalidInput as error:  # no legs, no pinocchio, no coal
         yield Group(name, unit="m", message=str(error), verdict="not checked")
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -120,9 +121,18 @@ def hindrances(certificates: Sequence[Certificate]) -> list[str]:
     forest = Forest.of_postures([_problem(each) for each in certificates])
     leaves = forest.leaves({k: forest.replay(k, each) for k, each in enumerate(certificates)})
     numbers, names = forest.numbers, [SEVERAL] * len(certificates)
-    now = _bounds(numbers, leaves)
+    now, of_limits = (
+        _bounds(numbers, leaves),
+        {
+            **{name: getattr(numbers, field) for name, field in _FIELDS.items()},
+            "force": leaves.upper[..., 0],
+            "reach": numbers.reach,
+        },
+    )
     for share in _GROWTHS:
-        grown = np.array([_bounds(*_grown(numbers, leaves, name, share)) for name in LIMITS])
+        grown = np.array(
+            [_bounds(*_grown(numbers, leaves, name, share * of_limits[name])) for name in LIMITS]
+        )
         least = grown.min(axis=0)
         for k in np.flatnonzero(least < now - 1e-12):
             if names[k] == SEVERAL:
@@ -143,23 +153,39 @@ def _bounds(numbers: Numbers, leaves: Leaves) -> Array:
     return np.asarray(np.minimum.reduceat(leaf_bounds(numbers, leaves), starts))
 
 
-def _grown(numbers: Numbers, leaves: Leaves, name: str, share: float) -> tuple[Numbers, Leaves]:
-    """Problems with one limit of all limbs larger by a share."""
-    more = 1.0 + share
-    if name == "friction":
-        return replace(numbers, friction=more * numbers.friction), leaves
-    if name == "reach":
-        by = share * numbers.reach
-        rows = numbers.row_bounds + by[:, numbers.schedule.row_limb]
+_FIELDS = {"friction": "friction", "body": "com_radius", "tilt": "tilt"}
+"""Limits that are one table of numbers."""
+
+
+def _grown(
+    numbers: Numbers, leaves: Leaves, limit: str, by: Array | float
+) -> tuple[Numbers, Leaves]:
+    """Problems with a limit of ``LIMITS`` larger by so much, non-dimensional; the force where its
+    box has not been cut.
+    """
+    if limit == "force":
+        most = numbers.force_max[leaves.problem, :, 0]
+        upper = leaves.upper.copy()
+        upper[..., 0] += by * (upper[..., 0] == most)
+        return numbers, replace(leaves, upper=upper)
+    if limit == "reach":
+        reach = np.broadcast_to(by, numbers.reach.shape)
+        rows = numbers.row_bounds + reach[:, numbers.schedule.row_limb]
         return replace(numbers, reach=numbers.reach + by, row_bounds=rows), leaves
-    if name == "body":
-        return replace(numbers, com_radius=more * numbers.com_radius), leaves
-    if name == "tilt":
-        return replace(numbers, tilt=more * numbers.tilt), leaves
-    most = numbers.force_max[leaves.problem]
-    outermost = np.zeros(leaves.upper.shape, dtype=bool)
-    outermost[..., 0] = leaves.upper[..., 0] == most[..., 0]
-    return numbers, replace(leaves, upper=np.where(outermost, more * leaves.upper, leaves.upper))
+    changed: dict[str, Any] = {_FIELDS[limit]: getattr(numbers, _FIELDS[limit]) + by}
+    return replace(numbers, **changed), leaves
+
+
+def halved(
+    proves: Callable[[float], bool], low: float, high: float, times: int
+) -> tuple[float, float]:
+    """Ends of an interval that is halved so often: it still proves at the lower one, and no longer
+    at the other.
+    """
+    for _ in range(times):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if proves(middle) else (low, middle)
+    return low, high
 
 
 _FRICTION_CAP, _REACH_CAP_M, _FORCE_CAP, _RADIUS_CAP_M, _TILT_CAP_RAD = (
@@ -228,77 +254,33 @@ def _of_posture(problem: Problem, numbers: Numbers, leaves: Leaves, least: float
     relaxations = []
 
     def search(
-        name: str, leg: str, unit: str, now: float, cap: float, grow: Callable[[float], Array]
+        name: str, leg: str, unit: str, now: float, cap: float, limit: str, along: Array | float
     ) -> None:
-        """Bisect on the growth in (0, cap]; the bounds fall as it grows."""
-        low, high = 0.0, cap
-        if cap <= 0.0 or np.all(grow(cap) > least):
-            low = math.inf
-        else:
-            for _ in range(_BISECTIONS):
-                middle = 0.5 * (low + high)
-                low, high = (middle, high) if np.all(grow(middle) > least) else (low, middle)
+        """Bisect on the growth in (0, cap] of a limit along a direction; the bounds fall as it
+        grows.
+        """
+
+        def proves(by: float) -> bool:
+            return bool(np.all(leaf_bounds(*_grown(numbers, leaves, limit, by * along)) > least))
+
+        lifts = cap > 0.0 and not proves(cap)
+        by = halved(proves, 0.0, cap, _BISECTIONS)[0] if lifts else math.inf
+        limbs = (leg,) if leg else ()
         relaxations.append(
             Relaxation(
-                parameter=name,
-                leg=leg,
-                now=now,
-                needed=now + low,
-                unit=unit,
-                frame=0,
-                limbs=(leg,) if leg else (),
+                parameter=name, leg=leg, now=now, needed=now + by, unit=unit, frame=0, limbs=limbs
             )
         )
 
     for i, contact in enumerate(problem.contacts):
-        one = np.eye(len(problem.contacts))[i]
-        outermost = np.zeros(leaves.upper.shape, dtype=bool)
-        mine = numbers.schedule.limb == i
-        outermost[:, mine, 0] = leaves.upper[:, mine, 0] == contact.force_max[0]
-
-        def friction(by: float, one: Array = one) -> Array:
-            return leaf_bounds(replace(numbers, friction=numbers.friction + by * one), leaves)
-
-        def reach(by: float, one: Array = one) -> Array:
-            rows = numbers.row_bounds + by / unit_m * one[numbers.schedule.row_limb]
-            return leaf_bounds(
-                replace(numbers, reach=numbers.reach + by / unit_m * one, row_bounds=rows), leaves
-            )
-
-        def normal_force(by: float, outermost: NDArray[np.bool_] = outermost) -> Array:
-            return leaf_bounds(
-                numbers, replace(leaves, upper=leaves.upper + by / force * outermost)
-            )
-
-        mu = contact.patch.friction
-        search("friction", contact.leg, "1", mu, _FRICTION_CAP - mu, friction)
-        search("reach", contact.leg, "m", contact.reach_m, _REACH_CAP_M, reach)
-        search(
-            "force_max",
-            contact.leg,
-            "N",
-            float(contact.force_max[0]) * force,
-            _FORCE_CAP * force,
-            normal_force,
-        )
-    search(
-        "com_radius",
-        "",
-        "m",
-        float(problem.com_radius_m[0]),
-        _RADIUS_CAP_M,
-        lambda by: leaf_bounds(
-            replace(numbers, com_radius=numbers.com_radius + by / unit_m), leaves
-        ),
-    )
-    search(
-        "tilt_limit",
-        "",
-        "rad",
-        float(numbers.tilt[0]),
-        _TILT_CAP_RAD - float(numbers.tilt[0]),
-        lambda by: leaf_bounds(replace(numbers, tilt=numbers.tilt + by), leaves),
-    )
+        one, mine = np.eye(len(problem.contacts))[i], numbers.schedule.limb == i
+        mu, leg, most = contact.patch.friction, contact.leg, float(contact.force_max[0]) * force
+        search("friction", leg, "1", mu, _FRICTION_CAP - mu, "friction", one)
+        search("reach", leg, "m", contact.reach_m, _REACH_CAP_M, "reach", one / unit_m)
+        search("force_max", leg, "N", most, _FORCE_CAP * force, "force", mine / force)
+    radius_m, tilt = float(problem.com_radius_m[0]), float(numbers.tilt[0])
+    search("com_radius", "", "m", radius_m, _RADIUS_CAP_M, "body", 1.0 / unit_m)
+    search("tilt_limit", "", "rad", tilt, _TILT_CAP_RAD - tilt, "tilt", 1.0)
     relaxations.sort(key=lambda r: (math.isinf(r.needed), r.relative, r.needed - r.now))
     return Explanation(relaxations=tuple(relaxations), message=_cheapest(relaxations[0]))
 
@@ -323,7 +305,7 @@ def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanat
     held = least_held(forest.numbers, forest.patches)
     if held is None or problem.wrench is None:
         return found
-    stance = problem.stances[held.stance]
+    stance, share = problem.stances[held[0]], held[1]
     limbs = tuple(problem.legs[limb] for limb in stance.limbs)
     where = " ".join(limbs)
     where += "" if problem.is_posture else f" at frame {stance.frame}"
@@ -333,7 +315,7 @@ def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanat
         parameter=f"wrench on {where}",
         leg="",
         now=now,
-        needed=held.share * now,
+        needed=share * now,
         unit=unit,
         frame=stance.frame,
         limbs=limbs,
@@ -381,26 +363,24 @@ def _slip(course: Problem, numbers: Numbers) -> Relaxation | None:
     least, most, worst = 0.0, 0.0, None
     presses = course.force_bounds[1][:, 0] > 0.0
 
-    def bears(candidates: NDArray[np.bool_], grip: float) -> bool:
+    def slips(candidates: NDArray[np.bool_], grip: float) -> bool:
         from scipy.optimize import nnls  # slow to import
 
         n, y, z = np.moveaxis(numbers.frames[0, candidates], -1, 0)
         friction = (numbers.friction[0, candidates] + grip) / np.cos(np.pi / _SIDES)
         shear = np.tensordot(around, np.stack([y, z]), axes=(0, 0))
         edges = (n + friction[:, None] * shear).reshape(-1, 3).round(9)
-        return bool(nnls(np.unique(edges, axis=0).T, np.array([0.0, 0.0, 1.0]))[1] < 1e-7)
+        return bool(nnls(np.unique(edges, axis=0).T, np.array([0.0, 0.0, 1.0]))[1] >= 1e-7)
 
     for stance in course.stances:
         holds = numbers.schedule.holds[stance.frame, list(stance.limbs)]
         under = np.isin(numbers.candidate, holds) & presses[numbers.candidate]
-        if not under.any() or bears(under, most):
+        if not under.any() or not slips(under, most):
             continue
         least, most, worst = most, _MOST_GRIP, stance
-        if not bears(under, most):
+        if slips(under, most):
             return None
-        for _ in range(_COURSE_BISECTIONS):
-            middle = 0.5 * (least + most)
-            least, most = (least, middle) if bears(under, middle) else (middle, most)
+        least, most = halved(partial(slips, under), least, most, _COURSE_BISECTIONS)
     if worst is None or least == 0.0:  # any grip would do, if feet could press without end
         return None
     limbs = tuple(course.robot.limb_names[i] for i in worst.limbs)
@@ -589,10 +569,6 @@ def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:
         )
         return bool(values[1, 0] > 0.0)
 
-    low, high = 0.0, _MOST_GRIP
-    if proves(high):
+    if proves(_MOST_GRIP):
         return math.inf
-    for _ in range(_COURSE_BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if proves(middle) else (low, middle)
-    return low
+    return halved(proves, 0.0, _MOST_GRIP, _COURSE_BISECTIONS)[0]

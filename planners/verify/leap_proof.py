@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,8 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
 from .certificate import proof_report
-from .explain import Explanation, Relaxation
+from .explain import Explanation, Relaxation, halved
+from .geometry import cross, length
 
 _MOST_GRIP = 3.0
 """An explanation looks no further."""
@@ -229,26 +231,17 @@ def _replayed(leap: Leap, certificate: Certificate) -> list[tuple[int, list[list
     return leaves
 
 
-@dataclass(frozen=True)
-class _Stand:
-    """A limb that stands at an instant: seconds, limb and foothold, by number."""
-
-    time: float
-    limb: int
-    foothold: int
-
-
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """A leaf's sum: a constant, slopes on toes and on forces by interval, levers of intervals at
-    rest, |r| by limb.
+    """A leaf's sum: a constant, slopes on toes, slopes on forces and levers by interval, |r| by
+    limb.
     """
 
     bounds: _Bounds
     constant: float
     toes: Array
     slopes: Array
-    levers: dict[int, Array]
+    levers: Array
     pulls: Array
 
     def least(self, opened: list[list[int]], but: int = -1) -> float:
@@ -275,11 +268,7 @@ class _Parts:
 
         if holds(_MOST_GRIP):
             return math.inf
-        low, high = 0.0, _MOST_GRIP
-        for _ in range(16):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if holds(middle) else (low, middle)
-        return high
+        return halved(holds, 0.0, _MOST_GRIP, 16)[1]
 
     def reach_needed(self, opened: list[list[int]], i: int) -> float:
         """Additional reach of a limb with which the leaf would fail [m]; inf where it weighs
@@ -289,21 +278,48 @@ class _Parts:
 
 
 class _Bounds:
-    """The bounds of one timing of a leap, written from its own patches, limbs and limits."""
+    """The bounds of one timing of a leap, written from its own patches, limbs and limits.
+
+    A limb stands at the ends and the middle of intervals, by time, then limb: seconds, limb and
+    foothold of each are ``time``, ``limb`` and ``foot``.
+    """
 
     def __init__(self, leap: Leap, timing: int) -> None:
-        self.leap = leap
-        self.ends = leap.times_s(timing)
-        self.stands = list(self._standing())
-        limbs = leap.robot.limbs
-        self.rows_of = [
-            0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs
-        ]
-        at_rest = [k for k, still in zip((0, leap.intervals - 1), leap.still, strict=True) if still]
-        self.rests = at_rest
-        standing = len(self.stands)
-        spaces = sum(self.rows_of[stand.limb] for stand in self.stands)
-        self.sizes = (3 * standing, spaces, standing, 3, 3, 3 * len(at_rest), 3 * len(at_rest))
+        self.leap, self.ends, limbs = leap, leap.times_s(timing), leap.robot.limbs
+        self.holds = leap.holds[leap.interval_phases]
+        air = np.pad(self.holds < 0, ((1, 1), (0, 0)))
+        self.most = leap.limits.most(air[:-2], air[2:])
+        held = np.vstack([np.repeat(self.holds, 2, axis=0), np.full((1, len(limbs)), -1)])
+        held[2::2] = np.where(held[2::2] < 0, self.holds, held[2::2])
+        self.instant, self.limb = np.nonzero(held >= 0)
+        self.foot = held[self.instant, self.limb]
+        self.time = np.interp(0.5 * self.instant, np.arange(len(self.ends)), self.ends)
+        self._spaces()
+        self.rests = np.flatnonzero(leap.still) * (leap.intervals - 1)
+        count, rests = len(self.limb), 3 * len(self.rests)
+        self.sizes = (3 * count, len(self.row), count, 3, 3, rests, rests)
+
+    def _spaces(self) -> None:
+        """Shoulders and widened reach of limbs that stand; half-spaces of reach, widened, and the
+        limb that stands of each.
+        """
+        limbs, tilt = self.leap.robot.limbs, self.leap.limits.tilt_rad
+        bend, rows = 1.5 * tilt**2, list[int]()
+        normals, bounds = [np.zeros((0, 3))], [np.zeros(0)]
+        for at, number in enumerate(self.limb.tolist()):
+            limb = limbs[number]
+            if (spaces := limb.reach_rows) is not None:
+                rows += [at] * len(spaces.bounds_m)
+                normals.append(spaces.normals)
+                reach = limb.reach_m + tilt * float(_most_turned(limb.shoulder_m))
+                room = tilt * _most_turned(spaces.normals) * reach
+                room += bend * (float(length(limb.shoulder_m)) + reach)
+                bounds.append(spaces.bounds_m + room)
+        self.row = np.array(rows, dtype=np.intp)
+        self.normals, self.bounds = np.concatenate(normals), np.concatenate(bounds)
+        self.shoulders = np.array([limb.shoulder_m for limb in limbs])[self.limb]
+        reach_m = np.array([limb.reach_m for limb in limbs])[self.limb]
+        self.reach = reach_m + bend * length(self.shoulders)
 
     def parts(self, row: Array) -> _Parts:
         """Weights of multipliers.
@@ -312,64 +328,40 @@ class _Bounds:
         """
         if len(row) != sum(self.sizes):
             raise _Refused(f"expected {sum(self.sizes)} multipliers per leaf, got {len(row)}")
-        parts = np.split(row, np.cumsum(self.sizes)[:-1])
-        reach, spaces, height = (
-            parts[0].reshape(-1, 3),
-            np.maximum(parts[1], 0.0),
-            np.maximum(parts[2], 0.0),
-        )
-        goal, end = parts[3], parts[4]
-        rest, moment = parts[5].reshape(-1, 3), parts[6].reshape(-1, 3)
-        leap, limits = self.leap, self.leap.limits
-        toes = np.zeros((len(leap.footholds), 3))
-        slopes = np.zeros((leap.intervals, 3))
-        constant, at = 0.0, 0
-        tilt, bend = limits.tilt_rad, 1.5 * limits.tilt_rad**2
-        twists: dict[float, Array] = {}
-        for number, stand in enumerate(self.stands):
-            limb, shoulder = leap.robot.limbs[stand.limb], leap.robot.limbs[stand.limb].shoulder_m
-            far = float(np.linalg.norm(shoulder))
-            pull = reach[number].copy()
-            constant -= float(pull @ shoulder) + float(np.linalg.norm(pull)) * (
-                limb.reach_m + bend * far
-            )
-            twist = -np.cross(shoulder, pull)
-            if limb.reach_rows is not None:
-                for normal, bound in zip(
-                    limb.reach_rows.normals, limb.reach_rows.bounds_m, strict=True
-                ):
-                    weight = spaces[at]
-                    at += 1
-                    turned = self._most_turned(normal)
-                    room = turned * (limb.reach_m + self._most_turned(shoulder))
-                    room += bend * (far + limb.reach_m + self._most_turned(shoulder))
-                    constant -= weight * (float(bound) + room)
-                    pull += weight * normal
-                    twist += weight * np.cross(normal, shoulder)
-            pull[2] += height[number]
-            constant += height[number] * limits.height_m
-            twists[stand.time] = twists.get(stand.time, np.zeros(3)) + twist
-            toes[stand.foothold] += pull
-            constant += self._follow(-pull, stand.time, slopes)
-        constant -= tilt * sum(float(np.abs(twist).sum()) for twist in twists.values())
-        last = float(self.ends[-1])
-        constant += self._follow(goal, last, slopes)
-        constant -= float(goal @ leap.goal.com_m) + float(np.linalg.norm(goal)) * leap.goal_radius_m
+        reach, spaces, height, goal, end, rest, moment = np.split(row, np.cumsum(self.sizes)[:-1])
+        reach, rest, moment = (part.reshape(-1, 3) for part in (reach, rest, moment))
+        spaces, height = np.maximum(spaces, 0.0), np.maximum(height, 0.0)
+        leap, limits, ends = self.leap, self.leap.limits, self.ends
+        start, last, sizes = leap.start, float(ends[-1]), length(reach)
+        pull, twist = reach.copy(), cross(reach, self.shoulders)
+        weighed = spaces[:, None] * self.normals
+        np.add.at(pull, self.row, weighed)
+        np.add.at(twist, self.row, cross(weighed, self.shoulders[self.row]))
+        pull[:, 2] += height
+        twists, toes = np.zeros((2 * len(ends) - 1, 3)), np.zeros((len(leap.footholds), 3))
+        np.add.at(twists, self.instant, twist)
+        np.add.at(toes, self.foot, pull)
+        # −μ·(c × e_z) = −(μ_x c_y − μ_y c_x)
+        on_com = np.stack([moment[:, 1], -moment[:, 0], np.zeros(len(moment))], axis=1)
+        slope = np.concatenate([-pull, goal[None], on_com])
+        time = np.concatenate([self.time, [last], np.minimum(self.rests, 1) * last])[:, None]
         fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        constant += float(end @ (leap.start.velocity_m_s + last * fall - leap.goal.velocity_m_s))
-        slopes += GRAVITY_M_S2 * np.diff(self.ends)[:, None] * end
-        levers: dict[int, Array] = {}
-        for k, balance, turning in zip(self.rests, rest, moment, strict=True):
-            slopes[k] += balance
-            constant -= float(balance[2])
-            levers[k] = levers.get(k, np.zeros(3)) + turning
-            # −μ·(c × e_z) = −(μ_x c_y − μ_y c_x)
-            on_com = np.array([turning[1], -turning[0], 0.0])
-            constant += self._follow(on_com, 0.0 if k == 0 else last, slopes)
+        place = start.com_m + time * start.velocity_m_s + 0.5 * time**2 * fall
+        since = np.maximum(time - ends, 0.0) ** 2
+        slopes = 0.5 * GRAVITY_M_S2 * (since[:, :-1] - since[:, 1:]).T @ slope
+        slopes += GRAVITY_M_S2 * np.diff(ends)[:, None] * end
+        levers = np.zeros_like(slopes)
+        np.add.at(slopes, self.rests, rest)
+        np.add.at(levers, self.rests, moment)
+        constant = float(np.vecdot(slope, place).sum() + height.sum() * limits.height_m)
+        constant -= float(np.vecdot(reach, self.shoulders).sum() + sizes @ self.reach)
+        constant -= float(spaces @ self.bounds + limits.tilt_rad * np.abs(twists).sum())
+        constant -= float(goal @ leap.goal.com_m + length(goal) * leap.goal_radius_m)
+        constant += float(end @ (start.velocity_m_s + last * fall - leap.goal.velocity_m_s))
+        constant -= float(rest[:, 2].sum())
         pulls = np.zeros(len(leap.robot.limbs))
-        for stand, pull in zip(self.stands, reach, strict=True):
-            pulls[stand.limb] += float(np.linalg.norm(pull))
-        return _Parts(self, float(constant), toes, slopes, levers, pulls)
+        np.add.at(pulls, self.limb, sizes)
+        return _Parts(self, constant, toes, slopes, levers, pulls)
 
     def candidate(self, parts: _Parts, j: int, r: int, grip: float | None = None) -> float:
         """The least of P·p + Σ (y + μ × p)·f over a candidate, at a corner of it.
@@ -380,60 +372,16 @@ class _Bounds:
         foothold, patch = self.leap.footholds[j], self.leap.footholds[j].candidates[r]
         friction = patch.friction if grip is None else grip
         corners = patch.vertices_m if foothold.toe_m is None else foothold.toe_m[None]
-        values = corners @ parts.toes[j]
         limb = self.leap.robot.limb_names.index(foothold.limb)
-        phases = self.leap.interval_phases
-        for k in range(self.leap.intervals):
-            if self.leap.holds[phases[k], limb] != j:
-                continue
-            slope = np.tile(parts.slopes[k], (len(corners), 1))
-            if k in parts.levers:
-                slope = slope + np.cross(parts.levers[k], corners)
-            normal = slope @ patch.normal
-            shear = np.linalg.norm(slope - normal[:, None] * patch.normal, axis=1)
-            values = values + np.minimum(normal - friction * shear, 0.0) * self._most(k, limb)
-        return float(values.min())
+        k = np.flatnonzero(self.holds[:, limb] == j)
+        slope = parts.slopes[k, None] + cross(parts.levers[k, None], corners)
+        normal = slope @ patch.normal
+        shear = length(slope - normal[..., None] * patch.normal)
+        work = self.most[k, limb] @ np.minimum(normal - friction * shear, 0.0)
+        return float((corners @ parts.toes[j] + work).min())
 
-    def _most(self, k: int, limb: int) -> float:
-        """The largest normal force in an interval, in units of the weight."""
-        phases, limits = self.leap.interval_phases, self.leap.limits
-        stood = self.leap.holds[:, limb] >= 0
-        lands = k > 0 and not stood[phases[k - 1]]
-        lifts = k + 1 < len(phases) and not stood[phases[k + 1]]
-        return float(limits.most(lands, lifts))
 
-    def _follow(self, slope: Array, time: float, slopes: Array) -> float:
-        """slope·c(time) as a constant, and as slopes on the forces of every interval."""
-        start = self.leap.start
-        fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        before = np.maximum(time - self.ends[:-1], 0.0)
-        after = np.maximum(time - self.ends[1:], 0.0)
-        slopes += GRAVITY_M_S2 * (0.5 * (before**2 - after**2))[:, None] * slope
-        return float(slope @ (start.com_m + time * start.velocity_m_s + 0.5 * time**2 * fall))
-
-    def _most_turned(self, vector: Array) -> float:
-        """The largest ‖Θ × x‖ over |Θ_i| ≤ tilt."""
-        tilt = self.leap.limits.tilt_rad
-        signs = np.array(
-            [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64
-        )
-        return float(tilt * np.linalg.norm(np.cross(signs, vector), axis=1).max())
-
-    def _standing(self) -> list[_Stand]:
-        """Feet that stand at the ends and the middle of every interval, by time, then limb."""
-        holds = self.leap.holds[self.leap.interval_phases]
-        stands = []
-        for index in range(2 * len(holds) + 1):
-            k = index // 2
-            time = (
-                float(self.ends[k])
-                if index % 2 == 0
-                else float(0.5 * (self.ends[k] + self.ends[k + 1]))
-            )
-            for limb in range(holds.shape[1]):
-                foothold = holds[k, limb] if k < len(holds) else -1
-                if index % 2 == 0 and k > 0 and foothold < 0:
-                    foothold = holds[k - 1, limb]
-                if foothold >= 0:
-                    stands.append(_Stand(time, limb, int(foothold)))
-        return stands
+def _most_turned(vectors: Array) -> Array:
+    """The largest ‖Θ × x‖ over |Θ_i| ≤ 1, shape (…, 3) to (…)."""
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    return np.asarray(length(cross(signs, vectors[..., None, :])).max(axis=-1))

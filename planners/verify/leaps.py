@@ -1,9 +1,9 @@
-"""Is this a leap? Newton and Euler, integrated finely from the forces alone, and every limit
-between instants, too.
+"""Is this a leap? Newton and Euler, integrated from the forces alone, and every limit between the
+ends of intervals, too.
 
-Knows toes, forces and the question; c, v, L and Θ are integrated anew (RK4 in ``_SUBSTEPS`` steps
-per interval) and what a plan says of them is held against that. Rotations are exact here, R =
-exp([Θ]×), in reach, length and speed of legs.
+Knows toes, forces and the question; c, v, L and Θ are integrated anew, exactly, and looked at in
+``_INSTANTS`` instants of every interval; what a plan says of them is held against that. Rotations
+are exact here, R = exp([Θ]×), in reach, length and speed of legs.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from ..motion.leap_motion import LeapBody, body_of, gaps
 from ..physics import GRAVITY_M_S2
 from ..robot.urdf_reader import speed_doubts
 from ..terrain.obstacles import Obstacles
-from .bodies import BodyPath, MovingBodyMeasurements
+from .bodies import MovingBodyMeasurements
+from .geometry import cross, exact_and_linear, length
 from .postures import violation
+from .trajectory_measurements import worst_group
 
 _BODY_UNITS = {
     "joints": "m",
@@ -56,24 +58,21 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
 
     def __init__(self, body: LeapBody) -> None:
         self.leap_body = body
-        path = BodyPath(
+        super().__init__(
+            body.postures,
+            body.kinematics,
             times_s=body.times_s,
             com_m=body.com_m,
-            rotation=body.rotation,
-            toes_m=body.toes_m,
             normals=body.normals,
             forces_n=body.mean_forces_n,
-            contact=body.contact,
-            feet=body.plan.problem.robot.limb_names,
         )
-        super().__init__(path, body.postures)
 
     @cached_property
     def torques_nm(self) -> Array:
         """Torques as of every body that moves; where forces jump, as a limb leaves or lands, the larger
         of those under the mean of both sides and under the forces of the sample, (K − 2, J) [Nm].
         """
-        mean, last = (self._torques(f) for f in (self.path.forces_n, self.leap_body.forces_n))
+        mean, last = (self._torques(f) for f in (self.forces_n, self.leap_body.forces_n))
         return np.where(np.abs(mean) >= np.abs(last), mean, last)
 
     @cached_property
@@ -144,14 +143,14 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
             bodies: judge them, too.
             obstacles: what they keep out of; the surfaces that are taken unless others are given.
         """
-        feet, joints, times = self.path.feet, self.kinematics.joints, self.times_s
+        feet, joints, times = self.feet, self.kinematics.joints, self.times_s
         off, left = self.off_toes(), self.dips()
-        legs = [self.path.feet[leg] for leg in self.kinematics.legs]
+        legs = [self.feet[leg] for leg in self.kinematics.legs]
         speed, model = self.speed(), self.kinematics.model
-        bent = _group("joints", off.values, feet, times, JOINTS_M, feet)
+        bent = _group("joints", off, feet, times, JOINTS_M, feet)
         yield _as_far_as_known(bent, model.limit_doubts)
-        shares = np.where(self._limited, speed.values, 0.0)
-        fast = _group("joint_speed", shares, joints, speed.times_s, JOINT_SPEED, legs)
+        shares = np.where(self._limited, speed, 0.0)
+        fast = _group("joint_speed", shares, joints, times[1:], JOINT_SPEED, legs)
         torque = _group("torque", self.line, joints, times[1:-1], TORQUE, legs)
         slow = [name for name, there in zip(joints, self._limited, strict=True) if not there]
         unlimited = [f"no velocity limit of {', '.join(slow)}"] if slow else []
@@ -175,7 +174,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         leap = plan.problem
         patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
         try:
-            return self.bodies(obstacles or Obstacles.of(patches)).group("bodies")
+            return self.bodies("bodies", obstacles or Obstacles.of(patches))
         except InvalidInput as error:  # no coal
             return Group("bodies", unit="m", message=str(error), verdict="not checked")
 
@@ -183,26 +182,13 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
 def _group(
     name: str,
     values: Array,
-    names: tuple[str, ...],
+    names: Sequence[str],
     times_s: Array,
     limit: float,
-    limbs: tuple[str, ...] | list[str] = (),
+    limbs: Sequence[str] = (),
 ) -> Group:
-    """The worst of what was measured.
-
-    Arguments:
-        limbs: of the columns.
-    """
-    row, column = (int(i) for i in np.unravel_index(int(values.argmax()), values.shape))
-    return Group(
-        name=name,
-        value=float(values[row, column]),
-        limit=limit,
-        unit=_BODY_UNITS[name],
-        where=names[column],
-        limb=limbs[column] if limbs else "",
-        when=float(times_s[row]),
-    )
+    """The worst of what was measured."""
+    return worst_group(name, values, limit, _BODY_UNITS[name], names, times_s, limbs=limbs)
 
 
 def _as_far_as_known(group: Group, unlimited: Sequence[str]) -> Group:
@@ -238,7 +224,7 @@ def with_body(report: Report[LeapPlan]) -> Report[LeapPlan]:
     return replace(report, groups=(*others, *_body_groups(report.answer)))
 
 
-_SUBSTEPS = 16
+_INSTANTS = 17
 _TOLERANCE = 1e-3
 """Largest violation that is accepted, without unit."""
 _UNJUDGED = "its legs are not judged: its robot has limbs alone"
@@ -329,208 +315,199 @@ def _defect(plan: LeapPlan) -> str:
 
 
 class _Judge:
-    """One plan, integrated."""
+    """One plan: the path that its forces give, and the worst violation of every group.
+
+    paths: (c, v, L per mass, Θ) in every interval at ``_INSTANTS`` instants, shape (M, T, 4, 3).
+    """
 
     def __init__(self, plan: LeapPlan) -> None:
-        self.plan, self.leap = plan, plan.problem
-        self.phase = self.leap.interval_phases
-        inertia = self.leap.robot.inertia
-        assert inertia is not None
-        self.spin = np.linalg.inv(inertia / self.leap.robot.mass_kg)
-        self.ends = self.leap.times_s(plan.timing)
-        self.found: dict[str, Group] = {}
-        self._integrate()
+        self.plan, self.leap, self.limits = plan, plan.problem, plan.problem.limits
+        robot, self.phase = self.leap.robot, self.leap.interval_phases
+        assert robot.inertia is not None
+        self.spin = np.linalg.inv(robot.inertia / robot.mass_kg)
+        self.holds = self.leap.holds[self.phase]
+        self.k, self.i = np.nonzero(self.holds >= 0)
+        self.toes = plan.toes_m[self.holds[self.k, self.i]]
+        self.paths, self.last = self._paths(), len(self.holds) - 1
+        self.states = np.concatenate([self.paths[:, 0], self.paths[-1:, -1]])
+        self.found = {
+            name: violation(name, 0.0, scale, _TOLERANCE, unit=unit)
+            for name, (unit, scale) in _UNITS.items()
+        }
 
-    def groups(self) -> Iterator[Group]:
+    def groups(self) -> tuple[Group, ...]:
         """The worst of every group."""
-        for name in _UNITS:
-            self.found[name] = violation(
-                name, 0.0, _UNITS[name][1], _TOLERANCE, unit=_UNITS[name][0]
-            )
         self._ends()
         self._claims()
-        for k in range(self.leap.intervals):
-            self._forces(k)
-            self._body(k)
-            for i in np.flatnonzero(self.leap.holds[self.phase[k]] >= 0).tolist():
-                self._limb(k, i)
+        self._forces()
+        self._body()
+        self._limbs()
         for j in range(len(self.leap.footholds)):
             self._toe(j)
-        yield from self.found.values()
+        return tuple(self.found.values())
 
     @property
     def momentum_error(self) -> float:
         """Error of the claimed L, in units of its limit."""
-        away = self.plan.momentum_m2_s - np.array(
-            [path[0, 6:9] for path in self.paths] + [self.paths[-1][-1, 6:9]]
-        )
-        return float(np.abs(away).max()) / self.leap.limits.momentum_m2_s
+        away = np.abs(self.plan.momentum_m2_s - self.states[:, 2])
+        return float(away.max()) / self.limits.momentum_m2_s
 
-    def _integrate(self) -> None:
-        """The path of (c, v, L, Θ) in every interval at SUBSTEPS + 1 instants, shape (SUBSTEPS + 1,
-        12) each.
-        """
+    def _paths(self) -> Array:
+        """Forces are constant in an interval: v is linear, c quadratic, L cubic and Θ of degree 4."""
         leap, plan = self.leap, self.plan
-        start = leap.start
-        state = np.concatenate(
-            [start.com_m, start.velocity_m_s, start.momentum_m2_s, start.rotation_rad]
-        )
-        mass, self.paths = leap.robot.mass_kg, []
-        for k in range(leap.intervals):
-            pushes = np.zeros(3)
-            twists = np.zeros(3)
-            for i, j in enumerate(leap.holds[self.phase[k]]):
-                if j >= 0:
-                    pushes = pushes + plan.forces_n[k, i] / mass
-                    twists = twists + np.cross(plan.toes_m[j], plan.forces_n[k, i] / mass)
-            step = (self.ends[k + 1] - self.ends[k]) / _SUBSTEPS
-            swung = plan.turned_rad[k] / (self.ends[k + 1] - self.ends[k])
-            path = [state]
-            for _ in range(_SUBSTEPS):
-                one = self._rate(state, pushes, twists, swung)
-                two = self._rate(state + 0.5 * step * one, pushes, twists, swung)
-                three = self._rate(state + 0.5 * step * two, pushes, twists, swung)
-                four = self._rate(state + step * three, pushes, twists, swung)
-                state = state + step / 6.0 * (one + 2.0 * two + 2.0 * three + four)
-                path.append(state)
-            self.paths.append(np.array(path))
-
-    def _rate(self, state: Array, pushes: Array, twists: Array, swung: Array) -> Array:
-        """(v, a, L′, Θ′) of a state.
-
-        Arguments:
-            pushes: Σ f / m.
-            twists: Σ p × f / m, about the world's origin.
-            swung: Θ′ by legs that swing.
-        """
-        x, y, z = state[:3].tolist()
-        a, b, c = pushes.tolist()
-        rate = np.empty(12)
-        rate[:3] = state[3:6]
-        rate[3:6] = a, b, c - GRAVITY_M_S2
-        rate[6:9] = twists
-        rate[6] -= y * c - z * b
-        rate[7] -= z * a - x * c
-        rate[8] -= x * b - y * a
-        rate[9:] = self.spin @ state[6:9] + swung
-        return rate
+        spans = np.diff(leap.times_s(plan.timing))
+        stands = self.holds[..., None] >= 0
+        forces = np.where(stands, plan.forces_n, 0.0) / leap.robot.mass_kg
+        pushes = forces.sum(axis=1)
+        twists = cross(plan.toes_m[np.maximum(self.holds, 0)], forces).sum(axis=1)
+        start, paths = leap.start, np.empty((len(spans), _INSTANTS, 4, 3))
+        com, speed = start.com_m, start.velocity_m_s
+        momentum, turn = start.momentum_m2_s, start.rotation_rad
+        for k, (span, push) in enumerate(zip(spans, pushes, strict=True)):
+            t = np.linspace(0.0, span, _INSTANTS)[:, None]
+            rise = push - [0.0, 0.0, GRAVITY_M_S2]
+            one, two, three = twists[k] - cross(com, push), -cross(speed, push), -cross(rise, push)
+            swept = t * momentum + t**2 / 2.0 * one + t**3 / 6.0 * two + t**4 / 24.0 * three
+            paths[k, :, 0] = com + t * speed + t**2 / 2.0 * rise
+            paths[k, :, 1] = speed + t * rise
+            paths[k, :, 2] = momentum + t * one + t**2 / 2.0 * two + t**3 / 6.0 * three
+            paths[k, :, 3] = turn + t / span * plan.turned_rad[k] + swept @ self.spin.T
+            com, speed, momentum, turn = paths[k, -1]
+        return paths
 
     def _note(
-        self, group: str, by: Array | float, k: int, limb: str = "", *, scale: float = 0.0
+        self,
+        group: str,
+        by: Array | float,
+        when: NDArray[np.int_] | int,
+        limbs: NDArray[np.int_] | None = None,
+        scale: float = 0.0,
     ) -> None:
-        """Keep the worst violation of a group.
+        """Keep the worst of R violations.
 
         Arguments:
-            scale: what 1 of it is in SI; 0 for the group's own.
+            by: shape (R, …); what is no number is a violation without bound.
+            when, limbs: the interval, and the limb, of each, shape (R,).
         """
-        value = float(np.max(by))
-        unit, scale_of_group = _UNITS[group]
-        if not math.isfinite(value):
-            value = math.inf
-        violation_found = violation(
-            group, value, scale or scale_of_group, _TOLERANCE, unit=unit, limb=limb, when=k
+        when = np.atleast_1d(when)
+        if not len(when):
+            return
+        values = np.reshape(by, (len(when), -1)).max(axis=1)
+        values = np.where(np.isfinite(values), values, np.inf)
+        row = int(values.argmax())
+        limb = "" if limbs is None else self.leap.robot.limb_names[limbs[row]]
+        unit, usual = _UNITS[group]
+        worst = violation(
+            group,
+            float(values[row]),
+            scale or usual,
+            _TOLERANCE,
+            unit=unit,
+            limb=limb,
+            when=int(when[row]),
         )
-        if violation_found.worst > self.found[group].worst:
-            self.found[group] = violation_found
+        if worst.worst > self.found[group].worst:
+            self.found[group] = worst
 
     def _ends(self) -> None:
         """Start, goal and rest."""
-        leap, last, final = self.leap, len(self.paths) - 1, self.paths[-1][-1]
-        limit = leap.limits.momentum_m2_s
-        away = float(np.linalg.norm(final[:3] - leap.goal.com_m)) - leap.goal_radius_m
-        self._note("goal", away, last)
-        self._note("rest", np.abs(final[3:6] - leap.goal.velocity_m_s), last)
-        self._note("momentum", np.abs(final[6:9] - leap.goal.momentum_m2_s), last, scale=limit)
-        self._note("tilt", np.abs(final[9:]) - leap.limits.goal_tilt_rad, last)
-        for still, k in zip(leap.still, (0, last), strict=True):
+        leap, limit, (com, speed, momentum, turn) = (
+            self.leap,
+            self.limits.momentum_m2_s,
+            self.states[-1],
+        )
+        away = float(np.linalg.norm(com - leap.goal.com_m)) - leap.goal_radius_m
+        self._note("goal", away, self.last)
+        self._note("rest", np.abs(speed - leap.goal.velocity_m_s), self.last)
+        off = np.abs(momentum - leap.goal.momentum_m2_s)
+        self._note("momentum", off, self.last, scale=limit)
+        self._note("tilt", np.abs(turn) - self.limits.goal_tilt_rad, self.last)
+        for still, k in zip(leap.still, (0, self.last), strict=True):
             if still:
-                self._note("rest", np.abs(self.paths[k][:, 3:6]), k)
-                self._note("momentum", np.abs(self.paths[k][:, 6:9]), k, scale=limit)
+                self._note("rest", np.abs(self.paths[k, :, 1]), k)
+                self._note("momentum", np.abs(self.paths[k, :, 2]), k, scale=limit)
 
     def _claims(self) -> None:
         """Check the plan's c, v, L and Θ at the ends of intervals."""
-        plan, limit = self.plan, self.leap.limits.momentum_m2_s
-        says = np.concatenate(
-            [plan.com_m, plan.velocity_m_s, plan.momentum_m2_s, plan.rotation_rad], axis=1
-        )
-        states = np.array([path[0] for path in self.paths] + [self.paths[-1][-1]])
-        for k, away in enumerate(np.abs(says - states)):
-            at = min(k, len(self.paths) - 1)
-            self._note("motion", away[:3], at)
-            self._note("rest", away[3:6], at)
-            self._note("momentum_balance", away[6:9], at, scale=limit)
-            self._note("rotation", away[9:], at)
-        self._note("start", np.abs(says[0] - self.paths[0][0]), 0)
+        plan, at = self.plan, np.minimum(np.arange(self.last + 2), self.last)
+        says = (plan.com_m, plan.velocity_m_s, plan.momentum_m2_s, plan.rotation_rad)
+        away = np.abs(np.stack(says, axis=1) - self.states)
+        self._note("motion", away[:, 0], at)
+        self._note("rest", away[:, 1], at)
+        self._note("momentum_balance", away[:, 2], at, scale=self.limits.momentum_m2_s)
+        self._note("rotation", away[:, 3], at)
+        self._note("start", away[0], 0)
 
-    def _forces(self, k: int) -> None:
-        """Cones and limits of the limbs that stand, nothing at the others."""
-        leap, weight = self.leap, self.leap.weight_n
-        holds = leap.holds[self.phase[k]]
-        for i, limb in enumerate(leap.robot.limb_names):
-            force = self.plan.forces_n[k, i]
-            if holds[i] < 0:
-                self._note("idle_force", float(np.linalg.norm(force)), k, limb, scale=weight)
-                continue
-            patch = leap.patch(int(holds[i]), self.plan.choice)
-            normal = float(force @ patch.normal)
-            shear = float(np.linalg.norm(force - normal * patch.normal))
-            self._note("friction", shear - patch.friction * max(normal, 0.0), k, limb, scale=weight)
-            most = weight * self._most(k, i)
-            self._note("force_bounds", max(-normal, normal - most), k, limb, scale=weight)
-
-    def _most(self, k: int, i: int) -> float:
-        """Largest normal force in units of the weight: less in the interval after the limb lands
-        and in the one before it lifts.
+    def _forces(self) -> None:
+        """Cones and limits of the limbs that stand, nothing at the others; a limb presses less in
+        the interval after it lands, and before it lifts.
         """
-        stands = [bool(self.leap.holds[self.phase[q], i] >= 0) for q in range(self.leap.intervals)]
-        lands = k > 0 and not stands[k - 1]
-        lifts = k + 1 < len(stands) and not stands[k + 1]
-        return float(self.leap.limits.most(lands, lifts))
+        leap, weight, k, i = self.leap, self.leap.weight_n, self.k, self.i
+        when, limb = np.nonzero(self.holds < 0)
+        self._note("idle_force", length(self.plan.forces_n[when, limb]), when, limb, weight)
+        patches = [leap.patch(j, self.plan.choice) for j in self.holds[k, i].tolist()]
+        normals = np.array([patch.normal for patch in patches]).reshape(-1, 3)
+        friction, forces = np.array([patch.friction for patch in patches]), self.plan.forces_n[k, i]
+        press = np.vecdot(forces, normals)
+        shear = length(forces - press[:, None] * normals)
+        self._note("friction", shear - friction * np.maximum(press, 0.0), k, i, weight)
+        air = np.pad(self.holds < 0, ((1, 1), (0, 0)))
+        most = weight * self.limits.most(air[k, i], air[k + 2, i])
+        self._note("force_bounds", np.maximum(-press, press - most), k, i, weight)
 
-    def _body(self, k: int) -> None:
+    def _body(self) -> None:
         """Tilt at all instants, L at the end of the interval."""
-        path, limits = self.paths[k], self.leap.limits
-        self._note("tilt", np.abs(path[:, 9:]) - limits.tilt_rad, k)
-        over = np.abs(path[-1, 6:9]) - limits.momentum_m2_s
-        self._note("momentum", over, k, scale=limits.momentum_m2_s)
+        limit, each = self.limits.momentum_m2_s, np.arange(self.last + 1)
+        self._note("tilt", np.abs(self.paths[:, :, 3]) - self.limits.tilt_rad, each)
+        self._note("momentum", np.abs(self.paths[:, -1, 2]) - limit, each, scale=limit)
 
-    def _limb(self, k: int, i: int) -> None:
-        """Reach, height, length, speed and power of a limb that stands, at all instants of an
-        interval.
-        """
-        leap, path = self.leap, self.paths[k]
-        limb = leap.robot.limbs[i]
-        leg = leap.leg(limb)
-        toe = self.plan.toes_m[leap.holds[self.phase[k], i]]
-        name, force = limb.name, self.plan.forces_n[k, i]
-        com, speed, spin = path[:, :3], path[:, 3:6], path[:, 6:9] @ self.spin.T
-        turns = _rotations(path[:, 9:])
-        away = np.linalg.norm(toe - com - turns @ limb.shoulder_m, axis=1)
-        self._note("reach", away - limb.reach_m, k, name)
-        if limb.reach_rows is not None:
-            arms = np.einsum("tij,ti->tj", turns, toe - com)  # Rᵀ (p − c)
-            self._note(
-                "reach", arms @ limb.reach_rows.normals.T - limb.reach_rows.bounds_m, k, name
-            )
-        self._note("height", toe[2] + leap.limits.height_m - com[:, 2], k, name)
-        arm = turns @ leg.hip_m
-        hip = com + arm - toe
-        length = np.linalg.norm(hip, axis=1)
-        self._note("fold", leg.fold_m - length, k, name)
-        moves = speed + np.cross(spin, arm)
-        rate = np.abs(np.sum(hip * moves, axis=1)) / np.maximum(length, 1e-9)
-        if leg.speed_m_s < math.inf:
-            self._note("speed", rate - leg.speed_m_s, k, name)
-        if leg.power_w < math.inf:
-            self._note("power", np.abs(moves @ force) - leg.power_w, k, name, scale=leap.weight_n)
+    def _limbs(self) -> None:
+        """Reach, height, length, speed and power of limbs that stand, at all instants."""
+        leap, k, i = self.leap, self.k, self.i
+        limbs = leap.robot.limbs
+        legs = [leap.leg(limb) for limb in limbs]
+        shoulders, hips = (
+            np.array(each)[i, None]
+            for each in ([limb.shoulder_m for limb in limbs], [leg.hip_m for leg in legs])
+        )
+        reach, fold, fastest, strongest = np.array(
+            [
+                (limb.reach_m, leg.fold_m, leg.speed_m_s, leg.power_w)
+                for limb, leg in zip(limbs, legs, strict=True)
+            ]
+        )[i].T[..., None]
+        com, speed, momentum, turn = np.moveaxis(self.paths[k], 2, 0)
+        to_toe = self.toes[:, None] - com
+        away = length(to_toe - exact_and_linear(turn, shoulders)[0])
+        self._note("reach", away - reach, k, i)
+        arms = exact_and_linear(-turn, to_toe)[0]
+        for number, limb in enumerate(limbs):
+            if limb.reach_rows is not None:
+                mine, rows = i == number, limb.reach_rows
+                beyond = arms[mine] @ rows.normals.T - rows.bounds_m
+                self._note("reach", beyond, k[mine], i[mine])
+        self._note("height", self.limits.height_m - com[..., 2] + self.toes[:, 2:], k, i)
+        arm = exact_and_linear(turn, hips)[0]
+        hip = arm - to_toe
+        long, moves = length(hip), speed + cross(momentum @ self.spin.T, arm)
+        self._note("fold", fold - long, k, i)
+        rate = np.abs(np.vecdot(hip, moves)) / np.maximum(long, 1e-9)
+        power = np.abs(np.vecdot(moves, self.plan.forces_n[k, i][:, None]))
+        for name, used, most, scale in (
+            ("speed", rate, fastest, 0.0),
+            ("power", power, strongest, leap.weight_n),
+        ):
+            known = most[:, 0] < math.inf
+            self._note(name, (used - most)[known], k[known], i[known], scale)
 
     def _toe(self, j: int) -> None:
         """A toe on its patch, or where it stands already."""
         leap, toe = self.leap, self.plan.toes_m[j]
         foothold, patch = leap.footholds[j], leap.patch(j, self.plan.choice)
         first = int(np.flatnonzero(self.phase == foothold.frame)[0])
+        limb = np.array([leap.robot.limb_names.index(foothold.limb)])
         if foothold.toe_m is not None:
-            self._note("patch", float(np.linalg.norm(toe - foothold.toe_m)), first, foothold.limb)
+            self._note("patch", float(np.linalg.norm(toe - foothold.toe_m)), first, limb)
             return
         border = patch.vertices_m
         along = np.roll(border, -1, axis=0) - border
@@ -540,16 +517,4 @@ class _Judge:
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
         outside = np.sum(outward * (toe - border), axis=1).max()
         above = abs(float((toe - middle) @ patch.normal))
-        self._note("patch", max(float(outside), above), first, foothold.limb)
-
-
-def _rotations(vectors: Array) -> Array:
-    """exp([Θ]×) = I + sin θ [u]× + (1 − cos θ) [u]×² of rotation vectors, shape (K, 3) to (K, 3,
-    3).
-    """
-    angles = np.linalg.norm(vectors, axis=1)
-    x, y, z = (vectors / np.maximum(angles, 1e-12)[:, None]).T
-    zero = np.zeros_like(x)
-    axes = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    sines, versines = np.sin(angles)[:, None, None], 1.0 - np.cos(angles)[:, None, None]
-    return np.asarray(np.eye(3) + sines * axes + versines * np.matmul(axes, axes))
+        self._note("patch", max(float(outside), above), first, limb)

@@ -34,7 +34,7 @@ from ..robot.urdf_reader import at_rest, base_joint
 from ..terrain.heightfield import HeightField
 from ..terrain.obstacles import Ground, Obstacles
 from ..terrain.patch import Patch
-from .bodies import bodies_report, spaced
+from .bodies import bodies_group, spaced
 
 _GAP_M = 1e-3
 """A foot so near to the terrain touches it."""
@@ -488,14 +488,12 @@ class _Measured:
             normals=normals[rows],
             stands=self.stands[rows],
         )
-        report = bodies_report(
-            Bodies(self.kinematics, solid), self.times_s[rows], body, between=True
-        )
-        why = "; ".join(report.missing)
-        if report.worst is None:
-            return 0.0, "", None, why
-        where = f"{report.worst.link} in {report.worst.other}"
-        return report.worst.depth_m, where, float(report.frame), why
+        made = Bodies(self.kinematics, solid)
+        group = bodies_group("bodies", made, self.times_s[rows], body, between=True)
+        if (worst := group.figures["worst"]) is None:
+            return 0.0, "", None, "; ".join(made.missing)
+        where = f"{worst['link']} in {worst['other']}"
+        return group.value, where, worst["frame"], "; ".join(made.missing)
 
     @cached_property
     def _feet(self) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,103 +43,6 @@ LIMIT_RAD = 1e-6
 _Place = tuple[int, str]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _JointReport:
-    """Can the joints do what a plan asks for?
-
-    M frames, S stances, N limbs, J joints.
-
-    Arguments:
-        angles: shape (M, J) [rad].
-        error_m: of every foot from its toe, shape (M, N).
-        limit_rad: how far the worst joint of a limb is beyond its limits; of angles found here, how
-            far it would have to be, shape (M, N).
-        torque_nm: largest joint torque of a limb in a stance, shape (S, N).
-        excess_nm: how far one of its joints is over its limit, 0 where within.
-        share: largest torque as a share of its joint's limit, of joints whose limit counts.
-            worst_…: where the largest is, as (frame, limb's name).
-        shift_m: how far the whole robot's centre of mass is from the body's origin, which Lin et
-            al. take for it, shape (M,) [m]; nothing is judged by it.
-        unlimited: what is wrong with torque limits that count for nothing, a line each: the file
-            has none, or one that no such joint has.
-    """
-
-    angles: Array
-    error_m: Array
-    limit_rad: Array
-    torque_nm: Array
-    excess_nm: Array
-    share: float
-    shift_m: Array
-    worst_error: _Place
-    worst_limit: _Place
-    worst_torque: _Place
-    postures_message: str
-    torque_message: str
-    unlimited: tuple[str, ...]
-    guessed: tuple[str, ...] = ()
-
-    @property
-    def accepted(self) -> bool:
-        """Every foot is where it should be, and no joint needs more than it has as far as that is
-        known.
-        """
-        return not self.message
-
-    @property
-    def message(self) -> str:
-        """Fault in one line; empty where nothing is."""
-        return "; ".join(filter(None, (self.postures_message, self.torque_message)))
-
-    @property
-    def groups(self) -> tuple[Group, Group]:
-        """The groups ``joints`` and ``torque`` of a report."""
-        frame, limb = self.worst_error
-        joints = Group(
-            name="joints",
-            value=float(self.error_m.max()),
-            limit=REACHED_M,
-            unit="m",
-            where=limb,
-            limb=limb,
-            when=frame,
-            message=self.postures_message or "; ".join(self.guessed),
-            verdict="violated"
-            if self.postures_message
-            else "not checked"
-            if self.guessed
-            else "holds",
-            figures={
-                "error_m": float(self.error_m.max()),
-                "limit_rad": float(self.limit_rad.max()),
-                "shift_m": float(self.shift_m.max()),
-                "worst": {"error": _place(self.worst_error), "limit": _place(self.worst_limit)},
-            },
-        )
-        frame, limb = self.worst_torque
-        torque = Group(
-            name="torque",
-            value=self.share,
-            limit=1.0,
-            unit="1",
-            where=limb,
-            limb=limb,
-            when=frame,
-            message=self.torque_message or "; ".join(self.unlimited),
-            verdict="violated"
-            if self.torque_message
-            else "not checked"
-            if self.unlimited
-            else "holds",
-            figures={
-                "torque_nm": float(self.torque_nm.max()),
-                "share": self.share,
-                "worst": _place(self.worst_torque),
-            },
-        )
-        return joints, torque
-
-
 def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, ...]:
     """Check whether the robot can do it: the groups ``joints``, ``torque``, ``bodies`` and
     ``motion``.
@@ -164,12 +67,9 @@ def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, 
         if time.perf_counter() > deadline:
             raise InvalidInput(LATE)
         solver = Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
-        report = joint_report(plan, solver=solver)
-        groups["joints"], groups["torque"] = report.groups
-        groups |= {
-            group.name: group
-            for group in check_bodies(plan, report.angles, solver, deadline=deadline)
-        }
+        angles, groups["joints"], groups["torque"] = joint_groups(plan, solver=solver)
+        judged = check_bodies(plan, angles, solver, deadline=deadline)
+        groups |= {group.name: group for group in judged}
         if solver.soles and plan.joints_rad is not None and not plan.problem.uncarried:
             groups["torque"] = _on_the_way(plan, solver, groups["torque"], deadline)
     except InvalidInput as error:
@@ -214,29 +114,28 @@ def _on_the_way(plan: Plan, solver: Kinematics, torque: Group, deadline: float) 
     )
 
 
-def joint_report(
-    plan: Plan,
-    servo: Servo | None = None,
-    *,
-    reached_m: float = REACHED_M,
-    solver: Kinematics | None = None,
-) -> _JointReport:
-    """Joints of every key frame, torques of every stance.
+def joint_groups(
+    plan: Plan, servo: Servo | None = None, *, solver: Kinematics | None = None
+) -> tuple[Array, Group, Group]:
+    """Angles of every key frame, shape (M, J) [rad], and whether the joints can do it: the groups
+    ``joints`` and ``torque``.
 
     Raises InvalidInput without pinocchio.
 
     A plan that says within which torque it was made is held to that, where joints have more.
+    Figures beside the verdicts: limit_rad, how far a joint is beyond its limits, of angles found
+    here how far it would have to be; shift_m, how far the whole robot's centre of mass is from the
+    body's origin, which Lin et al. take for it, by which nothing is judged.
 
     Arguments:
         servo: drives the joints of drawn-up legs, in place of the robot's own.
-        reached_m: a foot farther than this from where it should be is out of reach.
         solver: of the plan's robot, in place of one with this servo.
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 
     course = plan.problem
     solver = solver or Kinematics(course.robot, servo, gravity_m_s2=course.gravity_m_s2)
-    angles, error, limit, wrong = _postures(plan, solver, reached_m)
+    angles, error, limit, wrong = _postures(plan, solver)
     moments = plan.moments_nm if solver.soles else None
     torque = np.abs(
         [
@@ -252,33 +151,59 @@ def joint_report(
     if course.frames > 1:  # joints turn from frame to frame
         torque += solver.model.resistance[1]
     most = np.minimum(solver.torque_nm, _torque_cap(plan))
-    shares, over = torque / most, torque - most
+    shares = torque / most
     row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
     place = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
     tired = ""
-    if over.max() > 0.0:
+    if (torque > most).any():
         tired = (
             f"frame {place[0]}, limb {place[1]}: {torque[row, joint]:.3g} Nm in a joint, "
             f"where {solver.joints[joint]} has {most[joint]:g}"
         )
-    frames = list(range(course.frames))
-    return _JointReport(
-        angles=angles,
-        error_m=error,
-        limit_rad=limit,
-        torque_nm=_by_leg(solver, torque),
-        excess_nm=np.maximum(_by_leg(solver, over), 0.0),
-        share=float(shares.max()),
-        shift_m=np.array(
-            [np.linalg.norm(solver.com_offset(q) - course.robot.origin_m) for q in angles]
+    frame, limb = _where(error, course)
+    farthest, doubts = float(error.max()), solver.model.limit_doubts
+    shifts = [np.linalg.norm(solver.com_offset(q) - course.robot.origin_m) for q in angles]
+    joints = Group(
+        name="joints",
+        value=farthest,
+        limit=REACHED_M,
+        unit="m",
+        where=limb,
+        limb=limb,
+        when=frame,
+        message=wrong or "; ".join(doubts),
+        verdict="violated" if wrong else "not checked" if doubts else "holds",
+        figures={
+            "error_m": farthest,
+            "limit_rad": float(limit.max()),
+            "shift_m": float(max(shifts)),
+            "worst": {
+                "error": _place((frame, limb)),
+                "limit": _place(_where(limit, course)),
+            },
+        },
+    )
+    unlimited = solver.model.lines_of(solver.model.torque_doubts)
+    share = float(shares.max())
+    return (
+        angles,
+        joints,
+        Group(
+            name="torque",
+            value=share,
+            limit=1.0,
+            unit="1",
+            where=place[1],
+            limb=place[1],
+            when=place[0],
+            message=tired or "; ".join(unlimited),
+            verdict="violated" if tired else "not checked" if unlimited else "holds",
+            figures={
+                "torque_nm": float(torque.max()),
+                "share": share,
+                "worst": _place(place),
+            },
         ),
-        worst_error=_where(error, frames, course),
-        worst_limit=_where(limit, frames, course),
-        worst_torque=place,
-        postures_message=wrong,
-        torque_message=tired,
-        unlimited=solver.model.lines_of(solver.model.torque_doubts),
-        guessed=solver.model.limit_doubts,
     )
 
 
@@ -290,7 +215,7 @@ def _torque_cap(plan: Plan) -> float:
     return float(limit) if isinstance(limit, int | float) and limit > 0.0 else np.inf
 
 
-def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, Array, Array, str]:
+def _postures(plan: Plan, solver: Kinematics) -> tuple[Array, Array, Array, str]:
     """Angles, errors of the feet, what is beyond limits, and what is wrong with them."""
     from ..motion.joints import normals_at, plan_angles
     from ..robot.leg import rotation_of
@@ -318,8 +243,8 @@ def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, 
         error = np.maximum(error, _off_soles(plan, solver, angles))
         limit = _by_leg(solver, solver.beyond(angles))
     wrong = list[str]()
-    (far, limb), (bent, owner) = _where(error, frames, course), _where(limit, frames, course)
-    if not error.max() <= reached_m:
+    (far, limb), (bent, owner) = _where(error, course), _where(limit, course)
+    if not error.max() <= REACHED_M:
         away = f"{1e3 * error.max():.3g} mm away from its toe"
         message = (
             f"its foot stays {away} within the joints' limits"
@@ -359,9 +284,9 @@ def _by_leg(solver: Kinematics, values: Array) -> Array:
     )
 
 
-def _where(table: Array, frames: Sequence[int], course: Problem) -> _Place:
+def _where(table: Array, course: Problem) -> _Place:
     row, limb = np.unravel_index(int(np.argmax(table)), table.shape)
-    return frames[int(row)], course.robot.limb_names[int(limb)]
+    return int(row), course.robot.limb_names[int(limb)]
 
 
 def _place(at: _Place) -> dict[str, Any]:

@@ -9,185 +9,31 @@ alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable
+from dataclasses import asdict, replace
 from itertools import pairwise
 
 import numpy as np
 
 from ..answer.report import Group, Report
 from ..answer.trajectory import Trajectory
-from ..arguments import cached_property
 from ..files.arrays import LARGEST, Array
 from ..physics import GRAVITY_M_S2
 from .bodies import nothing, whole_body
-from .trajectory_measurements import GROUPS as GROUPS
-from .trajectory_measurements import Flags, Rows, Series, TrajectoryMeasurements
-from .trajectory_measurements import WalkLimits as WalkLimits
+from .trajectory_measurements import (
+    GROUPS as GROUPS,
+    Flags,
+    TrajectoryMeasurements,
+    WalkLimits as WalkLimits,
+    as_far_as_known,
+    rms,
+)
 
 _APART_M = 0.01
 """Between samples a swinging foot is looked at this often along its way [m]."""
 _MOST_PIECES = 10
 """Points between two samples at most: a foot that is faster than ``Limits.foot_speed_m_s`` is
 refused anyway."""
-
-
-@dataclass(frozen=True, slots=True)
-class _FootPhase:
-    """Samples first … last of one foot's stance or swing.
-
-    Arguments:
-        whole: it begins and ends within the trajectory.
-    """
-
-    foot: int
-    first: int
-    last: int
-    whole: bool = True
-
-
-class _StepMeasurements:
-    """Measurements of the steps of one trajectory; all series are shape (K, E) unless they say
-    otherwise.
-    """
-
-    def __init__(self, measured: TrajectoryMeasurements) -> None:
-        self.trajectory, self.feet = measured.trajectory, measured.feet
-        self.times_s, self.step_s = measured.times_s, measured.step_s
-        self._above, self._height_m = measured.above, measured.ground[0]
-        self._swings = tuple(_phases(~self.trajectory.contact))
-
-    # ------------------------------------------------------------------------------------- speed
-    # and duration
-
-    def foot_velocity(self) -> Series:
-        """Speed of a foot between two samples at both of which it stands, shape (K − 1, E)
-        [m/s].
-        """
-        return self._speed(self.trajectory.contact[:-1] & self.trajectory.contact[1:])
-
-    def touch_speed(self) -> Series:
-        """Speed of a foot between two samples at one of which it stands, shape (K − 1, E) [m/s]."""
-        return self._speed(self.trajectory.contact[:-1] ^ self.trajectory.contact[1:])
-
-    def stance_time(self, least_s: float) -> Series:
-        """Time by which a stance is too short, from its first sample to the first one after it [s]."""
-        return self._marked(
-            (stance, least_s - (stance.last - stance.first + 1) * self.step_s)
-            for stance in _phases(self.trajectory.contact)
-            if stance.whole
-        )
-
-    def swing_time(self, least_s: float) -> Series:
-        """Time by which a swing is too short, between the samples at which the foot stands before
-        and after it [s]; a swing that the trajectory's ends cut off has none.
-        """
-        whole = (swing for swing in self._swings if swing.whole)
-        return self._marked(
-            (swing, least_s - (swing.last - swing.first + 2) * self.step_s) for swing in whole
-        )
-
-    def _speed(self, asked: Flags) -> Series:
-        speed = np.linalg.norm(np.diff(self.trajectory.feet_m, axis=0), axis=-1) / self.step_s
-        return Series(np.where(asked, speed, 0.0), self.feet, self.times_s[1:])
-
-    # ------------------------------------------------------------------------------------------- in
-    # the air
-
-    def lift(self, least_m: float) -> Series:
-        """Distance by which the highest point of a swing, along the normal, is too low [m]."""
-        return self._marked(
-            (swing, least_m - float(self._heights(swing).max())) for swing in self._swings
-        )
-
-    def clearance(self, least_m: float) -> Series:
-        """Distance by which a foot comes too near the ground, along the normal, in the middle half
-        of its swing [m].
-        """
-        return self._marked(
-            (swing, least_m - float(self._middle(swing).min())) for swing in self._swings
-        )
-
-    def drag(self, near_m: float) -> Series:
-        """Way of a foot in a swing while it is nearer to the ground than ``near_m``, along the
-        normal [m].
-        """
-        return self._marked((swing, self._dragged(swing, near_m)) for swing in self._swings)
-
-    def penetration_between(self) -> Series:
-        """Depth of swinging feet between samples, every centimetre along cubics through the samples
-        [m].
-        """
-        pieces = self._pieces()
-        worst = np.zeros(len(self.feet)), np.zeros(len(self.feet))
-        for number in range(len(self.feet)):
-            points, times_s = self._between(number, pieces)
-            if len(points):
-                depth = -self._above(points)[0]
-                worst[0][number], worst[1][number] = depth.max(), times_s[depth.argmax()]
-        deepest = int(worst[0].argmax())
-        return Series(worst[0][None], self.feet, worst[1][[deepest]])
-
-    def _pieces(self) -> int:
-        """Into how many pieces steps from sample to sample are cut."""
-        longest = float(np.linalg.norm(np.diff(self.trajectory.feet_m, axis=0), axis=-1).max())
-        return int(np.clip(np.ceil(longest / _APART_M), 2, _MOST_PIECES))
-
-    def _between(self, number: int, pieces: int) -> tuple[Array, Array]:
-        """Points of one foot between samples of which neither stands, shape (P, 3) [m], and their
-        times (P,) [s].
-        """
-        flies = ~self.trajectory.contact[:, number]
-        at = np.flatnonzero(flies[1:-2] & flies[2:-1] & flies[:-3] & flies[3:]) + 1
-        shares = np.arange(1, pieces) / pieces
-        weights = 0.5 * np.stack(
-            [
-                -shares + 2 * shares**2 - shares**3,
-                2 - 5 * shares**2 + 3 * shares**3,
-                shares + 4 * shares**2 - 3 * shares**3,
-                -(shares**2) + shares**3,
-            ]
-        )
-        near = self.trajectory.feet_m[at[:, None] + np.arange(-1, 3), number]
-        points = np.einsum("kwi,ws->ksi", near, weights).reshape(-1, 3)
-        return points, (self.times_s[at][:, None] + shares * self.step_s).ravel()
-
-    def _heights(self, swing: _FootPhase) -> Array:
-        return self._height_m[swing.first : swing.last + 1, swing.foot]
-
-    def _middle(self, swing: _FootPhase) -> Array:
-        """Heights in the middle half; of a swing that is cut off all but a quarter beside the end
-        at which it lands.
-        """
-        heights = self._heights(swing)
-        quarter = len(heights) // 4
-        begins, ends = swing.first > 0, swing.last < len(self._height_m) - 1
-        return heights[quarter * begins : len(heights) - quarter * ends]
-
-    def _dragged(self, swing: _FootPhase, near_m: float) -> float:
-        first, last = max(swing.first - 1, 0), min(swing.last + 1, len(self._height_m) - 1)
-        way = self.trajectory.feet_m[first : last + 1, swing.foot]
-        stands = self.trajectory.contact[first : last + 1, swing.foot]
-        low = stands | (self._height_m[first : last + 1, swing.foot] < near_m)
-        return float(np.linalg.norm(np.diff(way, axis=0), axis=1)[low[1:] & low[:-1]].sum())
-
-    def _marked(self, found: Iterator[tuple[_FootPhase, float]]) -> Series:
-        """A value a phase, at the sample where the phase begins."""
-        values = np.zeros(self.trajectory.contact.shape)
-        for phase, value in found:
-            values[phase.first, phase.foot] = max(value, 0.0)
-        return Series(values, self.feet, self.times_s)
-
-
-def _phases(holds: Flags) -> Iterator[_FootPhase]:
-    """Runs of samples at which it holds, foot by foot; those that an end of the trajectory cuts off
-    are not whole.
-    """
-    for foot in range(holds.shape[1]):
-        changes = [0, *(np.flatnonzero(np.diff(holds[:, foot])) + 1).tolist(), len(holds)]
-        for first, end in pairwise(changes):
-            if holds[first, foot]:
-                yield _FootPhase(foot, first, end - 1, whole=first > 0 and end < len(holds))
 
 
 _MOST_EDGES = 4000
@@ -197,170 +43,137 @@ _EVEN = 1e-9
 """Normal force of all feet below which there is none, in units of m·g."""
 
 
-class MomentumMeasurements:
-    """Measurements of the residuals of one trajectory, and of its two ends."""
+# ------------------------------------------------------------------------------------------ steps
 
-    def __init__(self, measured: TrajectoryMeasurements) -> None:
-        self._measured, self.trajectory = measured, measured.trajectory
-        self.times_s, self.step_s = measured.times_s, measured.step_s
 
-    # ------------------------------------------------------------------------------------------------
-    # windows
+def _phases(holds: Flags) -> list[tuple[int, int, int]]:
+    """Runs of samples at which it holds, foot by foot: the foot, the first sample and the last."""
+    phases = []
+    for foot in range(holds.shape[1]):
+        changes = [0, *(np.flatnonzero(np.diff(holds[:, foot])) + 1).tolist(), len(holds)]
+        runs = [(first, end) for first, end in pairwise(changes) if holds[first, foot]]
+        phases += [(foot, first, end - 1) for first, end in runs]
+    return phases
 
-    def impulse(self, rate_n: float) -> Series:
-        """‖∫ (m (a − g) − Σ f) dt‖ over every window, less ``rate_n`` a second of it, shape (1, 1)
-        [N s].
-        """
-        return self._windows(self._measured.force_residual(), rate_n)
 
-    def angular_impulse(self, rate_nm: float) -> Series:
-        """‖∫ (dL/dt − Σ (p_i − p) × f_i) dt‖ over every window, less ``rate_nm`` a second of it [N
-        m s].
-        """
-        return self._windows(self._measured.moment_residual(), rate_nm)
+def _middle(heights: Array, first: int, last: int) -> Array:
+    """Heights in the middle half of a swing; of one that is cut off all but a quarter beside the end
+    at which it lands.
+    """
+    here = heights[first : last + 1]
+    quarter, begins, ends = len(here) // 4, first > 0, last < len(heights) - 1
+    return here[quarter * begins : len(here) - quarter * ends]
 
-    def _windows(self, residual: Series, rate: float) -> Series:
-        impulses = (
-            np.concatenate([np.zeros((1, 3)), np.cumsum(residual.values, axis=0)]) * self.step_s
-        )
-        stride = 1 + (len(impulses) - 1) // _MOST_EDGES
-        edges = np.unique(np.append(np.arange(0, len(impulses), stride), len(impulses) - 1))
-        sums, lasts = np.ascontiguousarray(impulses[edges].T), edges * self.step_s
-        worst, begins = 0.0, 0
-        most = float(np.linalg.norm(np.ptp(sums, axis=1)))  # of any window
-        for apart in range(1, len(edges)):
-            if most - rate * (apart - 1) * stride * self.step_s <= worst:
-                break  # nor have longer ones more
-            within = sums[:, apart:] - sums[:, :-apart]
-            size = np.sqrt(np.einsum("ik,ik->k", within, within)) - rate * (
-                lasts[apart:] - lasts[:-apart]
-            )
-            at = int(size.argmax())
-            if size[at] > worst:
-                worst, begins = float(size[at]), int(edges[at])
-        return Series(np.array([[worst]]), ("torso",), self.times_s[[begins + 1]])
 
-    # ---------------------------------------------------------------------------------------------
-    # traction
+def _dragged(way: Array, low: Flags, first: int, last: int) -> float:
+    """How far a foot goes while it is low, from the sample before its swing to the one after [m]."""
+    part = slice(max(first - 1, 0), last + 2)
+    moved = np.linalg.norm(np.diff(way[part], axis=0), axis=1)
+    return float(moved[low[part][1:] & low[part][:-1]].sum())
 
-    @cached_property
-    def _lacking(self) -> Array:
-        """Part of the force that the motion needs and that cones cannot give, of all feet, shape (K
-        − 2,) [N].
 
-        The force residual is added to the standing feet by their shares of the normal force. What
-        ‖f_t‖ has beyond ν (f_n + s) counts, and any pull beyond the suction s; where no foot
-        presses the residual counts whole.
-        """
-        trajectory, residual = self.trajectory, self._measured.force_residual().values
-        normals, stands = self._measured.ground[1][1:-1], trajectory.contact[1:-1]
-        forces = trajectory.forces_n[1:-1]
-        presses = np.where(stands, np.maximum(np.sum(forces * normals, axis=-1), 0.0), 0.0)
-        whole = presses.sum(axis=1)
-        carried = whole > _EVEN * self._measured.weight_n
-        shares = presses / np.where(carried, whole, 1.0)[:, None]
-        supplied = forces + shares[..., None] * residual[:, None]
-        beyond = self._measured.beyond_cone(supplied, normals, self._measured.suction_n)
-        lacking = np.where(stands, np.maximum(beyond, 0.0), 0.0).sum(axis=1)
-        return np.asarray(np.where(carried, lacking, np.linalg.norm(residual, axis=1)))
-
-    def traction(self) -> Series:
-        """Force that the motion needs and that the standing feet's cones cannot give, shape (K − 2,
-        1) [N].
-        """
-        return Series(self._lacking[:, None], ("torso",), self.times_s[1:-1])
-
-    def traction_impulse(self) -> Series:
-        """Impulse of that part over the whole walk, up to each sample [N s]."""
-        return Series(
-            np.cumsum(self._lacking)[:, None] * self.step_s, ("torso",), self.times_s[1:-1]
-        )
-
-    def traction_way(self) -> Series:
-        """Distance that the centre of mass gets by it, up to each sample, as if all of it pushed
-        one way [m].
-        """
-        speed = self.traction_impulse().values / self.trajectory.robot.mass_kg
-        return Series(np.cumsum(speed, axis=0) * self.step_s, ("torso",), self.times_s[1:-1])
-
-    def traction_turn(self) -> Series:
-        """Angle that the torso turns about the vertical by moments that the standing feet cannot
-        give [rad].
-
-        A foot gives at most ‖r‖ (‖n‖ + ν) (f_n + s) about the vertical through the centre of mass,
-        all horizontal.
-        """
-        trajectory, normals = self.trajectory, self._measured.ground[1][1:-1]
-        arms = (trajectory.feet_m - trajectory.torso_m[:, None])[1:-1]
-        forces, stands = trajectory.forces_n[1:-1], trajectory.contact[1:-1]
-        needed = (
-            self._measured.moment_residual().values[:, 2] + np.cross(arms, forces).sum(axis=1)[:, 2]
-        )
-        presses = np.maximum(np.sum(forces * normals, axis=-1), 0.0) + self._measured.suction_n
-        level = np.linalg.norm(normals[..., :2], axis=-1) + trajectory.friction
-        moments = np.where(
-            stands, np.linalg.norm(arms[..., :2], axis=-1) * level * presses, 0.0
-        ).sum(axis=1)
-        lacking = (
-            np.maximum(np.abs(needed) - moments, 0.0)
-            / np.linalg.eigvalsh(np.asarray(trajectory.robot.inertia_kgm2))[-1]
-        )
-        turned = np.cumsum(np.cumsum(lacking)) * self.step_s**2
-        return Series(turned[:, None], ("torso",), self.times_s[1:-1])
-
-    def angular_residual(self) -> Series:
-        """Angular acceleration that the moments of the feet do not explain, shape (K − 2, 1)
-        [rad/s²].
-        """
-        rotation, missing = self.trajectory.rotation[1:-1], self._measured.moment_residual().values
-        moment = np.einsum("kji,kj->ki", rotation, missing)
-        rate = np.linalg.solve(np.asarray(self._measured.robot.inertia_kgm2), moment.T).T
-        return Series(np.linalg.norm(rate, axis=1)[:, None], ("torso",), self.times_s[1:-1])
-
-    # -------------------------------------------------------------------------------------------
-    # both ends
-
-    def heading(self) -> Series:
-        """Angle of the torso's x axis, seen from above, off the headings asked for at both ends,
-        (2, 1) [rad].
-        """
-        headings = (self.trajectory.heading_rad, self.trajectory.heading_end_rad)
-        axes = self.trajectory.rotation[[0, -1], :, 0]
-        off = [
-            0.0 if rad is None else float(np.arctan2(x[1], x[0])) - rad
-            for rad, x in zip(headings, axes, strict=True)
+def _between(walk: TrajectoryMeasurements, number: int, pieces: int) -> tuple[Array, Array]:
+    """Points of one foot between samples of which neither stands, along cubics through the samples,
+    shape (P, 3) [m], and their times (P,) [s].
+    """
+    flies = ~walk.trajectory.contact[:, number]
+    at = np.flatnonzero(flies[1:-2] & flies[2:-1] & flies[:-3] & flies[3:]) + 1
+    shares = np.arange(1, pieces) / pieces
+    weights = 0.5 * np.stack(
+        [
+            -shares + 2 * shares**2 - shares**3,
+            2 - 5 * shares**2 + 3 * shares**3,
+            shares + 4 * shares**2 - 3 * shares**3,
+            -(shares**2) + shares**3,
         ]
-        away = np.abs((np.array(off) + np.pi) % (2.0 * np.pi) - np.pi)
-        return Series(away[:, None], ("torso",), self.times_s[[0, -1]])
+    )
+    near = walk.trajectory.feet_m[at[:, None] + np.arange(-1, 3), number]
+    points = np.einsum("kwi,ws->ksi", near, weights).reshape(-1, 3)
+    return points, (walk.times_s[at][:, None] + shares * walk.step_s).ravel()
 
-    def rest(self) -> Series:
-        """Speed of torso and feet, turning at the stand height, at the ends asked to be at rest
-        [m/s].
-        """
-        points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)
-        speed = np.linalg.norm(points[self._ends(1)] - points[self._ends(0)], axis=-1) / self.step_s
-        turning = (
-            np.linalg.norm(self._measured.spin[self._ends(0, 1)], axis=1)
-            * self._measured.robot.stand_height_m
+
+def _penetration_between(walk: TrajectoryMeasurements, longest_m: float) -> tuple[Array, Array]:
+    """Depth of swinging feet between samples, every centimetre, shape (1, E) [m], and the time of the
+    deepest, (1,) [s].
+
+    Arguments:
+        longest_m: way of a foot from sample to sample at most.
+    """
+    pieces = int(np.clip(np.ceil(longest_m / _APART_M), 2, _MOST_PIECES))
+    deepest, when = np.zeros((2, 1, len(walk.feet)))
+    for number in range(len(walk.feet)):
+        points, times_s = _between(walk, number, pieces)
+        if len(points):
+            depth = -walk.above(points)[0]
+            deepest[0, number], when[0, number] = depth.max(), times_s[depth.argmax()]
+    return deepest, when[:, int(deepest.argmax())]
+
+
+# --------------------------------------------------------------------------------------- residuals
+
+
+def worst_window(residual: Array, step_s: float, rate: float) -> tuple[float, int]:
+    """‖∫ residual dt‖ of the window in which it is the largest beyond ``rate`` a second of the window,
+    and at which row it begins.
+
+    Arguments:
+        residual: shape (S, 3).
+        step_s: between its rows.
+    """
+    impulses = np.concatenate([np.zeros((1, 3)), np.cumsum(residual, axis=0)]) * step_s
+    stride = 1 + (len(impulses) - 1) // _MOST_EDGES
+    edges = np.unique(np.append(np.arange(0, len(impulses), stride), len(impulses) - 1))
+    sums, lasts = np.ascontiguousarray(impulses[edges].T), edges * step_s
+    worst, begins = 0.0, 0
+    most = float(np.linalg.norm(np.ptp(sums, axis=1)))  # of any window
+    for apart in range(1, len(edges)):
+        if most - rate * (apart - 1) * stride * step_s <= worst:
+            break  # nor have longer ones more
+        within = sums[:, apart:] - sums[:, :-apart]
+        size = np.sqrt(np.einsum("ik,ik->k", within, within)) - rate * (
+            lasts[apart:] - lasts[:-apart]
         )
-        speed[:, -1] = np.maximum(speed[:, -1], turning)
-        return Series(speed, (*self._measured.feet, "torso"), self.times_s[self._ends(0)])
+        at = int(size.argmax())
+        if size[at] > worst:
+            worst, begins = float(size[at]), int(edges[at])
+    return worst, begins
 
-    def rest_acceleration(self) -> Series:
-        """Acceleration of the torso at the ends asked to be at rest, on a line through the next two
-        samples [m/s²].
-        """
-        felt = self._measured.acceleration
-        felt = np.linalg.norm(2.0 * felt[self._ends(0, 2)] - felt[self._ends(1, 2)], axis=1)
-        return Series(felt[:, None], ("torso",), self.times_s[self._ends(0)])
 
-    def _ends(self, step: int, shorter: int = 0) -> list[int]:
-        """The first samples, the last ones, or none: as the task asks; ``step`` inwards of a series
-        so much shorter.
-        """
-        last = self.trajectory.samples - 1 - shorter
-        starts, stops = self.trajectory.still
-        return [step] * starts + [last - step] * stops
+def _lacking(walk: TrajectoryMeasurements) -> Array:
+    """Part of the force that the motion needs and that cones cannot give, of all feet, shape (K −
+    2,) [N].
+
+    The force residual is added to the standing feet by their shares of the normal force. What ‖f_t‖
+    has beyond ν (f_n + s) counts, and any pull beyond the suction s; where no foot presses the
+    residual counts whole.
+    """
+    residual, forces = walk.force_residual, walk.trajectory.forces_n[1:-1]
+    normals, stands = walk.ground[1][1:-1], walk.trajectory.contact[1:-1]
+    presses = np.where(stands, np.maximum(np.sum(forces * normals, axis=-1), 0.0), 0.0)
+    whole = presses.sum(axis=1)
+    carried = whole > _EVEN * walk.weight_n
+    shares = presses / np.where(carried, whole, 1.0)[:, None]
+    supplied = forces + shares[..., None] * residual[:, None]
+    beyond = walk.beyond_cone(supplied, normals, walk.suction_n)
+    lacking = np.where(stands, np.maximum(beyond, 0.0), 0.0).sum(axis=1)
+    return np.asarray(np.where(carried, lacking, np.linalg.norm(residual, axis=1)))
+
+
+def _lacking_turn(walk: TrajectoryMeasurements) -> Array:
+    """Angular acceleration about the vertical by moments that the standing feet cannot give, shape (K
+    − 2,) [rad/s²].
+
+    A foot gives at most ‖r‖ (‖n‖ + ν) (f_n + s) about the vertical through the centre of mass, all
+    horizontal.
+    """
+    trajectory, normals, arms = walk.trajectory, walk.ground[1][1:-1], walk.arms[1:-1]
+    forces, stands = trajectory.forces_n[1:-1], trajectory.contact[1:-1]
+    needed = walk.moment_residual[:, 2] + np.cross(arms, forces).sum(axis=1)[:, 2]
+    presses = np.maximum(np.sum(forces * normals, axis=-1), 0.0) + walk.suction_n
+    level = np.linalg.norm(normals[..., :2], axis=-1) + trajectory.friction
+    moments = np.where(stands, np.linalg.norm(arms[..., :2], axis=-1) * level * presses, 0.0)
+    lacking = np.maximum(np.abs(needed) - moments.sum(axis=1), 0.0)
+    return np.asarray(lacking / np.linalg.eigvalsh(np.asarray(walk.robot.inertia_kgm2))[-1])
 
 
 def _defect_of(trajectory: Trajectory, step_s: float) -> str:
@@ -458,55 +271,20 @@ def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> 
     if report.defect:
         return report
     with np.errstate(all="ignore"):
-        groups = {
-            group.name: group
-            for group in _groups(*whole_body(TrajectoryMeasurements(report.answer), limits))
-        }
+        measured = TrajectoryMeasurements(report.answer)
+        groups = {group.name: group for group in whole_body(measured, limits)}
     if not all(math.isfinite(group.value) for group in groups.values()):
         return _refused(report.answer, limits, _OVERFLOW)
     return replace(report, groups=tuple(groups.get(group.name, group) for group in report.groups))
 
 
-def _measured(
-    measured: TrajectoryMeasurements, limits: WalkLimits, *, body: bool
-) -> tuple[Group, ...]:
+def _measured(walk: TrajectoryMeasurements, limits: WalkLimits, *, body: bool) -> tuple[Group, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
-    groups, unasked = whole_body(measured, limits) if body else nothing("not asked for")
-    rows = (
-        _balances(measured, limits)
-        | _contacts(measured, limits)
-        | _whole(measured, limits)
-        | groups
-    )
-    return _groups(rows, unasked | _unasked(measured.trajectory))
-
-
-def _groups(rows: Rows, unasked: dict[str, str]) -> tuple[Group, ...]:
-    """The worst of every group that was measured, in the order of ``GROUPS``.
-
-    Arguments:
-        unasked: why some are not checked.
-    """
-    groups = []
-    for group, unit in GROUPS.items():
-        if group not in rows:
-            continue
-        series, limit, *rms = rows[group]
-        worst, where, time_s = series.worst()
-        value, reason = rms[0] if rms else worst, unasked.get(group, "")
-        groups.append(
-            Group(
-                name=group,
-                value=value,
-                limit=limit,
-                unit=unit,
-                where=where,
-                when=None if math.isnan(time_s) else time_s,
-                message=reason,
-                verdict="not checked" if reason and value <= limit else "",
-            )
-        )
-    return tuple(groups)
+    groups = whole_body(walk, limits) if body else nothing("not asked for")
+    rows = (*_balances(walk, limits), *_ends(walk, limits), *_contacts(walk, limits))
+    rows = (*rows, *_whole(walk, limits), *groups)
+    found, unasked = {group.name: group for group in rows}, _unasked(walk.trajectory)
+    return tuple(as_far_as_known(found[name], unasked.get(name, "")) for name in GROUPS)
 
 
 def _unasked(trajectory: Trajectory) -> dict[str, str]:
@@ -523,76 +301,173 @@ def _unasked(trajectory: Trajectory) -> dict[str, str]:
     return reasons
 
 
-def _balances(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
+def _balances(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
     """Newton and Euler, and who could supply what they lack."""
-    weight, moment = measured.weight_n, measured.moment_scale_nm
-    forces, moments, momentum = (
-        measured.force_residual(),
-        measured.moment_residual(),
-        MomentumMeasurements(measured),
+    group, weight, moment = walk.group, walk.weight_n, walk.moment_scale_nm
+    forces, moments, step_s = walk.force_residual, walk.moment_residual, walk.step_s
+    sizes, turns = np.linalg.norm(forces, axis=1), np.linalg.norm(moments, axis=1)
+    inertia, rotation = np.asarray(walk.robot.inertia_kgm2), walk.trajectory.rotation[1:-1]
+    spun = np.linalg.solve(inertia, np.einsum("kji,kj->ik", rotation, moments)).T
+    lacking, turning = _lacking(walk), _lacking_turn(walk)
+    impulse = np.cumsum(lacking) * step_s
+
+    def window(name: str, residual: Array, scale: float) -> Group:
+        """What a residual sums up to over any window."""
+        rate, most = (getattr(limits, f"{name}_{unit}") * scale for unit in ("rate", "s"))
+        worst, begins = worst_window(residual, step_s, rate)
+        return group(name, np.array([worst]), most, times_s=walk.times_s[[begins + 1]])
+
+    return (
+        group("force_balance", sizes, limits.force_balance * weight, judged=rms(forces)),
+        group("force_peak", sizes, limits.force_peak * weight),
+        group("moment_balance", turns, limits.moment_balance * moment, judged=rms(moments)),
+        group("moment_peak", turns, limits.moment_peak * moment),
+        window("impulse", forces, weight),
+        window("angular_impulse", moments, moment),
+        group(  # angular acceleration that the moments of the feet do not explain
+            "angular_residual",
+            np.linalg.norm(spun, axis=1),
+            limits.angular_residual * GRAVITY_M_S2 / walk.robot.stand_height_m,
+        ),
+        group("traction", lacking, limits.traction * weight),
+        group("traction_impulse", impulse, limits.traction_impulse_s * weight),
+        group(  # how far the centre of mass gets by it, as if all of it pushed one way
+            "traction_way",
+            np.cumsum(impulse / walk.robot.mass_kg) * step_s,
+            limits.traction_way_m,
+        ),
+        group("traction_turn", np.cumsum(np.cumsum(turning)) * step_s**2, limits.traction_turn_rad),
     )
-    spin = limits.angular_residual * GRAVITY_M_S2 / measured.robot.stand_height_m
-    return {
-        "force_balance": (forces.size(), limits.force_balance * weight, forces.rms()),
-        "force_peak": (forces.size(), limits.force_peak * weight),
-        "moment_balance": (moments.size(), limits.moment_balance * moment, moments.rms()),
-        "moment_peak": (moments.size(), limits.moment_peak * moment),
-        "impulse": (momentum.impulse(limits.impulse_rate * weight), limits.impulse_s * weight),
-        "angular_impulse": (
-            momentum.angular_impulse(limits.angular_impulse_rate * moment),
-            limits.angular_impulse_s * moment,
-        ),
-        "angular_residual": (momentum.angular_residual(), spin),
-        "traction": (momentum.traction(), limits.traction * weight),
-        "traction_impulse": (momentum.traction_impulse(), limits.traction_impulse_s * weight),
-        "traction_way": (momentum.traction_way(), limits.traction_way_m),
-        "traction_turn": (momentum.traction_turn(), limits.traction_turn_rad),
-        "heading": (momentum.heading(), limits.heading_rad),
-        "rest": (momentum.rest(), limits.rest_m_s),
-        "rest_acceleration": (
-            momentum.rest_acceleration(),
-            limits.rest_acceleration * GRAVITY_M_S2,
-        ),
-    }
 
 
-def _contacts(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
+def _ends(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
+    """Where the torso begins and ends, its headings there, and rest where that is asked for."""
+    trajectory, times_s, points = walk.trajectory, walk.times_s, walk.points
+    starts, stops = trajectory.still
+
+    def ends(step: int, shorter: int = 0) -> list[int]:
+        """The first samples, the last ones, or none: as the task asks; ``step`` inwards of a series
+        so much shorter.
+        """
+        return [step] * starts + [trajectory.samples - 1 - shorter - step] * stops
+
+    headings = (trajectory.heading_rad, trajectory.heading_end_rad)
+    off = [
+        0.0 if rad is None else float(np.arctan2(x[1], x[0])) - rad
+        for rad, x in zip(headings, trajectory.rotation[[0, -1], :, 0], strict=True)
+    ]
+    away = np.abs((np.array(off) + np.pi) % (2.0 * np.pi) - np.pi)
+    speed = np.linalg.norm(points[ends(1)] - points[ends(0)], axis=-1) / walk.step_s
+    turning = np.linalg.norm(walk.spin[ends(0, 1)], axis=1) * walk.robot.stand_height_m
+    speed[:, -1] = np.maximum(speed[:, -1], turning)
+    felt = 2.0 * walk.acceleration[ends(0, 2)] - walk.acceleration[ends(1, 2)]  # on a line
+    felt, rest = np.linalg.norm(felt, axis=1), limits.rest_acceleration * GRAVITY_M_S2
+    group, at_rest = walk.group, times_s[ends(0)]
+    start, goal = (
+        np.linalg.norm(trajectory.torso_m[[at], :2] - wanted, axis=1)
+        for at, wanted in ((0, trajectory.start), (-1, trajectory.goal))
+    )
+    return (
+        group("start", start, limits.start_m, times_s=times_s[:1]),
+        group("goal", goal, limits.goal_m, times_s=times_s[-1:]),
+        group("heading", away, limits.heading_rad, times_s=times_s[[0, -1]]),
+        group("rest", speed, limits.rest_m_s, times_s=at_rest),
+        group("rest_acceleration", felt, rest, times_s=at_rest),
+    )
+
+
+def _contacts(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
     """Feet: what they press with, where they stand, and how they step."""
-    weight, steps = measured.weight_n, _StepMeasurements(measured)
-    return {
-        "cone": (measured.cone(), limits.cone * weight),
-        "suction": (measured.suction(), limits.cone * weight),
-        "force_foot": (measured.force_foot(), limits.force_foot * weight),
-        "swing_force": (measured.swing_force(), limits.swing_force * weight),
-        "contact_gap": (measured.contact_gap(), limits.contact_gap_m),
-        "slip": (measured.slip(), limits.slip_m),
-        "foot_velocity": (steps.foot_velocity(), limits.foot_velocity_m_s),
-        "touch_speed": (steps.touch_speed(), limits.touch_speed_m_s),
-        "stance_time": (steps.stance_time(limits.least_stance_s), _TIME_S),
-        "swing_time": (steps.swing_time(limits.least_swing_s), _TIME_S),
-        "lift": (steps.lift(limits.least_lift_m), 0.0),
-        "clearance": (steps.clearance(limits.least_clearance_m), 0.0),
-        "drag": (steps.drag(limits.contact_gap_m), limits.drag_m),
-        "penetration": (measured.penetration(), limits.penetration_m),
-        "penetration_between": (steps.penetration_between(), limits.penetration_m),
-        "reach": (measured.reach(), limits.reach_m),
-    }
+    trajectory, weight, step_s = walk.trajectory, walk.weight_n, walk.step_s
+    contact, feet, heights = trajectory.contact, trajectory.feet_m, walk.ground[0]
+    sizes = np.linalg.norm(trajectory.forces_n, axis=-1)
+    ways = np.linalg.norm(np.diff(feet, axis=0), axis=-1)
+    sticking = contact & trajectory.adhesive & np.isfinite(walk.suction_n)
+    low, swings = contact | (heights < limits.contact_gap_m), _phases(~contact)
+    whole_stances, whole_swings = (
+        [phase for phase in phases if phase[1] > 0 and phase[2] < len(contact) - 1]
+        for phases in (_phases(contact), swings)
+    )
+
+    def where(name: str, asked: Flags, values: Array, limit: float) -> Group:
+        """A group of feet at the samples at which it is asked for."""
+        return walk.group(name, np.where(asked, values, 0.0), limit)
+
+    def each(
+        name: str, phases: list[tuple[int, int, int]], found: Iterable[float], limit: float
+    ) -> Group:
+        """A group of a value a phase, at the sample where the phase begins."""
+        values = np.zeros(contact.shape)
+        for (foot, first, _), value in zip(phases, found, strict=True):
+            values[first, foot] = max(value, 0.0)
+        return walk.group(name, values, limit)
+
+    depth, when = _penetration_between(walk, float(ways.max()))
+    return (
+        where("cone", walk.gripping, walk.beyond, limits.cone * weight),
+        where("suction", sticking, walk.beyond, limits.cone * weight),
+        where("force_foot", contact, sizes, limits.force_foot * weight),
+        where("swing_force", ~contact, sizes, limits.swing_force * weight),
+        where("contact_gap", contact, np.abs(heights), limits.contact_gap_m),
+        where("slip", contact, walk.slip(), limits.slip_m),
+        # between two samples at both of which a foot stands, and at one of which
+        where("foot_velocity", contact[:-1] & contact[1:], ways / step_s, limits.foot_velocity_m_s),
+        where("touch_speed", contact[:-1] ^ contact[1:], ways / step_s, limits.touch_speed_m_s),
+        each(  # too short by, from its first sample to the first one after it
+            "stance_time",
+            whole_stances,
+            (limits.least_stance_s - (b - a + 1) * step_s for _, a, b in whole_stances),
+            _TIME_S,
+        ),
+        each(  # too short by, between the samples at which the foot stands before and after it
+            "swing_time",
+            whole_swings,
+            (limits.least_swing_s - (b - a + 2) * step_s for _, a, b in whole_swings),
+            _TIME_S,
+        ),
+        each(  # the highest point of a swing, along the normal, is too low by
+            "lift",
+            swings,
+            (limits.least_lift_m - float(heights[a : b + 1, i].max()) for i, a, b in swings),
+            0.0,
+        ),
+        each(  # too near the ground in the middle half of the swing by
+            "clearance",
+            swings,
+            (
+                limits.least_clearance_m - float(_middle(heights[:, i], a, b).min())
+                for i, a, b in swings
+            ),
+            0.0,
+        ),
+        each(
+            "drag",
+            swings,
+            (_dragged(feet[:, i], low[:, i], a, b) for i, a, b in swings),
+            limits.drag_m,
+        ),
+        where("penetration", ~contact, -heights, limits.penetration_m),
+        walk.group("penetration_between", depth, limits.penetration_m, times_s=when),
+        walk.group("reach", walk.reach(), limits.reach_m),
+    )
 
 
-def _whole(measured: TrajectoryMeasurements, limits: WalkLimits) -> Rows:
-    """The motion as one, and the course."""
-    trajectory = measured.trajectory
-    return {
-        "rotation": (measured.off_rotation(), limits.rotation),
-        "start": (measured.miss(0, trajectory.start), limits.start_m),
-        "goal": (measured.miss(-1, trajectory.goal), limits.goal_m),
-        "domain": (measured.domain(), limits.domain_m),
-        "continuity": (measured.jumps(), limits.continuity_m),
-        "foot_speed": (measured.foot_speed(), limits.foot_speed_m_s),
-        "torso_speed": (measured.torso_speed(), limits.torso_speed_m_s),
-        "turn_rate": (measured.turn_rate(), limits.turn_rate_rad_s),
-        "trunk": (measured.trunk(), limits.trunk_m),
-    }
+def _whole(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
+    """The motion as one."""
+    group, speeds = walk.group, np.linalg.norm(np.diff(walk.points, axis=0), axis=-1) / walk.step_s
+    return (
+        group("rotation", walk.off_rotation(), limits.rotation),
+        group("domain", walk.domain(), limits.domain_m),
+        group(  # ‖x₋ − 2x + x₊‖
+            "continuity",
+            np.linalg.norm(np.diff(walk.points, 2, axis=0), axis=-1),
+            limits.continuity_m,
+        ),
+        group("foot_speed", speeds[:, :-1], limits.foot_speed_m_s),
+        group("torso_speed", speeds[:, -1], limits.torso_speed_m_s),
+        group("turn_rate", np.linalg.norm(walk.spin, axis=1), limits.turn_rate_rad_s),
+        group("trunk", walk.trunk(), limits.trunk_m),
+    )
 
 
 def _refused(trajectory: Trajectory, limits: WalkLimits, defect: str) -> Report[Trajectory]:

@@ -8,14 +8,15 @@ believed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.trajectory import OFF_M, STEP_S, Trajectory
-from ..answer.trajectory import WALK_BODY as WHOLE_BODY
+from ..answer.report import Group
+from ..answer.trajectory import OFF_M, STEP_S, WALK_BODY as WHOLE_BODY, Trajectory
 from ..arguments import cached_property
 from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
@@ -151,41 +152,45 @@ class WalkLimits:
     bodies_m: float = 1e-4
 
 
-Rows = dict[str, tuple["Series", float] | tuple["Series", float, float]]
-"""What is measured, its limit, and the value that is judged where that is not the largest of the
-series."""
+def worst_group(
+    name: str,
+    values: Array,
+    limit: float,
+    unit: str,
+    names: Sequence[str],
+    times_s: Array,
+    *,
+    judged: float | None = None,
+    limbs: Sequence[str] = (),
+) -> Group:
+    """The group of one quantity over time, with the column and the time of its largest value.
 
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """One quantity over time: values, shape (S, C); names of the C columns; times_s, shape (S,)
-    [s].
+    Arguments:
+        values: shape (S, C), or (S,) of the whole body.
+        names, limbs: of the columns.
+        times_s: shape (S,) [s].
+        judged: the value that is judged where that is not the largest, or 0 where that is less.
     """
+    if not values.size:
+        return Group(name=name, limit=limit, unit=unit)
+    row, column = divmod(int(values.argmax()), values[0].size)
+    return Group(
+        name=name,
+        value=max(float(values.flat[values.argmax()]), 0.0) if judged is None else judged,
+        limit=limit,
+        unit=unit,
+        where=names[column],
+        limb=limbs[column] if limbs else "",
+        when=float(times_s[row]),
+    )
 
-    values: Array
-    names: tuple[str, ...]
-    times_s: Array
 
-    def worst(self) -> tuple[float, str, float]:
-        """The largest value, at least 0, its column's name and its time; (0, "", NaN) of
-        nothing.
-        """
-        if not self.values.size:
-            return 0.0, "", math.nan
-        row, column = divmod(int(self.values.argmax()), len(self.names))
-        return (
-            max(float(self.values[row, column]), 0.0),
-            self.names[column],
-            float(self.times_s[row]),
-        )
-
-    def size(self) -> Series:
-        """The rows' norms, of the whole body."""
-        return Series(np.linalg.norm(self.values, axis=1)[:, None], ("torso",), self.times_s)
-
-    def rms(self) -> float:
-        """Root mean square of the rows' norms."""
-        return float(np.sqrt(np.mean(np.sum(self.values**2, axis=1)))) if self.values.size else 0.0
+def as_far_as_known(group: Group, why: str) -> Group:
+    """A group of which something is not known or not asked for: it holds of nothing."""
+    if not why:
+        return group
+    verdict = "not checked" if group.value <= group.limit else group.verdict
+    return replace(group, message=why, verdict=verdict)
 
 
 Flags = NDArray[np.bool_]
@@ -200,15 +205,38 @@ class TrajectoryMeasurements:
     """The measurements of one trajectory that has no defect (``defect_of``)."""
 
     def __init__(self, trajectory: Trajectory) -> None:
-        self.trajectory = trajectory
-        self.robot = trajectory.robot
+        self.trajectory, self.robot = trajectory, trajectory.robot
         self.feet = tuple(foot.name for foot in self.robot.feet)
-        self.times_s = trajectory.times_s
-        self.step_s = trajectory.step_s
+        self.times_s, self.step_s = trajectory.times_s, trajectory.step_s
         self.weight_n = self.robot.mass_kg * GRAVITY_M_S2
         self.moment_scale_nm = self.weight_n * self.robot.stand_height_m
         sucks = math.inf if trajectory.suction_n is None else trajectory.suction_n
         self.suction_n = np.where(trajectory.adhesive, sucks, 0.0)
+        self.gripping = trajectory.contact & ~trajectory.adhesive
+        torso = trajectory.torso_m[:, None]
+        self.points, self.arms = np.hstack([trajectory.feet_m, torso]), trajectory.feet_m - torso
+
+    def group(
+        self,
+        name: str,
+        values: Array,
+        limit: float,
+        *,
+        judged: float | None = None,
+        times_s: Array | None = None,
+    ) -> Group:
+        """The group of a quantity at all K samples, between them, or at the inner ones.
+
+        Arguments:
+            values: shape (S, E) of the feet, (S, E + 1) of feet and torso, or (S,) of the torso.
+            judged: as of ``worst_group``.
+            times_s: of other samples, shape (S,).
+        """
+        skipped = len(self.times_s) - len(values)
+        if times_s is None:
+            times_s = self.times_s[min(skipped, 1) : len(self.times_s) - skipped // 2]
+        names = ("torso",) if values.ndim == 1 else (*self.feet, "torso")
+        return worst_group(name, values, limit, GROUPS[name], names, times_s, judged=judged)
 
     # -------------------------------------------------------------------------------------------
     # balances
@@ -240,27 +268,24 @@ class TrajectoryMeasurements:
         )
         return np.asarray(angle[:, None] * along / self.step_s)
 
-    def force_residual(self) -> Series:
-        """m (a − g) − Σ f_i at the inner samples (Newton; W2), columns x, y, z [N]."""
+    @cached_property
+    def force_residual(self) -> Array:
+        """m (a − g) − Σ f_i at the inner samples (Newton; W2), shape (K − 2, 3) [N]."""
         felt = self.acceleration + np.array([0.0, 0.0, GRAVITY_M_S2])
-        residual = self.robot.mass_kg * felt - self.trajectory.forces_n[1:-1].sum(axis=1)
-        return Series(residual, ("x", "y", "z"), self.times_s[1:-1])
+        return np.asarray(self.robot.mass_kg * felt - self.trajectory.forces_n[1:-1].sum(axis=1))
 
-    def moment_residual(self) -> Series:
-        """dL/dt − Σ (p_i − p) × f_i at the inner samples (Euler; W2), world axes [Nm].
+    @cached_property
+    def moment_residual(self) -> Array:
+        """dL/dt − Σ (p_i − p) × f_i at the inner samples (Euler; W2), world axes, shape (K − 2, 3)
+        [Nm].
 
         L is the angular momentum about the centre of mass half-way between samples: it changes by
         what the feet do, and by nothing else, however fast the torso turns.
         """
         half = self.trajectory.rotation[:-1] @ _turned(0.5 * self.step_s * self.spin)
         momentum = np.einsum("kij,jl,kl->ki", half, np.asarray(self.robot.inertia_kgm2), self.spin)
-        arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
-        moments = np.cross(arms, self.trajectory.forces_n).sum(axis=1)
-        return Series(
-            np.diff(momentum, axis=0) / self.step_s - moments[1:-1],
-            ("x", "y", "z"),
-            self.times_s[1:-1],
-        )
+        moments = np.cross(self.arms, self.trajectory.forces_n).sum(axis=1)
+        return np.asarray(np.diff(momentum, axis=0) / self.step_s - moments[1:-1])
 
     # ------------------------------------------------------------------------------------------
     # feet
@@ -286,13 +311,6 @@ class TrajectoryMeasurements:
         steep = np.linalg.norm(up, axis=-1)
         return (points[..., 2] - terrain.height(xy)) / steep, up / steep[..., None]
 
-    @cached_property
-    def _shares(self) -> tuple[Array, Array]:
-        """Normal and tangential size of every contact force at the true normal, each of shape (K,
-        E) [N].
-        """
-        return _split(self.trajectory.forces_n, self.ground[1])
-
     def beyond_cone(self, forces_n: Array, normals: Array, suction_n: Array) -> Array:
         """Distance of forces, shape (…, E, 3) [N], outside the cones at these normals, shape (…, E)
         [N].
@@ -306,76 +324,35 @@ class TrajectoryMeasurements:
         held = np.where(np.isinf(pressed), np.inf, self.trajectory.friction * pressed)
         return np.asarray(np.maximum(tangential - held, -pressed))
 
-    def cone(self) -> Series:
-        """Distance of forces of standing feet that are not adhesive outside their cones (W5)
-        [N].
-        """
-        return self._outside(self._gripping)
+    @cached_property
+    def beyond(self) -> Array:
+        """Distance of the forces outside their cones, shape (K, E) [N]."""
+        return self.beyond_cone(self.trajectory.forces_n, self.ground[1], self.suction_n)
 
-    def suction(self) -> Series:
-        """Distance of forces of standing adhesive feet outside cones that begin at the suction's
-        pull [N].
-        """
-        return self._outside(
-            self.trajectory.contact & self.trajectory.adhesive & np.isfinite(self.suction_n)
-        )
-
-    def _outside(self, asked: Flags) -> Series:
-        beyond = self.beyond_cone(self.trajectory.forces_n, self.ground[1], self.suction_n)
-        return self._where(beyond, asked)
-
-    def force_foot(self) -> Series:
-        """‖f‖ of each foot [N]."""
-        return self._where(
-            np.linalg.norm(self.trajectory.forces_n, axis=-1), self.trajectory.contact
-        )
-
-    def swing_force(self) -> Series:
-        """‖f‖ of swinging feet [N]."""
-        return self._where(
-            np.linalg.norm(self.trajectory.forces_n, axis=-1), ~self.trajectory.contact
-        )
-
-    def contact_gap(self) -> Series:
-        """Distance of standing feet from the surface, either side [m]."""
-        return self._where(np.abs(self.ground[0]), self.trajectory.contact)
-
-    def penetration(self) -> Series:
-        """Depth of swinging feet in the terrain [m]."""
-        return self._where(-self.ground[0], ~self.trajectory.contact)
-
-    def slip(self) -> Series:
-        """Distance of standing feet from where they came down [m]."""
+    def slip(self) -> Array:
+        """Distance of standing feet from where they came down, shape (K, E) [m]."""
         feet, contact = self.trajectory.feet_m, self.trajectory.contact
         samples = np.arange(len(feet))[:, None]
-        began = _began(contact)
-        down = np.maximum.accumulate(np.where(began, samples, 0), axis=0)
+        down = np.maximum.accumulate(np.where(_began(contact), samples, 0), axis=0)
         home = np.take_along_axis(feet, down[..., None], axis=0)
-        return self._where(np.linalg.norm(feet - home, axis=-1), contact)
+        return np.asarray(np.linalg.norm(feet - home, axis=-1))
 
-    def reach(self) -> Series:
-        """Distance of feet outside their boxes in the torso's frame (W4) [m]."""
-        arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
-        local = np.einsum("kji,kej->kei", self.trajectory.rotation, arms)
+    def reach(self) -> Array:
+        """Distance of feet outside their boxes in the torso's frame (W4), shape (K, E) [m]."""
+        local = np.einsum("kji,kej->kei", self.trajectory.rotation, self.arms)
         low = np.array([foot.reach_min_m for foot in self.robot.feet])
         high = np.array([foot.reach_max_m for foot in self.robot.feet])
-        beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
-        return self._where(np.linalg.norm(beyond, axis=-1), np.ones_like(self.trajectory.contact))
+        return _outside(local, low, high)
 
-    def domain(self) -> Series:
-        """Distance of feet and torso outside the terrain's grid [m]."""
-        points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)[
-            ..., :2
-        ]
-        low, high = np.array(self.trajectory.terrain.domain_m).T
-        beyond = np.maximum(np.maximum(low - points, points - high), 0.0)
-        return Series(np.linalg.norm(beyond, axis=-1), (*self.feet, "torso"), self.times_s)
+    def domain(self) -> Array:
+        """Distance of feet and torso outside the terrain's grid, shape (K, E + 1) [m]."""
+        return _outside(self.points[..., :2], *np.array(self.trajectory.terrain.domain_m).T)
 
     # -------------------------------------------------------------------------------------- body
     # and course
 
-    def trunk(self) -> Series:
-        """Depth of the trunk's box below the surface [m]: its corners, and its lower face every few
+    def trunk(self) -> Array:
+        """Depth of the trunk's box below the surface, shape (K,) [m]: its corners, and its lower face every few
         centimetres.
 
         Where the map has something higher than that within NEAR_M of such a point, the face is
@@ -390,7 +367,7 @@ class TrajectoryMeasurements:
                 depth[near],
                 (self.trajectory.terrain.height(close[..., :2]) - close[..., 2]).max(axis=1),
             )
-        return Series(depth[:, None], ("torso",), self.times_s)
+        return np.asarray(depth)
 
     def _placed(self, rows: NDArray[np.intp] | slice, apart_m: float) -> Array:
         """Points of the trunk's box in the world at some samples, shape (S, N, 3) [m]."""
@@ -422,41 +399,11 @@ class TrajectoryMeasurements:
         )
         return np.asarray(highest[cells])
 
-    def off_rotation(self) -> Series:
-        """Largest entry of |RᵀR − I| and |det R − 1|, non-dimensional."""
+    def off_rotation(self) -> Array:
+        """Largest entry of |RᵀR − I| and |det R − 1|, shape (K,), non-dimensional."""
         rotation = self.trajectory.rotation
         off = np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)).max(axis=(1, 2))
-        values = np.maximum(off, np.abs(np.linalg.det(rotation) - 1.0))
-        return Series(values[:, None], ("torso",), self.times_s)
-
-    def miss(self, sample: int, xy_m: Array) -> Series:
-        """Horizontal distance of the torso from a point at one sample [m]."""
-        away = float(np.linalg.norm(self.trajectory.torso_m[sample, :2] - xy_m))
-        return Series(np.array([[away]]), ("torso",), self.times_s[[sample]])
-
-    def jumps(self) -> Series:
-        """‖x₋ − 2x + x₊‖ of feet and torso at the inner samples [m]."""
-        points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)
-        return Series(
-            np.linalg.norm(np.diff(points, 2, axis=0), axis=-1),
-            (*self.feet, "torso"),
-            self.times_s[1:-1],
-        )
-
-    def foot_speed(self) -> Series:
-        """Speed of the feet between samples [m/s]."""
-        return Series(self._speed(self.trajectory.feet_m), self.feet, self.times_s[1:])
-
-    def torso_speed(self) -> Series:
-        """Speed of the torso between samples [m/s]."""
-        return Series(self._speed(self.trajectory.torso_m[:, None]), ("torso",), self.times_s[1:])
-
-    def turn_rate(self) -> Series:
-        """Angular speed of the torso between samples [rad/s]."""
-        return Series(np.linalg.norm(self.spin, axis=1)[:, None], ("torso",), self.times_s[1:])
-
-    def _speed(self, points: Array) -> Array:
-        return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=-1) / self.step_s)
+        return np.asarray(np.maximum(off, np.abs(np.linalg.det(rotation) - 1.0)))
 
     # -------------------------------------------------------------------------------------------
     # figures
@@ -473,10 +420,10 @@ class TrajectoryMeasurements:
         Arguments:
             cone: what counts as outside, in units of m·g.
         """
-        normal, tangential = self._shares
-        pressing = self._gripping & (normal > 0.01 * self.weight_n)
-        excess = self.cone().values[self._gripping]
-        force, moment = self.force_residual(), self.moment_residual()
+        normal, tangential = _split(self.trajectory.forces_n, self.ground[1])
+        pressing = self.gripping & (normal > 0.01 * self.weight_n)
+        excess = self.beyond[self.gripping]
+        force, moment = self.force_residual, self.moment_residual
         x, y, _ = self.trajectory.rotation[:, :, 0].T
         facing = np.unwrap(np.arctan2(y, x))
         return {
@@ -485,11 +432,10 @@ class TrajectoryMeasurements:
             "path_m": float(np.linalg.norm(np.diff(self.trajectory.torso_m, axis=0), axis=1).sum()),
             "peak_acceleration_g": float(np.linalg.norm(self.acceleration, axis=1).max())
             / GRAVITY_M_S2,
-            "force_rms": force.rms() / self.weight_n,
-            "force_peak": float(np.linalg.norm(force.values, axis=1).max()) / self.weight_n,
-            "moment_rms": moment.rms() / self.moment_scale_nm,
-            "moment_peak": float(np.linalg.norm(moment.values, axis=1).max())
-            / self.moment_scale_nm,
+            "force_rms": rms(force) / self.weight_n,
+            "force_peak": float(np.linalg.norm(force, axis=1).max()) / self.weight_n,
+            "moment_rms": rms(moment) / self.moment_scale_nm,
+            "moment_peak": float(np.linalg.norm(moment, axis=1).max()) / self.moment_scale_nm,
             "friction_needed": float((tangential[pressing] / normal[pressing]).max(initial=0.0)),
             "footing_friction": self.footing_friction(),
             "outside_cone": float(np.mean(excess > cone * self.weight_n)) if excess.size else 0.0,
@@ -501,7 +447,7 @@ class TrajectoryMeasurements:
         off its place does not slip.
         """
         about = OFF_M * np.vstack([np.zeros(3), np.eye(3)[:2], -np.eye(3)[:2]])
-        places = (self.trajectory.feet_m[_began(self._gripping)][:, None] + about).reshape(-1, 3)
+        places = (self.trajectory.feet_m[_began(self.gripping)][:, None] + about).reshape(-1, 3)
         low, high = np.transpose(self.trajectory.terrain.domain_m)
         normals = self.above(
             places[np.all((places[:, :2] >= low) & (places[:, :2] <= high), axis=1)]
@@ -518,14 +464,16 @@ class TrajectoryMeasurements:
         slope = f"{slope}, and friction {has:.2g} holds on {held}"
         return f"no sure footing: the ground {place} a foothold is {slope}; a foot that comes down there may slip"
 
-    @property
-    def _gripping(self) -> Flags:
-        """Standing feet that have a friction cone, shape (K, E)."""
-        return self.trajectory.contact & ~self.trajectory.adhesive
 
-    def _where(self, values: Array, asked: Flags) -> Series:
-        """Values of feet where they are asked for, 0 elsewhere."""
-        return Series(np.where(asked, values, 0.0), self.feet, self.times_s)
+def rms(residual: Array) -> float:
+    """Root mean square of the rows' norms."""
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
+
+
+def _outside(points: Array, low: Array, high: Array) -> Array:
+    """Distance of points outside a box, shape (…, D) to (…)."""
+    beyond = np.maximum(np.maximum(low - points, points - high), 0.0)
+    return np.asarray(np.linalg.norm(beyond, axis=-1))
 
 
 def _began(contact: Flags) -> Flags:

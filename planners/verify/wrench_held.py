@@ -19,7 +19,6 @@ which leaves the end no lower.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import clarabel
@@ -27,6 +26,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..files.codec import Columns
+from .explain import halved
 from .geometry import cross, length
 from .lagrangian import Numbers
 from .stances import Index
@@ -38,21 +38,9 @@ _LESS = 0.99
 _REFUSED = (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _WrenchHeld:
-    """The stance that holds the least of its wrench.
-
-    Arguments:
-        stance: number of the stance.
-        share: the largest multiple of the wrench that it might hold, below 1.
-    """
-
-    stance: int
-    share: float
-
-
-def least_held(numbers: Numbers, patches: Sequence[Array]) -> _WrenchHeld | None:
-    """The stance that holds the least of its wrench; None where every stance might hold all of it.
+def least_held(numbers: Numbers, patches: Sequence[Array]) -> tuple[int, float] | None:
+    """The stance that holds the least of its wrench, by number, and the largest share of it that it
+    might hold; None where every stance might hold all of it.
 
     Stances that cannot even bear the weight alone are left out: it is not the wrench that they lack
     forces for.
@@ -63,17 +51,12 @@ def least_held(numbers: Numbers, patches: Sequence[Array]) -> _WrenchHeld | None
     """
     if numbers.wrench is None:
         return None
-    result: _WrenchHeld | None = None
+    result: tuple[int, float] | None = None
     for stance in np.flatnonzero(length(numbers.wrench[0]) > 0.0).tolist():
         lift = _Lift(numbers, patches, stance)
-        most = 1.0 if result is None else _LESS * result.share
-        if lift.might_hold(most) or not lift.might_hold(0.0):
-            continue
-        least = 0.0
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (least + most)
-            least, most = (middle, most) if lift.might_hold(middle) else (least, middle)
-        result = _WrenchHeld(stance=stance, share=most)
+        most = 1.0 if result is None else _LESS * result[1]
+        if not lift.might_hold(most) and lift.might_hold(0.0):
+            result = stance, halved(lift.might_hold, 0.0, most, _HALVINGS)[1]
     return result
 
 

@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import Group
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.bodies import Bodies
 from stancekit.planners.robot.inverse_kinematics import WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import rotations_of
 from stancekit.planners.terrain.obstacles import Obstacles
-from stancekit.planners.verify.bodies import BodyReport, bodies_report
-from stancekit.planners.verify.bodies import spaced as rows_apart
+from stancekit.planners.verify.bodies import bodies_group, spaced as rows_apart
 
 
-def motion_bodies(plan: Plan, rows: Samples, kinematics: Kinematics) -> BodyReport:
+def motion_bodies(plan: Plan, rows: Samples, kinematics: Kinematics) -> Group:
     """Judge the postures of a plan's motion, ``APART_M`` apart.
 
     Raises InvalidInput without coal.
@@ -28,7 +28,7 @@ def motion_bodies(plan: Plan, rows: Samples, kinematics: Kinematics) -> BodyRepo
     """
     bodies, some = Bodies(kinematics, Obstacles.of(plan.problem.terrain)), spaced(rows)
     found = postures(rows, kinematics).at(some)
-    return bodies_report(bodies, rows.frame[some], found, between=True)
+    return bodies_group("motion", bodies, rows.frame[some], found, between=True)
 
 
 def postures(rows: Samples, kinematics: Kinematics) -> WholeBody:

@@ -24,8 +24,7 @@ from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 from stancekit.runner.acceptance import Accepted
 from tests.forgeries import stances, walks
 from tests.forgeries.crawl import crawl
-from tests.planners.search.test_doctor import HEAD, written
-from tests.planners.search.test_doctor import walk as tripods
+from tests.planners.search.test_doctor import HEAD, walk as tripods, written
 from tests.refusals import assert_names, refuses
 
 

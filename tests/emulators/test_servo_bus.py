@@ -12,8 +12,7 @@ from typing import Any
 import dynamixel_sdk as sdk
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from stancekit.runner.worlds.dynamixel.port import ServoPackets
 from tests.emulators import protocol2 as p2

@@ -9,8 +9,7 @@ import gymnasium
 import matplotlib
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from gymnasium.utils.env_checker import data_equivalence as same
+from gymnasium.utils.env_checker import check_env, data_equivalence as same
 
 import stancekit.envs
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution

@@ -17,14 +17,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.runner.worlds.dynamixel import control_table as table
-from stancekit.runner.worlds.dynamixel import port as servo_port
+from stancekit.runner.worlds.dynamixel import control_table as table, port as servo_port
 from stancekit.runner.worlds.dynamixel.control_table import (
     Calibration,
     JointServo,

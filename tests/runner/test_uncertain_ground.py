@@ -26,8 +26,7 @@ from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from tests.refusals import assert_names
 from tests.runner.test_body_feedback import PERIOD_S, kinematics, standing
-from tests.runner.test_friction import PERIOD_S as FELT_S
-from tests.runner.test_friction import felt
+from tests.runner.test_friction import PERIOD_S as FELT_S, felt
 
 __all__ = ["kinematics"]
 FAST = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)

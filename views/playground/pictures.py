@@ -21,8 +21,7 @@ from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..page import GOAL
 from ..plans import PlanView, asked, ghosts
 from ..robots import RobotShape, climber
-from ..scene import DrawnBody, Label, Scene
-from ..scene import Path as Line
+from ..scene import DrawnBody, Label, Path as Line, Scene
 from ..shapes import Sphere
 from ..sheet import INK, friction_colours, leg_colour
 from ..terrain import Piece, block, grid_on_ground, on_ground, pieces_within, surfaces

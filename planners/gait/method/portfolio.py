@@ -96,27 +96,6 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
     return terrain.smoothed(float(brentq(above, 0.0, widest_m, xtol=1e-3)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _HomotopyPath:
-    """Result of a homotopy.
-
-    Arguments:
-        solutions: of all stages in their order, also of those that failed.
-        factors: theirs on the terrain's gradients.
-    """
-
-    solutions: tuple[GaitSolution, ...]
-    factors: tuple[float, ...]
-
-    @property
-    def reached(self) -> float:
-        """The largest factor that was solved, 0 for none."""
-        solved = [
-            factor for factor, one in zip(self.factors, self.solutions, strict=True) if one.success
-        ]
-        return max(solved, default=0.0)
-
-
 def follow_homotopy(
     bench: Workbench,
     attempt: Attempt,
@@ -127,13 +106,16 @@ def follow_homotopy(
     max_iterations: int | None = None,
     most_stages: int = 12,
     stop: Callable[[], bool] = lambda: False,
-) -> _HomotopyPath:
+) -> tuple[GaitSolution, float, float]:
     """Solve at one of an attempt's heights after another, each from the last solution; half-way
     where one fails.
 
     A gentler terrain on which the task is none is left out.
 
     Ends at the last factor, after most_stages, or where a step is too small to halve.
+
+    Returns the last solution, failed or not, its factor on the terrain's gradients, and the largest
+    factor that was solved.
 
     Arguments:
         guess: of the first stage in its program, shape (size,), the attempt's own if missing.
@@ -142,10 +124,10 @@ def follow_homotopy(
         max_iterations: of one stage.
         stop: asked before every stage but the first.
     """
-    ahead, solutions, factors = list(attempt.heights[stage:]), list[GaitSolution](), list[float]()
+    ahead, found = list(attempt.heights[stage:]), list[tuple[GaitSolution, float]]()
     begun = attempt.heights[stage - 1] if stage else 0.0
     alone, x, reached = len(ahead) == 1 and not stage, guess, begun
-    while ahead and len(solutions) < most_stages and not (solutions and stop()):
+    while ahead and len(found) < most_stages and not (found and stop()):
         factor = ahead[0]
         try:
             program, by_stage = stage_program(bench, attempt.chart, factor, attempt.by)
@@ -156,14 +138,14 @@ def follow_homotopy(
             continue
         begin = attempt.guess(program) if x is None else x
         solution = solve(program, begin, height_factor=by_stage, max_iterations=max_iterations)
-        solutions, factors = [*solutions, solution], [*factors, factor]
+        found.append((solution, factor))
         if solution.success:
             x, reached = solution.x, ahead.pop(0)
         elif alone or factor - reached < LEAST:
             break
         else:
             ahead.insert(0, 0.5 * (reached + factor))
-    return _HomotopyPath(solutions=tuple(solutions), factors=tuple(factors))
+    return *found[-1], reached
 
 
 def stage_program(
@@ -196,19 +178,18 @@ def _leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
     body = WholeBodyMeasurements(TrajectoryMeasurements(walk))
     bodies = Bodies(body.kinematics, Obstacles.under(walk.terrain))
     slopes = _Slopes(body, bodies)
-    deepest = dict[tuple[int, str, str], Overlap]()
+    deepest = dict[tuple[int, str, str], float]()
     times_s, postures = body.spaced()
     for _, block in bodies.sweep(postures, terrain_m=0.0, links_m=0.0, between=False):
         for moment, each in block:
             at = times_s[int(moment)] / structure.settings.step_s
             for node in {int(np.floor(at)), int(np.ceil(at))}:
-                key = node, each.link, each.other
-                if key not in deepest or deepest[key].depth_m < each.depth_m:
-                    deepest[key] = each
+                key = node, *each[1:]
+                deepest[key] = max(each[0], deepest.get(key, 0.0))
     rows = list[tuple[Array, ...]]()
-    for (node, *_), overlap in deepest.items():
+    for (node, link, other), depth_m in deepest.items():
         sample = int(np.clip(np.rint(structure.times_s[node] / walk.step_s), 0, walk.samples - 1))
-        rows.append((np.array(node), *slopes.row(sample, overlap)))
+        rows.append((np.array(node), *slopes.row(sample, (depth_m, link, other))))
     names = ("node", "feet", "depth_m", "feet_m", "by_foot", "torso_m", "rotation", "by_torso")
     return Overlaps(
         **dict(zip(names, (np.array(part) for part in zip(*rows, strict=True)), strict=True))
@@ -225,16 +206,17 @@ class _Slopes:
 
     def row(self, sample: int, overlap: Overlap) -> tuple[Array, ...]:
         """Feet, depth, r₀, derivatives in both feet, p₀, R₀, derivatives in the torso."""
-        pair = [self._legs.get(name) for name in (overlap.link, overlap.other)]
+        depth_m, *names = overlap
+        pair = [self._legs.get(name) for name in names]
         legs = sorted({leg for leg in pair if leg is not None}) or [0]
         feet = np.array([legs[0], legs[-1]])
         torso, rotation = self._walk.torso_m[sample], self._walk.rotation[sample]
         at = (self._walk.feet_m[sample, feet] - torso) @ rotation
-        posture = self._body.posture(sample)
-        if overlap.other in self._legs:
+        posture = self._body.postures.at(sample)
+        if names[1] in self._legs:
             depth, by_foot, by_torso = *self._homeward(overlap, posture, legs, at), np.zeros(6)
         else:
-            depth, (by_foot, by_torso) = overlap.depth_m, self._tangent(overlap, posture, legs)
+            depth, (by_foot, by_torso) = depth_m, self._tangent(overlap, posture, legs)
         return feet, np.array(depth), at, by_foot, torso, rotation, by_torso
 
     def _homeward(
@@ -492,16 +474,15 @@ def flaws(program: GaitProgram, report: Report[Trajectory], band: float = _BAND)
     steps, feet = program.structure.nodes - 1, program.structure.feet
     balance, arms = np.zeros(steps, dtype=bool), np.zeros((steps, feet), dtype=bool)
     if broken & _BALANCES:
-        for series, scale in (
-            (measured.force_residual(), measured.weight_n),
-            (measured.moment_residual(), measured.moment_scale_nm),
+        for residual, scale in (
+            (measured.force_residual, measured.weight_n),
+            (measured.moment_residual, measured.moment_scale_nm),
         ):
-            off = np.linalg.norm(series.values, axis=1) > _FLAW * band * scale
-            balance[_steps(series.times_s[off], program)] = True
+            off = np.linalg.norm(residual, axis=1) > _FLAW * band * scale
+            balance[_steps(measured.times_s[1:-1][off], program)] = True
     if "reach" in broken:
-        series = measured.reach()
-        samples, columns = np.nonzero(series.values > 0.5 * report.limits["reach_m"])
-        arms[_steps(series.times_s[samples], program), columns] = True
+        samples, columns = np.nonzero(measured.reach() > 0.5 * report.limits["reach_m"])
+        arms[_steps(measured.times_s[samples], program), columns] = True
     loads = leg_loads(program.structure, report) if "torque" in broken else None
     overlaps = _leg_overlaps(program.structure, report) if "bodies" in broken else None
     return Checks(balance=balance, reach=arms, band=band, loads=loads, overlaps=overlaps)
@@ -795,7 +776,7 @@ class _PortfolioRun:
         budget, began = self.budget, len(self.budget.solves)
         guess, stage = self._checkpoint.begin(index)
         budget.begin(attempt)
-        path = follow_homotopy(
+        solution, factor, reached = follow_homotopy(
             self.bench,
             attempt,
             guess,
@@ -804,8 +785,8 @@ class _PortfolioRun:
             stop=lambda: budget.exhausted,
             max_iterations=min(self.caps.iterations, self.bench.settings.max_iterations),
         )
-        solution, heights = path.solutions[-1], attempt.heights[stage:]
-        if path.factors[-1] != 1.0:
+        heights = attempt.heights[stage:]
+        if factor != 1.0:
             solution = solution.on(self.bench.program(attempt.chart))
         searched = len(budget.solves)
         refines = solution.success and not self._checkpoint.done(index)
@@ -834,7 +815,7 @@ class _PortfolioRun:
             history=np.array(
                 [violation for one in budget.solves[began:searched] for violation in one.violations]
             ),
-            stage=stage + min(sum(height <= path.reached for height in heights), len(heights) - 1),
+            stage=stage + min(sum(height <= reached for height in heights), len(heights) - 1),
             stopped=budget.exhausted,
         )
 

@@ -12,8 +12,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.rows import Rows, solver_settings

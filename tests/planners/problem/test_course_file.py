@@ -11,8 +11,7 @@ import warnings
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput

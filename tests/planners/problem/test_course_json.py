@@ -10,8 +10,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem

@@ -27,7 +27,7 @@ from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.postures import joint_report
+from stancekit.planners.verify.postures import joint_groups
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
@@ -61,15 +61,21 @@ def test_forces_that_ask_little_stay_as_they_are(with_effort: Callable[[float], 
     jointed = with_joints(plan)
     assert largest_share(jointed) <= EASY
     np.testing.assert_array_equal(jointed.forces_n, plan.forces_n)
-    report = joint_report(jointed)
-    assert report.error_m.max() < 1e-6
-    assert report.accepted
+    _, *groups = joint_groups(jointed)
+    assert groups[0].value < 1e-6
+    assert [group.verdict for group in groups] == ["holds", "holds"]
+
+
+def torque_nm(plan: Plan) -> float:
+    """The largest torque that a plan asks of a joint."""
+    *_, torque = joint_groups(plan)
+    return float(torque.figures["torque_nm"])
 
 
 def test_other_forces_spare_a_joint_that_has_too_little(
     plan: Plan, with_effort: Callable[[float], Plan]
 ) -> None:
-    weak = with_effort(0.9 * joint_report(plan).torque_nm.max())
+    weak = with_effort(0.9 * torque_nm(plan))
     own = replace(weak, joints_rad=with_joints(weak).joints_rad)
     refused = check_plan(own, joints=True)
     assert refused.contacts
@@ -169,13 +175,13 @@ def climb() -> Plan:
 
 def test_a_climb_is_bent_to_what_its_servos_have(climb: Plan) -> None:
     limits = WholeBodyLimits(torque_nm=10.0)
-    assert joint_report(climb).torque_nm.max() > 15.0
-    assert joint_report(with_joints(climb)).torque_nm.max() > 15.0  # forces alone do not do
+    assert torque_nm(climb) > 15.0
+    assert torque_nm(with_joints(climb)) > 15.0  # forces alone do not do
     bent = whole_body(climb, limits)
     report = check_plan(bent.plan, joints=True)
     assert report.accepted, report.message
     assert report.group("torque").figures["torque_nm"] <= 9.0 + 1e-9  # the default share
-    assert bent.before.torque_nm == pytest.approx(joint_report(climb).torque_nm.max(), rel=1e-6)
+    assert bent.before.torque_nm == pytest.approx(torque_nm(climb), rel=1e-6)
     assert bent.after.share == pytest.approx(report.group("torque").figures["share"], rel=1e-9)
     assert bent.after.torque_nm == pytest.approx(
         report.group("torque").figures["torque_nm"], rel=1e-9
@@ -202,9 +208,12 @@ def test_what_comes_is_accepted_and_never_worse(climb: Plan, torque_nm: float) -
     assert check_plan(bent.plan).accepted
     assert bent.after is bent.before or bent.after.better(bent.before)
     assert (bent.after.share, bent.after.torque_nm) == largest(bent.plan, solver, limits.of(solver))
-    report = joint_report(bent.plan)  # the plan says what it was made within
-    assert report.share == pytest.approx(bent.after.share)
-    assert report.accepted == (bent.after.share <= 1.0)
+    _, joints, torque = joint_groups(bent.plan)  # the plan says what it was made within
+    assert torque.value == pytest.approx(bent.after.share)
+    assert [joints.verdict, torque.verdict] == [
+        "holds",
+        "holds" if bent.after.share <= 1.0 else "violated",
+    ]
     if bent.before.share <= EASY:
         np.testing.assert_array_equal(bent.plan.forces_n, climb.forces_n)
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.question_file import read_envelopes, write_boxes

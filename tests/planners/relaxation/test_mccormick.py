@@ -7,8 +7,7 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import stancekit
 from stancekit.envs.distributions.postures import DISTRIBUTIONS

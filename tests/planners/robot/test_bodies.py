@@ -103,8 +103,8 @@ def swept(made: Bodies, *postures: WholeBody) -> list[tuple[float, Overlap]]:
 def test_a_sphere_in_a_plane_is_as_deep_as_its_radius_less_its_height(depth: float) -> None:
     made = bodies([shape("base", "sphere", [0.1], at=[0.3, 0.2, 0.0])], level())
     (found,) = made.overlaps(standing(made, 0.1 - depth))
-    assert (found.link, found.other) == ("base", "patch 0")
-    assert found.depth_m == pytest.approx(depth, abs=1e-6)
+    assert found[1:] == ("base", "patch 0")
+    assert found[0] == pytest.approx(depth, abs=1e-6)
 
 
 def test_a_tilted_box_is_as_deep_as_its_lowest_corner() -> None:
@@ -115,7 +115,7 @@ def test_a_tilted_box_is_as_deep_as_its_lowest_corner() -> None:
     lowest = np.abs(turn[2]) @ half
     made = bodies([shape("base", "box", 2.0 * half)], level(half=3.0))
     (found,) = made.overlaps(standing(made, lowest - 0.006, turn=turn))
-    assert found.depth_m == pytest.approx(0.006, abs=1e-6)
+    assert found[0] == pytest.approx(0.006, abs=1e-6)
     assert not made.overlaps(standing(made, lowest + 1e-5, turn=turn))
 
 
@@ -137,7 +137,7 @@ def test_capsules_are_as_deep_as_their_radii_less_the_distance_of_their_axes(
         shape("LF_FOOT", "capsule", [0.05, 0.2], at=turn.T @ (foot - origin), turn=turn.T @ leans)
     ]
     made = bodies(shapes)
-    found = [each.depth_m for each in made.overlaps(standing(made, 1.0))]
+    found = [depth_m for depth_m, *_ in made.overlaps(standing(made, 1.0))]
     assert found == ([pytest.approx(0.08 - gap, abs=1e-5)] if 0.08 - gap > LINKS_M else [])
 
 
@@ -145,7 +145,7 @@ def test_what_touches_by_less_than_the_tolerance_is_no_overlap() -> None:
     made = bodies([shape("base", "sphere", [0.1])], level())
     body = standing(made, 0.1 - 0.9 * TOUCH_M)
     assert not made.overlaps(body)
-    assert made.overlaps(body, terrain_m=0.0)[0].depth_m == pytest.approx(0.9 * TOUCH_M, abs=1e-6)
+    assert made.overlaps(body, terrain_m=0.0)[0][0] == pytest.approx(0.9 * TOUCH_M, abs=1e-6)
 
 
 def test_a_foot_touches_with_its_ball_and_may_be_no_deeper_where_it_stands() -> None:
@@ -163,8 +163,8 @@ def test_a_foot_touches_with_its_ball_and_may_be_no_deeper_where_it_stands() -> 
         large, level(), level(0.5, 0.05)
     )  # of .03 m, in a robot that believes in .02 m
     found = swollen.overlaps(standing(swollen, height, toes=toes))
-    assert {each.other for each in found} == {"patch 0"}
-    assert found[0].depth_m == pytest.approx(0.01, abs=1e-6)
+    assert {other for *_, other in found} == {"patch 0"}
+    assert found[0][0] == pytest.approx(0.01, abs=1e-6)
 
 
 def test_of_a_link_with_a_foot_the_other_shapes_are_judged() -> None:
@@ -178,10 +178,10 @@ def test_of_a_link_with_a_foot_the_other_shapes_are_judged() -> None:
     nominal = np.array([leg.nominal_m for leg in made.model.legs])
     toes = np.array([*nominal.T[:2], np.zeros(4)]).T
     found = made.overlaps(standing(made, 0.02 - nominal[:, 2].min(), toes=toes))
-    assert [each.link for each in found] == ["LF_FOOT"]
+    assert [link for _, link, _ in found] == ["LF_FOOT"]
     lowest = made.model.leg("LF").nominal_m[2] - nominal[:, 2].min() + 0.02 - 0.018 - 0.01
-    assert found[0].depth_m == pytest.approx(-lowest, abs=1e-6)
-    assert found[0].depth_m > 1e-3
+    assert found[0][0] == pytest.approx(-lowest, abs=1e-6)
+    assert found[0][0] > 1e-3
 
 
 def test_neighbours_and_pairs_of_the_srdf_are_left_out_and_others_are_not() -> None:
@@ -191,11 +191,11 @@ def test_neighbours_and_pairs_of_the_srdf_are_left_out_and_others_are_not() -> N
     ]
     ball = shape("RF_FOOT", "sphere", [0.3])
     made = bodies([*large, ball])
-    found = {(each.link, each.other) for each in made.overlaps(standing(made, 2.0))}
+    found = {(link, other) for _, link, other in made.overlaps(standing(made, 2.0))}
     assert ("base", "LF_HIP") not in found  # a joint is between them
     assert ("base", "RF_FOOT") in found
     apart = bodies([*large, ball], disabled_pairs=frozenset([frozenset(("base", "RF_FOOT"))]))
-    assert {(each.link, each.other) for each in apart.overlaps(standing(apart, 2.0))} == found - {
+    assert {(link, other) for _, link, other in apart.overlaps(standing(apart, 2.0))} == found - {
         ("base", "RF_FOOT")
     }
 
@@ -204,14 +204,14 @@ def test_pairs_that_touch_in_every_posture_are_left_out_and_said() -> None:
     balls = (("base", 0.4), ("LF_THIGH", 0.1), ("LF_FOOT", 0.2))
     made = bodies([shape(link, "sphere", [radius]) for link, radius in balls])
     assert made.drawn_so == (("base", "LF_THIGH"),)
-    sometimes = {(each.link, each.other) for each in made.overlaps(standing(made, 2.0))}
+    sometimes = {(link, other) for _, link, other in made.overlaps(standing(made, 2.0))}
     assert ("base", "LF_THIGH") not in sometimes
     more = bodies([shape(link, "sphere", [radius]) for link, radius in (*balls, ("base", 0.38))])
     assert more.drawn_so == (
         ("base", "LF_THIGH"),
     )  # links, as an SRDF names them: of all shapes of theirs
     assert more.drawn_so[0] not in {
-        (each.link, each.other) for each in more.overlaps(standing(more, 2.0))
+        (link, other) for _, link, other in more.overlaps(standing(more, 2.0))
     }
 
 
@@ -233,7 +233,7 @@ def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_
         centres = made._placed(way)[1]
         depths = 2.0 * radius - np.linalg.norm(centres[:, 0] - centres[:, 1], axis=1)
         if max(depths[0], depths[-1], LINKS_M - np.abs(depths.max() - LINKS_M)) < 0.8 * LINKS_M:
-            between = [overlap.depth_m for at, overlap in swept(made, first, last) if at % 1.0]
+            between = [overlap[0] for at, overlap in swept(made, first, last) if at % 1.0]
             assert bool(between) == (depths.max() > LINKS_M)
             assert max(between, default=0.0) <= max(depths.max(), 0.0) + 1e-6
             found.append(bool(between))
@@ -272,8 +272,8 @@ def test_inside_of_a_closed_body_is_solid_and_behind_a_patch_is_its_thickness() 
     ]
     made = bodies(ball, *box)
     (found,) = made.overlaps(standing(made, 0.1))
-    assert found.other == "the body of patches 0 to 5"
-    assert found.depth_m == pytest.approx(0.5, abs=1e-5)  # 0.4 m to the top, and the radius
+    assert found[2] == "the body of patches 0 to 5"
+    assert found[0] == pytest.approx(0.5, abs=1e-5)  # 0.4 m to the top, and the radius
     plate = bodies(ball, box[0])
     assert not plate.overlaps(standing(plate, half - THICKNESS_M - 0.1001))
     assert plate.overlaps(standing(plate, half - THICKNESS_M))
@@ -332,8 +332,8 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
             )
             theirs[names] = max(theirs.get(names, 0.0), -float(contact.dist))
         ours = {
-            frozenset((each.link, each.other)): each.depth_m
-            for each in made.overlaps(body, terrain_m=0.0)
+            frozenset((link, other)): depth_m
+            for depth_m, link, other in made.overlaps(body, terrain_m=0.0)
         }
         deep = [
             {names for names, depth in found.items() if depth > TOUCH_M} for found in (ours, theirs)

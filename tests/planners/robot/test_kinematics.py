@@ -20,7 +20,7 @@ from stancekit.planners.search.two_stage import TwoStage
 pytest.importorskip("pinocchio")
 from stancekit.planners.motion.joints import plan_angles
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.verify.postures import joint_report
+from stancekit.planners.verify.postures import joint_groups
 from tests.refusals import assert_names, refuses
 
 ROBOT = hexapod()
@@ -220,38 +220,34 @@ def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
     assert np.abs(found[1].angles - found[0].angles)[its].max() <= 0.5
 
 
-def test_a_good_plan_is_within_the_joints_and_the_report_has_a_row_a_frame_and_stance(
-    plan: Plan,
-) -> None:
-    report = joint_report(plan)
-    assert report.accepted, report.message
-    assert report.message == ""
-    assert report.error_m.shape == (plan.problem.frames, 6)
-    assert report.torque_nm.shape == (len(plan.problem.stances), 6)
-    assert 1.0 < report.torque_nm.max() < 40.0
+def test_a_good_plan_is_within_the_joints(plan: Plan) -> None:
+    angles, joints, torque = joint_groups(plan)
+    assert [joints.verdict, torque.verdict] == ["holds", "holds"], joints.message + torque.message
+    assert angles.shape == (plan.problem.frames, len(ROBOT.source.joint_names))
+    assert 1.0 < torque.figures["torque_nm"] < 40.0
     assert (
-        0.0 < report.shift_m.max() < 0.02
+        0.0 < joints.figures["shift_m"] < 0.02
     )  # paper E: "assumed to always be at the geometric center"
 
 
 def test_weak_servos_are_found_with_frame_and_limb(plan: Plan) -> None:
-    report = joint_report(plan, Servo(torque_nm=5.0))
-    assert not report.accepted
-    stance, limb = np.unravel_index(int(np.argmax(report.torque_nm)), report.torque_nm.shape)
-    assert report.worst_torque == (plan.problem.stances[stance].frame, ROBOT.limb_names[limb])
-    frame, limb = report.worst_torque
-    assert_names(report.message, f"frame {frame}", f"limb {limb}")
-    assert report.excess_nm.max() == pytest.approx(report.torque_nm.max() - 5.0)
+    *_, strong = joint_groups(plan)
+    *_, torque = joint_groups(plan, Servo(torque_nm=5.0))
+    assert torque.verdict == "violated"
+    assert torque.figures["torque_nm"] == strong.figures["torque_nm"] > 5.0
+    assert torque.value == pytest.approx(torque.figures["torque_nm"] / 5.0)
+    assert torque.figures["worst"] == {"frame": torque.when, "limb": torque.limb}
+    assert_names(torque.message, f"frame {torque.when}", f"limb {torque.limb}")
 
 
 def test_a_toe_out_of_reach_is_found_with_frame_and_limb(plan: Plan) -> None:
     toes = plan.toes_m.copy()
     foothold = int(plan.problem.holds[2][4])
     toes[foothold] += [0.0, 0.0, 0.6]
-    report = joint_report(replace(plan, toes_m=toes))
-    assert not report.accepted
-    assert report.worst_error[1] == ROBOT.limb_names[4]
-    assert_names(report.message, f"limb {ROBOT.limb_names[4]}")
+    _, joints, _ = joint_groups(replace(plan, toes_m=toes))
+    assert joints.verdict == "violated"
+    assert joints.limb == ROBOT.limb_names[4]
+    assert_names(joints.message, f"limb {ROBOT.limb_names[4]}")
 
 
 def test_without_pinocchio_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

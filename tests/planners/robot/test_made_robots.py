@@ -171,7 +171,7 @@ def test_a_shank_in_a_ridge_is_found_whether_or_not_its_foot_is_a_shape_of_it(
             normals=np.tile(UP, (4, 1)),
             stands=np.ones(4, dtype=bool),
         )
-        return [overlap.link for overlap in made.overlaps(posture)]
+        return [link for _, link, _ in made.overlaps(posture)]
 
     assert body(0.0) == []
     assert "LF_shank" in body(float(middle[2]) + 0.02)

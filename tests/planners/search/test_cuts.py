@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
@@ -33,8 +32,7 @@ from stancekit.planners.search.cuts import (
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
-from stancekit.planners.verify.geometry import cut as cut_again
-from stancekit.planners.verify.geometry import sag
+from stancekit.planners.verify.geometry import cut as cut_again, sag
 
 TORN = {"regions": 2, "ice": 0.5}
 LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]

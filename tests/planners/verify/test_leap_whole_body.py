@@ -11,8 +11,7 @@ import pytest
 from stancekit.planners.answer.plan import LEAP_BODY, LeapPlan
 from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
 from stancekit.planners.formats.question_file import read_leap
-from stancekit.planners.leap.bend import joint_rows, legged_numbers
-from stancekit.planners.leap.bend import point_of as point_of_plan
+from stancekit.planners.leap.bend import joint_rows, legged_numbers, point_of as point_of_plan
 from stancekit.planners.leap.numbers import LeapGiven
 from stancekit.planners.leap.scp import reserved
 from stancekit.planners.motion.leap_motion import LeapBody

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
@@ -351,8 +350,8 @@ def test_the_residuals_are_what_is_missing_in_newtons_and_newton_metres():
         TrajectoryMeasurements(replace(sway, forces_n=push)),
     )
     arm = sway.feet_m[40, 0] - sway.torso_m[40]
-    force = pushed.force_residual().values - motion.force_residual().values
-    moment = pushed.moment_residual().values - motion.moment_residual().values
+    force = pushed.force_residual - motion.force_residual
+    moment = pushed.moment_residual - motion.moment_residual
     assert np.allclose(force[39], [-20.0, 0.0, 0.0], atol=1e-9)
     assert np.allclose(moment[39], -np.cross(arm, [20.0, 0.0, 0.0]), atol=1e-9)
     assert np.count_nonzero(np.abs(force).max(axis=1) > 1e-9) == 1
@@ -393,8 +392,8 @@ def test_curved_ground_is_met_at_its_true_normal():
             forces_n=np.tile(lean, (101, 1, 1)),
         )
     )
-    assert np.allclose(motion.contact_gap().values[0], [0.0, 5e-4, 5e-4, 0.0], atol=1e-6)
-    assert np.allclose(motion.cone().values[0], 100.0 * (0.3 - 0.75), atol=1e-2)
+    assert np.allclose(np.abs(motion.ground[0][0]), [0.0, 5e-4, 5e-4, 0.0], atol=1e-6)
+    assert np.allclose(motion.beyond[0], 100.0 * (0.3 - 0.75), atol=1e-2)
 
 
 # ---------------------------------------------------------------------------------------------- one

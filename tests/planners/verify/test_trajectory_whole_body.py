@@ -99,11 +99,11 @@ def test_power_of_joints_feet_and_base_is_what_the_energy_changes_by() -> None:
     placed = body.postures.origin_m[:, None] + np.einsum("kij,knj->kni", walk.rotation, feet)
     centres = (placed[2:] - placed[:-2]) / (2.0 * STEP_S)
     torso = (body.postures.origin_m[2:] - body.postures.origin_m[:-2]) / (2.0 * STEP_S)
-    lacks = TrajectoryMeasurements(walk).force_residual().values
+    lacks = TrajectoryMeasurements(walk).force_residual
     spin = np.einsum("kij,kj->ki", walk.rotation[1:-1], velocity[:, 3:6])
     about = np.cross((walk.torso_m - body.postures.origin_m)[1:-1], lacks)
     rolled = np.cross(placed[1:-1] - walk.feet_m[1:-1], walk.forces_n[1:-1]).sum(axis=1)
-    moment = body.legs_moment().values - rolled
+    moment = body.legs_moment() - rolled
     power = np.einsum("kj,kj->k", body.torques_nm, rates) + np.einsum(
         "kni,kni->k", walk.forces_n[1:-1], centres
     )
@@ -145,7 +145,7 @@ def test_moments_of_legs_that_weigh_are_those_of_their_links() -> None:
         momentum += mass * np.cross(arm, speed) + inertias[n] * spin
     arms = walk.feet_m - walk.torso_m[:, None]
     expected = np.diff(momentum, axis=0) / STEP_S - np.cross(arms, walk.forces_n).sum(axis=1)[1:-1]
-    found = body.legs_moment().values
+    found = body.legs_moment()
     assert np.abs(found).max() > 1.0
     np.testing.assert_allclose(found, expected, atol=0.01)
 
