@@ -204,8 +204,9 @@ def _legged(robot: str | Path) -> Robot:
 
     Raises InvalidInput.
     """
+    from stancekit.planners.robot.model import robot_of, walking_robot
     from stancekit.planners.robot.robot_file import named_robot
-    from stancekit.planners.robot.walker import BUILT_IN, robot_of, walking_robot
+    from stancekit.planners.robot.walker import BUILT_IN
 
     name = str(robot)
     return walking_robot(BUILT_IN[name]()) if name in BUILT_IN else robot_of(named_robot(robot))

@@ -27,9 +27,9 @@ from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies
 from stancekit.planners.robot.inverse_kinematics import WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.meshes import Shape
+from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.urdf_reader import pinocchio
-from stancekit.planners.robot.walker import robot_of
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Obstacles
 from tests.planners.robot.small_urdfs import quadruped

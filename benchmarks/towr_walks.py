@@ -28,7 +28,8 @@ from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.formats.table_file import csv_of
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.walker import named_walker, walking_robot
+from stancekit.planners.robot.model import walking_robot
+from stancekit.planners.robot.walker import named_walker
 
 COMBOS = ("walk", "trot", "pace", "bound", "gallop")
 """TOWR's combinations of gaits, by its numbers."""

@@ -30,13 +30,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1470, 16876),
+    "api": (1471, 16877),
     "cli": (3584, 40047),
     "configs": (3, 30),
     "envs": (3137, 42953),
     "learners": (5344, 78424),
-    "planners": (35714, 582310),
-    "runner": (6805, 91837),
+    "planners": (35714, 582311),
+    "runner": (6804, 91836),
     "views": (4460, 69823),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}

@@ -168,7 +168,7 @@ class Trajectory(Motion):
         Of a robot without a model the groups of ``WALK_BODY`` are no hindrance: the runner asks the
         servos of the world.
         """
-        from ..robot.walker import walking_robot  # slow to import
+        from ..robot.model import walking_robot  # slow to import
 
         left = [name for name in unchecked if self.robot.source.own or name not in WALK_BODY]
         if left:

@@ -21,8 +21,8 @@ from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import ToeKinematics, WholeBody, descend
 from ..robot.kinematics import JointAnswer, Kinematics
 from ..robot.leg import rotations_of
+from ..robot.model import robot_of
 from ..robot.robot_model import RobotModel
-from ..robot.walker import robot_of
 from ..terrain.patch import solids_of
 from .path import APART_M, PathMoments, PlanPath, path_of
 

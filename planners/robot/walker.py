@@ -32,7 +32,7 @@ from ..files.documents import YAML, read_text, read_yaml, validated
 from .hulls import Polytope
 from .leg import Leg
 from .meshes import Shape, shape_points, solid_shapes
-from .model import DEEPEST, Foot, LegLimits, Limb, Robot, half_sides, hexapod, no_legs
+from .model import DEEPEST, Foot, LegLimits, Limb, Robot, half_sides, hexapod, no_legs, robot_of
 from .reach_sets import Sets, Workspace, limbs_over, soles_apart, standing_toes, workspaces_of
 from .robot_file import (
     ROBOTS,
@@ -46,39 +46,6 @@ from .robot_file import (
 )
 from .robot_model import RobotModel, model_of
 from .urdf_reader import hold, matching, speed_doubts
-
-
-def robot_of(model: RobotModel) -> Robot:
-    """A robot of this model's legs, each reaching as far as it is long, from the centre of mass as
-    it stands.
-    """
-    limbs = tuple(
-        Limb(
-            name=leg.name,
-            shoulder_m=leg.hip_m - model.body.com_m,
-            reach_m=leg.chain.length_m + leg.radius_m,
-        )
-        for leg in model.legs
-    )
-    return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
-
-
-def walking_robot(robot: Robot) -> Robot:
-    """The robot with limbs and joints of a walk's robot.
-
-    Raises InvalidInput where its joints are not known.
-
-    The robot of a walk is a body with boxes of reach, which may have the model of its legs; of the
-    robots that come with the package the hexapod has joints, too.
-    """
-    if robot.source.own:
-        return robot_of(robot.source.own_model())
-    known = hexapod()
-    shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
-    same = robot.limb_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
-    if not same or not all(np.allclose(foot.hip_m, shoulders[foot.name]) for foot in robot.feet):
-        raise no_legs(robot.name)
-    return known
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

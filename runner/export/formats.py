@@ -28,9 +28,8 @@ from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Played, table_of
 from stancekit.planners.motion.plan_motion import reached_s
 from stancekit.planners.robot.meshes import numbers_of
-from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.model import Robot, walking_robot
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.planners.robot.walker import walking_robot
 from stancekit.planners.terrain.mesh_file import compiled_mjcf
 
 from ..motion.time_parametrization import RATE_HZ, joint_motion

@@ -38,7 +38,7 @@ from stancekit.planners.projection.force_distribution import distribute_forces, 
 from stancekit.planners.robot.actuators import ActuatorModel
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.leg import continued
-from stancekit.planners.robot.walker import walking_robot
+from stancekit.planners.robot.model import walking_robot
 
 from ..acceptance import JointNeeds
 from ..control.foot_placement import ContactFeedback

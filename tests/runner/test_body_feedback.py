@@ -26,8 +26,9 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.walker import walker_of, walking_robot
+from stancekit.planners.robot.walker import walker_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField

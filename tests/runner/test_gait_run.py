@@ -18,8 +18,9 @@ from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, footholds, gait
 from stancekit.planners.motion.leap_motion import SETTLE_S, leap_motion
 from stancekit.planners.motion.motion import Played
 from stancekit.planners.problem.leap_classes import leap_class
+from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo
-from stancekit.planners.robot.walker import anymal, hexapod_walker, walking_robot
+from stancekit.planners.robot.walker import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.execution import Tolerance

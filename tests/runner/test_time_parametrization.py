@@ -23,9 +23,9 @@ from stancekit.planners.projection.whole_body import WholeBodyLimits, whole_body
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.bodies import TOUCH_M
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
+from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.robot_file import Servo, hexapod_urdf
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.walker import robot_of
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan

@@ -20,10 +20,11 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.actuators import Servo
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.reach_sets import workspaces_of
 from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
 from stancekit.planners.robot.robot_model import model_of
-from stancekit.planners.robot.walker import contact_robot, robot_of, sets_of
+from stancekit.planners.robot.walker import contact_robot, sets_of
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan

@@ -16,9 +16,10 @@ from stancekit.planners.formats.motion_file import check_file, write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.hulls import hull_corners
 from stancekit.planners.robot.leg import FootContact, rotation_of
+from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.robot.walker import robot_of, walker_of
+from stancekit.planners.robot.walker import walker_of
 from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.terrain.heightfield import HeightField

@@ -11,8 +11,8 @@ import pytest
 
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.walker import robot_of
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.verify.bodies import WholeBodyMeasurements

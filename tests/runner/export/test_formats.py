@@ -24,8 +24,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import yaml_of
 from stancekit.planners.formats.table_file import csv_of, joint_trajectory_bytes, read_table
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
+from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.robot_file import provider_folder, robot_of
-from stancekit.planners.robot.walker import walking_robot
 from stancekit.planners.verify.motions import check_motion
 from stancekit.runner.export.formats import FORMATS, Moved, moved_of, played, read_keys
 from stancekit.runner.motion.time_parametrization import streamed
