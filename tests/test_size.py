@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1472, 16878),
-    "cli": (3585, 40048),
+    "api": (1474, 16901),
+    "cli": (3439, 39837),
     "configs": (3, 30),
     "envs": (3139, 42955),
-    "learners": (5345, 78425),
+    "learners": (5249, 78057),
     "planners": (36113, 584829),
-    "runner": (6817, 91867),
-    "views": (4462, 69832),
+    "runner": (6772, 91772),
+    "views": (4323, 68819),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
