@@ -31,8 +31,7 @@ from stancekit.views.playground.page_parts import (
     solver_of,
     verdict,
 )
-from stancekit.views.playground.pictures import Pictures
-from stancekit.views.playground.playground import save_course, save_plan, struck
+from stancekit.views.playground.playground import Pictures, save_course, save_plan, struck
 from stancekit.views.playground.scenario import KeysScenario
 from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 from stancekit.views.scene import UP
