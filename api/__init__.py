@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from .files import load as load, save as save
     from .learners.data.export import Exported as Exported
     from .learners.data.labelling import RecheckReport as RecheckReport
-    from .learners.evaluation.evaluate import Comparison as Comparison
-    from .learners.evaluation.evaluate import Score as Score
+    from .learners.evaluation.evaluate import Comparison as Comparison, Score as Score
     from .learners.selectors.selector import Learned as Learned
     from .learners.surrogates.calibration import Screened as Screened
     from .motions import run as run, simulate as simulate

@@ -30,8 +30,7 @@ from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..page import GOAL
 from ..plans import PlanView, asked, ghosts
 from ..robots import RobotShape, climber
-from ..scene import DrawnBody, Label, Scene, Stage
-from ..scene import Path as Line
+from ..scene import DrawnBody, Label, Path as Line, Scene, Stage
 from ..shapes import Sphere
 from ..sheet import INK, friction_colours, leg_colour
 from ..terrain import (
