@@ -104,7 +104,7 @@ def draw(
             figure = _draw_why(subject, caption)
         case Plan():
             figure = (
-                draw_plan(subject, caption=caption)
+                draw_plan(subject, caption=caption, strips=True)
                 if executed is None
                 else draw_execution(subject, executed, caption=caption)
             )

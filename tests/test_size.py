@@ -30,14 +30,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1472, 16878),
+    "api": (1472, 16880),
     "cli": (3585, 40048),
     "configs": (3, 30),
     "envs": (3139, 42955),
     "learners": (5345, 78425),
-    "planners": (36113, 584829),
+    "planners": (36115, 584880),
     "runner": (6817, 91867),
-    "views": (4462, 69832),
+    "views": (4530, 70933),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
