@@ -40,7 +40,8 @@ def draw(
     out: str | Path | None = None,
 ) -> Figure:
     """Draw a posture problem, a plan of key frames, a leap, a crossing or a walk: terrain,
-    robot, forces in their cones. Or draw why there is none.
+    robot, forces in their cones, and below a plan the push that it bears and the shares of
+    friction cones and joint torques that it uses, along its motion. Or draw why there is none.
 
     Arguments:
         subject: the posture problem, plan, leap, crossing or walk; an answer, of which the solution
@@ -49,7 +50,8 @@ def draw(
         answer: plan for a posture problem; without one the body is shown at the nominal centre of
             mass. Or its certificate; the picture then names the cheapest single change.
         executed: ``execution`` of the report of ``simulate`` or ``run``, of a plan, a leap or a
-            crossing: the robot as it ended, and the path that it went.
+            crossing: the robot as it ended beside the plan, the path that it went, and how far
+            from the plan it was, where and when.
         envelope: box to draw with a posture problem or its plan.
         caption: title, in place of the usual one.
         out: a picture to write: .png, .pdf or .svg.
@@ -104,7 +106,7 @@ def draw(
             figure = _draw_why(subject, caption)
         case Plan():
             figure = (
-                draw_plan(subject, caption=caption)
+                draw_plan(subject, caption=caption, strips=True)
                 if executed is None
                 else draw_execution(subject, executed, caption=caption)
             )

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from stancekit.planners.errors import InvalidInput
 
@@ -57,19 +58,24 @@ def draw_comparison(
         raise InvalidInput("rows: expected one or more rows with values, got none")
     figure = sheet(size_px, PLOT_PX)
     high = figure.get_figheight()
-    headline(figure, caption or "Selectors compared", "% of problems")
+    headline(figure, caption or "Selectors compared", "% of problems; the lines are 95 % intervals")
     axes = figure.add_axes((0.055, 0.62 / high, 0.925, 1.0 - 2.15 / high))
-    _frame(axes, [row.selector for row in rows])
+    axes.set(xlim=(-0.52, len(rows) - 0.48), ylim=(0.0, 104.0))
+    names = [row.selector for row in rows]
+    axes.set_xticks(range(len(rows)), names, size=12.5, color=INK, parse_math=False)
+    axes.set_yticks(range(0, 101, 20), [str(tick) for tick in range(0, 101, 20)], size=11)
+    quiet_axes(axes)
     width = 0.84 / len(measures)
     room = (
         92.5 * figure.get_figwidth() * width / len(rows)
     )  # width of a bar, in hundredths of an inch
     for position, measure in enumerate(measures):
-        colour = MEASURE_COLOURS[position % len(MEASURE_COLOURS)]
+        turns, place = divmod(position, len(MEASURE_COLOURS))
+        colour, hatch = MEASURE_COLOURS[place], "//" * turns
         at = np.arange(len(rows)) - 0.42 + width * (position + 0.5)
         for x, row in zip(at, rows, strict=True):
-            _bar(axes, float(x), width, row, measure, colour, room)
-        axes.bar([-9.0], [0.0], color=colour, label=measure)
+            _bar(axes, float(x), width, row, measure, (colour, hatch), room)
+        axes.bar([-9.0], [0.0], color=colour, hatch=hatch, ec="white", lw=0, label=measure)
     if any(row.paper for row in rows):
         axes.plot([-9.0], [0.0], "D", ms=6, mfc="white", mec=INK, mew=1.2, label="paper", ls="none")
     _name_measures(axes)
@@ -97,48 +103,46 @@ def _name_measures(axes: Axes) -> None:
     )
 
 
-def _frame(axes: Axes, selectors: Sequence[str]) -> None:
-    axes.set(xlim=(-0.52, len(selectors) - 0.48), ylim=(0.0, 104.0))
-    axes.set_xticks(range(len(selectors)), selectors, size=12.5, color=INK, parse_math=False)
-    axes.set_yticks(
-        range(0, 101, 20), [str(tick) for tick in range(0, 101, 20)], size=11, color=QUIET
-    )
-    quiet_axes(axes)
-
-
 def _bar(
-    axes: Axes, x: float, width: float, row: ComparisonBar, measure: str, colour: str, room: float
+    axes: Axes,
+    x: float,
+    width: float,
+    row: ComparisonBar,
+    measure: str,
+    look: tuple[str, str],
+    room: float,
 ) -> None:
-    value, paper = row.values.get(measure), row.paper.get(measure)
+    value, paper, (colour, hatch) = row.values.get(measure), row.paper.get(measure), look
     if value is None:
         axes.text(x, 0.8, "–", size=11, color=QUIET, ha="center", va="bottom")
     else:
-        axes.bar([x], [100.0 * value], 0.9 * width, color=colour, lw=0, zorder=2)
-        if measure in row.intervals:
-            ends = [100.0 * end for end in row.intervals[measure]]
-            axes.plot([x, x], ends, color=INK, lw=1.2, zorder=4, solid_capstyle="butt")
+        height, ends = 100.0 * value, [100.0 * end for end in row.intervals.get(measure, ())]
+        axes.bar([x], [height], 0.9 * width, color=colour, hatch=hatch, ec="white", lw=0, zorder=2)
+        halo = [withStroke(linewidth=3.2, foreground="white")]
+        axes.plot([x] * len(ends), ends, color=INK, lw=1.4, zorder=4, path_effects=halo)
         if room >= 13.0:
-            _bar_number(axes, x, 100.0 * value, colour, room)
+            _bar_number(axes, x, height, max([height, *ends]), colour, room)
     if paper is not None:
         axes.plot(
             [x], [100.0 * paper], "D", ms=6, mfc="white", mec=INK, mew=1.2, zorder=4, clip_on=False
         )
 
 
-def _bar_number(axes: Axes, x: float, percent: float, colour: str, room: float) -> None:
-    """The number at the foot of its bar, where no marker hides it, or above a short bar; upright in
-    a narrow one.
+def _bar_number(axes: Axes, x: float, percent: float, top: float, colour: str, room: float) -> None:
+    """The number at the foot of its bar, where no marker hides it, or above a short bar and its
+    interval; upright in a narrow one.
     """
     dark = float(np.dot(to_rgba(colour)[:3], (0.299, 0.587, 0.114))) < 0.6
     tall = percent > 12.0
     axes.text(
         x,
-        1.8 if tall else percent + 1.2,
+        1.8 if tall else top + 1.2,
         f"{percent:.1f}",
         size=min(11.5, 0.5 * room),
         ha="center",
         va="bottom",
         rotation=0 if room > 42.0 else 90,
         color="white" if tall and dark else INK,
-        zorder=3,
+        zorder=5,
+        path_effects=[withStroke(linewidth=2.5, foreground=colour if tall else "white")],
     )

@@ -20,7 +20,7 @@ from matplotlib.ticker import NullFormatter
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import shown
-from stancekit.runner.log import TOPICS, Recorded, table
+from stancekit.runner.log import TOPICS, TOUCH_N, Recorded, table
 
 from .sheet import (
     ACCENT,
@@ -39,10 +39,6 @@ from .sheet import (
 
 _AXIS_COLOURS = (MEASURE_COLOURS[0], MEASURE_COLOURS[1], MEASURE_COLOURS[4])
 _SIZE_IN, _HEAD_IN = (12.0, 10.0), 0.9
-_TOUCH_N = 1.5
-"""A foot that feels more than this touches."""
-_REPLANS = ("plan anew", "stand")
-"""Decisions that are drawn: the rest was planned again, or feet slid and the robot stood."""
 _PLANNED: dict[str, Any] = {"linestyle": ":", "linewidth": 0.9}
 
 
@@ -133,7 +129,7 @@ def draw_tracking(recorded: Recorded) -> Figure:
                 **_PLANNED,
             )
     for each in recorded.of("decision"):
-        if each["what"] in _REPLANS and "time_s" in each:
+        if each["what"] in ("plan anew", "stand") and "time_s" in each:
             for axes in figure.axes:
                 axes.axvline(each["time_s"], color="0.6", linewidth=0.6)
     for axis, name in enumerate("xyz"):
@@ -213,7 +209,7 @@ def slips(recorded: Recorded, aims: dict[str, Array]) -> Array:
         )
         for name in ("forces_n", "feet_m")
     )
-    feet, touches = feet - aims["rolled_m"], np.linalg.norm(felt, axis=2) > _TOUCH_N
+    feet, touches = feet - aims["rolled_m"], np.linalg.norm(felt, axis=2) > TOUCH_N
     result, place = np.zeros(touches.shape), np.full((limbs, 3), np.nan)
     before = np.full(limbs, np.nan)
     for row, holds in enumerate(aims["foothold"]):
@@ -243,15 +239,12 @@ _TOLERANCE = 1e-4
 LEAST = 1e-9
 """Violations below this are drawn as this."""
 _TICKS = (1, 3, 10, 30, 100, 300, 1000)
+_BAND = (0.25, 0.5, 0.75)
+"""Quantiles of the times of several solves in one direction: a line, and the band about it."""
 _SECONDS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 _COMPASS = "0° = +y, clockwise"
-"""Count of walking directions."""
 _COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
 """Colours of methods in their order; they repeat after the sixth."""
-_ROOM = 38
-"""Letters that fit over a panel at full size."""
-_TALL_PX = (1200, 980)
-"""Size of a plot with two rows of panels."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -307,7 +300,7 @@ def draw_directions(
         InvalidInput: without runs.
     """
     methods = _methods(runs)
-    figure = sheet(size_px or (PLOT_PX if len(methods) < 4 else _TALL_PX), PLOT_PX)
+    figure = sheet(size_px or (PLOT_PX if len(methods) < 4 else (1200, 980)), PLOT_PX)
     words = (
         "iterations from the centre outward, coloured by the largest violation; red: no success; "
         + _COMPASS
@@ -317,7 +310,7 @@ def draw_directions(
     rim = float(_radius(max(most, 3)))
     colours = ScalarMappable(LogNorm(_TOLERANCE, 10.0), "magma_r")
     titles = [_label(method, [run for run in runs if run.method == method]) for method in methods]
-    size = min(12.0, 12.0 * _ROOM / max(map(len, titles)))
+    size = min(12.0, 12.0 * 38 / max(map(len, titles)))
     for axes, method, title in zip(_panels(figure, len(methods)), methods, titles, strict=True):
         runs_of_method = [run for run in runs if run.method == method]
         width = _wedge(runs_of_method)
@@ -376,9 +369,11 @@ def draw_times(
     Raises:
         InvalidInput: without runs.
     """
-    colours = _colours(runs, methods)
+    ran = _methods(runs)
+    order = list(dict.fromkeys([*methods, *ran]))
+    colours = {method: _COLOURS[order.index(method) % len(_COLOURS)] for method in ran}
     figure = sheet(size_px, PLOT_PX)
-    words = f"median seconds a solve; crosses: no success; {_COMPASS}"
+    words = f"median seconds a solve, within the quartiles; crosses: no success; {_COMPASS}"
     headline(figure, caption or "CPU time by walking direction", words)
     high, wide = figure.get_figheight(), figure.get_figwidth()
     side = high - 1.45
@@ -389,14 +384,16 @@ def draw_times(
     for method, colour in colours.items():
         runs_of_method = [run for run in runs if run.method == method]
         turns = sorted({run.direction_rad for run in runs_of_method})
-        medians = [
-            float(np.median([run.seconds for run in runs_of_method if run.direction_rad == turn]))
+        times = [
+            np.quantile([run.seconds for run in runs_of_method if run.direction_rad == turn], _BAND)
             for turn in turns
         ]
-        shown = _radius_of_time([*medians, medians[0]])
-        axes.plot(
-            [*turns, turns[0]], shown, color=colour, lw=2.0, label=_label(method, runs_of_method)
+        low, medians, high_s = np.array([*times, times[0]]).T
+        shown, around = _radius_of_time(medians), [*turns, turns[0]]
+        axes.fill_between(
+            around, _radius_of_time(low), _radius_of_time(high_s), color=colour, alpha=0.15, lw=0
         )
+        axes.plot(around, shown, color=colour, lw=2.0, label=_label(method, runs_of_method))
         failed = [run for run in runs_of_method if not run.success]
         at = _radius_of_time([run.seconds for run in failed])
         axes.plot([run.direction_rad for run in failed], at, "x", color=colour, ms=7, mew=2.0)
@@ -419,13 +416,6 @@ def _methods(runs: Sequence[GaitRun]) -> list[str]:
     if not runs:
         raise InvalidInput("runs: expected one or more, got none")
     return list(dict.fromkeys(run.method for run in runs))
-
-
-def _colours(runs: Sequence[GaitRun], known: Sequence[str]) -> dict[str, str]:
-    """The colour of every method that was run."""
-    methods = _methods(runs)
-    order = list(dict.fromkeys([*known, *methods]))
-    return {method: _COLOURS[order.index(method) % len(_COLOURS)] for method in methods}
 
 
 def _label(method: str, runs: Sequence[GaitRun]) -> str:
@@ -460,7 +450,7 @@ def _panels(figure: Figure, count: int) -> list[Any]:
     rows = 1 if count < 4 else 2
     columns = -(-count // rows)
     high, wide = figure.get_figheight(), figure.get_figwidth()
-    side = min((wide - 0.5) / columns - 0.95, (high - 1.75) / rows - 0.55)
+    side = min((wide - 0.5) / columns - 0.95, (high - 1.75) / rows - 0.45 - 0.25 * rows)
     panels = []
     for index in range(count):
         row, column = divmod(index, columns)
@@ -477,22 +467,17 @@ def _polar(axes: Any, rim: float, ticks: Sequence[float], radius: Any, unit: str
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.set_ylim(0.0, rim)
-    axes.set_yticks(
-        [float(radius(tick)) for tick in ticks],
-        [f"{tick:g}{unit}" for tick in ticks],
-        size=9.5,
-        color=QUIET,
-    )
-    for label in axes.get_yticklabels():
-        label.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
-        label.set_zorder(5)
+    axes.set_yticks([float(radius(tick)) for tick in ticks], [])
+    for tick in ticks:
+        place, words = (np.deg2rad(22.5), float(radius(tick))), f"{tick:g}{unit}"
+        halo = [withStroke(linewidth=2.5, foreground="white")]
+        axes.annotate(words, place, size=9.5, color=QUIET, path_effects=halo, ha="center")
     axes.set_xticks(
         np.deg2rad(np.arange(0, 360, 45)),
         [f"{turn}°" for turn in range(0, 360, 45)],
         size=10,
         color=QUIET,
     )
-    axes.set_rlabel_position(22.5)
     axes.grid(color=RULE, lw=0.8)
     axes.set_axisbelow(True)
     axes.spines["polar"].set_color(RULE)

@@ -42,13 +42,12 @@ from .sheet import (
     Size,
     headline,
     leg_colour,
-    plain_axes,
     quiet_axes,
     sheet,
     to_rgb,
 )
-from .still import Still
-from .terrain import Entry, block, draw_legend, force_entry, grid_on_ground
+from .strips import picture
+from .terrain import Entry, block, grid_on_ground
 from .video import Frame
 
 _FILM_PX = (1280, 720)
@@ -449,11 +448,8 @@ def draw_motion(
     Raises:
         InvalidInput: for a trajectory of no samples or with values that are not finite.
     """
-    view, figure = GaitView(trajectory, warp), sheet(size_px)
-    scale = Still(view.scene(), view.camera).paint(plain_axes(figure, 18.0, 66.0, 88.0))
-    sticky = trajectory.adhesive
+    view, sticky = GaitView(trajectory, warp), trajectory.adhesive
     entries = [
-        force_entry(scale / view.metres_a_newton, 150.0),
         *(
             Entry(text=limb + "*" * bool(sticky[k]), sign="dot", colour=leg_colour(k))
             for k, limb in enumerate(view.shape.limbs)
@@ -466,7 +462,14 @@ def draw_motion(
         ),
         *([Entry(text="guide path", sign="line", colour=GUIDE)] if view.ways_m else []),
     ]
-    draw_legend(figure, 12.0, entries)
+    figure = picture(
+        view.scene(),
+        view.camera,
+        None,
+        entries,
+        metres_a_newton=view.metres_a_newton,
+        size_px=size_px,
+    )
     made = trajectory.provenance.get("chart", "")
     length = float(np.linalg.norm(np.diff(trajectory.torso_m, axis=0), axis=1).sum())
     verdict = "not verified" if report is None else report.message

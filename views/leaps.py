@@ -23,24 +23,21 @@ from stancekit.runner.execution import Execution
 from stancekit.runner.motion.time_parametrization import streamed
 
 from .page import FPS, GOAL, REAL, View, outline, window
-from .plans import LONGEST, MARGIN_M
+from .plans import LONGEST, MARGIN_M, aside
 from .robots import cone, cone_body
-from .scene import Animation, Camera, Colour, DrawnBody, Label, Layer, Path, Scene, best_view
+from .scene import Animation, Camera, Colour, DrawnBody, Label, Layer, Path, Scene
 from .shapes import Mesh, Sphere, polyline
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
     INK,
-    SIZE_PX,
     Size,
     friction_colours,
     headline,
     leg_colour,
-    plain_axes,
-    sheet,
 )
-from .still import Still
-from .terrain import SCALE, Entry, draw_legend, force_entry, patches
+from .strips import picture, run_strips
+from .terrain import SCALE, Entry, patches
 
 _CLIMBS, _LEAPS = 4.0, 0.25
 """Numbers of films: how many times their pace key frames are shown, and
@@ -167,19 +164,8 @@ class LeapView(View):
     @cached_property
     def camera(self) -> Camera:
         """From aside of the way, where the chosen patches show their faces."""
-        box, ends = self.bounds_m, self.path_m[[0, -1]]
-        length = max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
-        centres, normals = np.array(
-            [(patch.centre_m, patch.normal) for _, patch in self.chosen]
-        ).swapaxes(0, 1)
-
-        def merit(camera: Camera) -> float:
-            (first, last), _ = camera.project(ends)
-            faces = np.clip(camera.facing(centres, normals), -0.15, 0.15)
-            return float(0.5 * faces.mean() + 0.2 * (last - first)[0] / length)
-
-        away_m = max(4.0 * self.shape.size_m, 1.25 * float(np.linalg.norm(box[1] - box[0])))
-        return best_view(box.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[15.0, 22.0])
+        faced = [patch for _, patch in self.chosen]
+        return aside(self.bounds_m, self.path_m, faced, self.shape.size_m)
 
     @cached_property
     def metres_a_newton(self) -> float:
@@ -362,24 +348,21 @@ def draw_leap(
     and its way; or the end of its execution.
     """
     view = LeapView(subject, execution=execution)
-    still = Still(view.scene(), view.camera)
-    low, high = still.frame()
-    fitted = (
-        SIZE_PX[0],
-        int(
-            np.clip((SIZE_PX[0] - 48.0) * (high - low)[1] / (high - low)[0] + 162.0, 560.0, 1100.0)
-        ),
-    )
-    figure = sheet(size_px or fitted, fitted)
-    scale = still.paint(plain_axes(figure, 24.0, 70.0, 92.0))
     entries = [
-        force_entry(scale / view.metres_a_newton, 120.0),
         Entry(text="cone", sign="cone", colour=ACCENT),
         Entry(text="centre of mass", sign="path")
         if execution is None
         else Entry(text="path that was gone", sign="path", colour=REAL),
         Entry(text="chosen", sign="box", colour=leg_colour(0), fill="#d6efd0"),
     ]
-    draw_legend(figure, 12.0, entries, view.friction)
+    figure = picture(
+        view.scene(),
+        view.camera,
+        view.friction,
+        entries,
+        () if execution is None else run_strips(execution),
+        metres_a_newton=view.metres_a_newton,
+        size_px=size_px,
+    )
     headline(figure, caption or view.name, "   ·   ".join(view.words))
     return figure

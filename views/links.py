@@ -54,13 +54,16 @@ class Links:
         return {key: _joined(each) for key, each in pieces.items()}
 
     def _shapes(self) -> Iterator[Shape]:
-        """For each link what it looks like, or where that cannot be had what it collides with."""
+        """For each link what it looks like, or where that cannot be had what it collides with: where
+        a mesh's file is not at hand, and no hull is known, as of a robot that a plan's file carries.
+        """
         for link in self.model.mounts:
             shapes = [shape for shape in self.model.shapes if shape.link == link]
             seen = [
                 shape
                 for shape in shapes
-                if not shape.collides and (shape.kind != "mesh" or _drawable(shape))
+                if not shape.collides
+                and (shape.kind != "mesh" or shape.mesh is not None or shape.corners_m is not None)
             ]
             yield from seen or [shape for shape in shapes if shape.collides]
 
@@ -142,13 +145,6 @@ class Links:
     @staticmethod
     def _body(name: str, mesh: Mesh, place: Array, rotation: Array, colour: Colour) -> DrawnBody:
         return DrawnBody(name=name, shape=mesh, position_m=place, rotation=rotation, colour=colour)
-
-
-def _drawable(shape: Shape) -> bool:
-    """Tell whether a mesh's file is at hand, or its hull is known, as it is of a robot that a
-    plan's file carries.
-    """
-    return shape.mesh is not None or shape.corners_m is not None
 
 
 def _mesh(shape: Shape) -> Mesh | None:

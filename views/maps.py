@@ -33,7 +33,6 @@ from .shapes import polyline
 from .sheet import (
     DEFAULT_STYLE,
     INK,
-    MEASURE_COLOURS,
     QUIET,
     SIZE_PX,
     Size,
@@ -181,29 +180,21 @@ def draw_map(
     """
     warp.check_fits(field)
     figure = sheet(size_px)
-    headline(figure, caption or f"Warp map of {field.name or 'a terrain'}", summary(report))
-    width, height = figure.get_figwidth(), figure.get_figheight()
+    words = (
+        f"{report.method}, {' × '.join(map(str, report.cells))} cells, {report.cpu_s:.2f} CPU-s; "
+        f"min det J {report.least_det:.2f}; match {1e3 * report.match_m[0]:.2f} mm at most; conformal "
+        f"error at the ground {100.0 * float(report.ground_error.mean()):.0f} % on average"
+    )
+    headline(figure, caption or f"Warp map of {field.name or 'a terrain'}", words)
+    height = figure.get_figheight()
     below = 0.36 * height
     scene = plain_axes(figure, 20.0, 100.0 * below, 90.0)
     _ground(warp, field).paint(scene)
     section = figure.add_axes((0.06, 0.09, 0.42, below / height - 0.14))
     _draw_section(section, warp)
-    error = figure.add_axes((0.545, 0.09, 0.2 * height / width + 0.03, below / height - 0.14))
+    error = figure.add_axes((0.56, 0.09, 0.38, below / height - 0.14))
     _draw_error_map(figure, error, warp, report)
-    share = figure.add_axes((0.79, 0.09, 0.18, below / height - 0.14))
-    _draw_error_shares(share, report)
     return figure
-
-
-def summary(report: MapReport) -> str:
-    """One line: cost and quality of a map."""
-    return (
-        f"{report.method}, {' × '.join(map(str, report.cells))} cells, {report.cpu_s:.2f} CPU-s; "
-        "min det J "
-        f"{report.least_det:.2f}; match {1e3 * report.match_m[0]:.2f} mm at most; conformal error "
-        "at the ground "
-        f"{100.0 * float(report.ground_error.mean()):.0f} % on average"
-    )
 
 
 def _ground(warp: SplineMap, field: HeightField) -> Still:
@@ -277,25 +268,7 @@ def _draw_error_map(figure: Figure, axes: Axes, warp: SplineMap, report: MapRepo
     axes.set_title("conformal error at the ground [%]", size=11, color=INK, loc="left")
     axes.set(xlabel="x̄ [m]", anchor="SW")
     _quiet(axes, grid=None)
-    bar = figure.colorbar(image, ax=axes, fraction=0.046, pad=0.03)
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(length=0, labelsize=10, labelcolor=QUIET)
-
-
-def _draw_error_shares(axes: Axes, report: MapReport) -> None:
-    """Draw the share of the ground, and of the level of the torso, whose error is below each
-    value.
-    """
-    share = np.linspace(0.0, 100.0, report.ground_error.size)
-    for name, error, colour in (
-        ("ground", report.ground_error, MEASURE_COLOURS[0]),
-        ("0.5 m above", report.torso_error, MEASURE_COLOURS[1]),
-    ):
-        axes.plot(100.0 * np.sort(error, axis=None), share, color=colour, lw=2.0, label=name)
-    axes.set(xlim=(0.0, None), ylim=(0.0, 100.0), xlabel="error below [%]")
-    axes.set_title("share of the domain [%]", size=11, color=INK, loc="left")
-    axes.legend(frameon=False, fontsize=10, labelcolor=INK, loc="lower right")
-    _quiet(axes)
+    _bar(figure, axes, image)
 
 
 def _quiet(axes: Axes, *, grid: Literal["both"] | None = "both") -> None:

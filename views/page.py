@@ -43,6 +43,10 @@ from .shapes import plate, ring, unit
 from .sheet import ACCENT, INK, QUIET, Size
 from .video import Frame
 
+_STRIPS = """<style>#strips{position:fixed;left:0;bottom:40px;z-index:9;width:100%;display:flex;overflow-x:auto;
+background:rgba(255,255,255,.8)}#strips div{flex:none}
+#strips div:first-child{margin-left:auto}#strips div:last-child{margin-right:auto}</style>"""
+"""The look of the strips: side by side above the time line, on a narrow screen to be drawn aside."""
 FPS = 20.0
 """Pictures per second of films."""
 GOAL, REAL = "#e8a317", "#c2410c"
@@ -253,6 +257,8 @@ def _titled(text: str, motion: Animation) -> str:
     title, note = html.escape(motion.title), html.escape(motion.note)
     note = note and f'<div style="color:{ACCENT if motion.alarm else QUIET}">{note}</div>'
     legend = f'<div id="legend" style="{style}"><b>{title}</b>{note}{lines}</div>'
+    if motion.strips:
+        legend += f'<div id="strips"><div>{"</div><div>".join(motion.strips)}</div></div>{_STRIPS}'
     text = text.replace("<title>Viser</title>", f"<title>{title}</title>", 1)
     end = text.rindex("</body>")
     return text[:end] + legend + text[end:]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -38,16 +39,13 @@ from .sheet import (
     DEFAULT_STYLE,
     GUIDE,
     INK,
-    SIZE_PX,
     Size,
     friction_colours,
     headline,
     leg_colour,
-    plain_axes,
-    sheet,
 )
-from .still import Still
-from .terrain import ICE, ICE_EDGE, ICY, SCALE, Entry, draw_legend, force_entry, patches, tint
+from .strips import Strip, parted, picture, plan_strips, run_strips, strip_svg
+from .terrain import ICE, ICE_EDGE, ICY, SCALE, Entry, patches, tint
 
 _SUPPORT = "#2a7f62"
 LONGEST = 0.6
@@ -57,8 +55,6 @@ MARGIN_M = 0.08
 _STEP_S, _HOLD_S, SPEED = 1.2, 0.5, 2.0
 """Numbers of films: seconds per step, those that the beginning and the end take
 in addition, and how much faster than the world an execution plays."""
-_GHOSTS = 3
-"""Key frames beside the one in full, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +85,15 @@ class PlanView(View):
     def keys(self) -> Played:
         """The key frames as they are planned, and the path of body and feet through them."""
         return plan_motion(self.plan, uncarried=True)
+
+    @cached_property
+    def strips(self) -> list[Strip]:
+        """What the plan has in hand along its motion, or how its execution was from it; of a single
+        posture, nothing.
+        """
+        if self.execution is not None:
+            return run_strips(self.execution)
+        return plan_strips(self.plan, self.keys) if self.plan.problem.frames > 1 else []
 
     @property
     def path(self) -> PlanPath:
@@ -136,7 +141,7 @@ class PlanView(View):
         """Direction of view in which the chosen patches show their faces and the path is seen from
         the side.
         """
-        return _aside(self.bounds_m, self.plan.com_m, self.chosen, self.shape.size_m)
+        return aside(self.bounds_m, self.plan.com_m, self.chosen, self.shape.size_m)
 
     @cached_property
     def metres_a_newton(self) -> float:
@@ -200,36 +205,24 @@ class PlanView(View):
         """
         return lines_told(self.plan.provenance.get("tried_m"))
 
-    def chosen_at(self, now: Samples) -> list[DrawnBody]:
-        """The chosen patches that feet stand on in full colour; of the others ``fixed`` has the
-        outlines.
-        """
-        return [self._window(int(p)) for p in np.unique(now.foothold[now.stands])]
-
     @cached_property
     def colours(self) -> list[str]:
         """Colour of the limb of every foothold."""
         names = self.plan.problem.robot.limb_names
         return [leg_colour(names.index(foothold.limb)) for foothold in self.plan.problem.footholds]
 
-    def _window(self, foothold: int) -> DrawnBody:
-        """The chosen patch of a foothold, framed in the colour of its limb; made once."""
-        if foothold not in self._windows:
-            self._windows[foothold] = window(
-                f"chosen {foothold}",
-                self.chosen[foothold],
-                self._tints[foothold],
-                self.colours[foothold],
-            )
-        return self._windows[foothold]
-
     @cached_property
-    def _tints(self) -> list[Colour]:
-        """Colour of the friction of every chosen patch."""
-        frictions = np.array([patch.friction for patch in self.chosen])
-        return [tuple(tint) for tint in self.friction.to_rgba(frictions)[:, :3].tolist()]
-
-    _windows = cached_property(lambda self: dict[int, DrawnBody]())
+    def _windows(self) -> list[DrawnBody]:
+        """The chosen patches in the colour of their friction, framed in that of their limb."""
+        return [
+            window(
+                f"chosen {p}",
+                patch,
+                tuple(self.friction.to_rgba(np.array(patch.friction))[:3]),
+                colour,
+            )
+            for p, (patch, colour) in enumerate(zip(self.chosen, self.colours, strict=True))
+        ]
 
     def near_rad(self, now: Samples) -> Array | None:
         """Angles of the key frames around."""
@@ -241,10 +234,11 @@ class PlanView(View):
         return self.moving(now, cone_m=cone_m) + Scene(paths=self.support(now))
 
     def moving(self, now: Samples, *, cone_m: float | None = None) -> Scene:
-        """The robot at a time, and the forces of feet that stand, in cones as high as the normal
-        force or so.
+        """The robot at a time, the forces of feet that stand, in cones as high as the normal force or
+        so, and the patches under them in full colour; of the others ``fixed`` has the outlines.
         """
-        bodies = [*self.bodies(now), *self.chosen_at(now)]
+        under = np.unique(now.foothold[now.stands]).tolist()
+        bodies = [*self.bodies(now), *(self._windows[p] for p in under)]
         for toe, force, normal, foothold in zip(
             now.toes_m, now.forces_n, now.normals, now.foothold.tolist(), strict=True
         ):
@@ -332,35 +326,30 @@ class PlanView(View):
         """The plan's motion at an even pace, as much faster than it is run as lets each step last
         ``step_s``; its execution at ``SPEED`` times the pace of the world.
         """
-        if self.execution is not None:
-            return self._played(self.execution, fps)
         last, height = self.plan.problem.frames - 1, 0.3 * self.shape.size_m
-        times = self.shown_s(round(fps * (step_s * last + 2.0 * hold_s)) + 1)
-        speed = float(times[-1]) * fps / (len(times) - 1)
-        shown = [self.motion.at(float(time_s)) for time_s in times]
+        fixed, legend, execution = self.fixed, self.legend, self.execution
+        if execution is None:
+            times = self.shown_s(round(fps * (step_s * last + 2.0 * hold_s)) + 1)
+            shown = [self.motion.at(float(time_s)) for time_s in times]
+            notes = [f"key frame {int(now.frame + 1e-9)} of {last}   ·   {SCALE}" for now in shown]
+            where, speed = "", float(times[-1]) * fps / (len(times) - 1)
+        else:
+            trace = execution.trace
+            count = int(np.ceil(trace.time_s[-1] * fps / SPEED))
+            rows = np.searchsorted(trace.time_s, np.arange(count) * SPEED / fps).tolist()
+            shown = [self.measured(execution, row) for row in rows]
+            notes = [note(execution, row) for row in rows]
+            where, speed = f" in {execution.world}", SPEED
+            fixed, legend = fixed + _went(trace), [*legend, (REAL, "path that was gone")]
         return Animation(
-            fixed=self.fixed,
-            moments=[self.at(each, cone_m=height) for each in shown],
+            fixed=fixed,
+            moments=[self.at(now, cone_m=height) for now in shown],
             step_s=1.0 / fps,
             camera=self.camera,
-            title=f"{self.plan.problem.name}, at {speed:.2g} times its pace",
-            legend=self.legend,
-            notes=[f"key frame {int(each.frame + 1e-9)} of {last}   ·   {SCALE}" for each in shown],
-        )
-
-    def _played(self, execution: Execution, fps: float) -> Animation:
-        """The execution as a motion."""
-        trace, height = execution.trace, 0.3 * self.shape.size_m
-        count = int(np.ceil(trace.time_s[-1] * fps / SPEED))
-        rows = np.searchsorted(trace.time_s, np.arange(count) * SPEED / fps).tolist()
-        return Animation(
-            fixed=self.fixed + _went(trace),
-            moments=[self.at(self.measured(execution, row), cone_m=height) for row in rows],
-            step_s=1.0 / fps,
-            camera=self.camera,
-            title=f"{self.plan.problem.name} in {execution.world}, at {SPEED:g} times its pace",
-            notes=[note(execution, row) for row in rows],
-            legend=[*self.legend, (REAL, "path that was gone")],
+            title=f"{self.plan.problem.name}{where}, at {speed:.2g} times its pace",
+            legend=legend,
+            notes=notes,
+            strips=[strip_svg(strip) for strip in self.strips],
         )
 
     def measured(self, execution: Execution, row: int) -> Samples:
@@ -397,7 +386,7 @@ class PlanView(View):
         return rows
 
 
-def _aside(box: Array, com: Array, faced: Sequence[Patch], size_m: float) -> Camera:
+def aside(box: Array, com: Array, faced: Sequence[Patch], size_m: float) -> Camera:
     """The camera to which these patches show their faces, and that sees the path from the side.
 
     Arguments:
@@ -486,15 +475,16 @@ def draw_asked(
     ]
     terrain = question.terrain or faced
     friction = friction_colours([patch.friction for patch in terrain])
-    figure = sheet(SIZE_PX)
-    scene = patches(terrain, box, friction) + asked(question, shape, lack)
-    axes = plain_axes(figure, 24.0, 70.0, 92.0)
-    Still(scene, _aside(box, com, faced, shape.size_m)).paint(axes)
-    draw_legend(figure, 12.0, [Entry(text="asked for", sign="path", colour=ACCENT)], friction)
+    figure = picture(
+        patches(terrain, box, friction) + asked(question, shape, lack),
+        aside(box, com, faced, shape.size_m),
+        friction,
+        [Entry(text="asked for", sign="path", colour=ACCENT)],
+    )
     headline(
         figure,
         caption or f"{question.name}: no plan",
-        fill(why, max(140, len(why) // 2 + 10)),
+        fill(why, 140 if len(why) <= 140 else len(why) // 2 + 12),
         alarm=True,
     )
     return figure
@@ -512,6 +502,7 @@ def draw_plan(
     *,
     caption: str = "",
     size_px: Size | None = None,
+    strips: bool = False,
 ) -> Figure:
     """Draw a plan over its course: the robot in full at the last key frame, with its contact forces
     in their friction cones, and as ghosts at some of the others.
@@ -524,29 +515,27 @@ def draw_plan(
         caption: title, in place of the usual one.
         size_px: width and height; as high as the scene asks for at the usual width where it is
             None.
+        strips: draw below it what the plan has in hand along its motion.
     """
     frames, view = plan.problem.frames, PlanView(plan)
     shown = frames - 1
-    still = Still(view.scene(shown), view.camera)
-    low, high = still.frame()
-    fitted = (
-        SIZE_PX[0],
-        int(
-            np.clip((SIZE_PX[0] - 48.0) * (high - low)[1] / (high - low)[0] + 162.0, 560.0, 1100.0)
-        ),
-    )
-    figure = sheet(size_px or fitted, fitted)
-    scale = still.paint(plain_axes(figure, 24.0, 70.0, 92.0))
     entries = [
-        force_entry(scale / view.metres_a_newton, 120.0),
         Entry(text="cone", sign="cone", colour=ACCENT),
         Entry(text="centre of mass", sign="path"),
         Entry(text="its support", sign="path", colour=_SUPPORT),
         Entry(text="chosen", sign="box", colour=leg_colour(0), fill="#d6efd0"),
     ]
     if any(patch.friction < ICY for patch in plan.problem.terrain):
-        entries.append(Entry(text="ice, μ = 0", sign="ice", colour=ICE_EDGE, fill=ICE))
-    draw_legend(figure, 12.0, entries, view.friction)
+        entries.append(Entry(text="ice", sign="ice", colour=ICE_EDGE, fill=ICE))
+    figure = picture(
+        view.scene(shown),
+        view.camera,
+        view.friction,
+        entries,
+        view.strips if strips else (),
+        metres_a_newton=view.metres_a_newton,
+        size_px=size_px,
+    )
     to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - plan.problem.goal_m))
     words = [
         f"the robot at key frame {shown} of {frames - 1}",
@@ -564,21 +553,36 @@ def draw_execution(
     *,
     time_s: float | None = None,
     caption: str = "",
-    size_px: Size = SIZE_PX,
+    size_px: Size | None = None,
 ) -> Figure:
     """Draw the robot as the world had it at a time, at the end unless one is named, and the path it
-    went (red).
+    went (red), beside the planned ones (a ghost, and in black): where and when they part, and how far.
     """
     view, trace = PlanView(plan, execution=execution), execution.trace
     last = len(trace.time_s) - 1
     row = last if time_s is None else min(int(np.searchsorted(trace.time_s, time_s)), last)
-    figure = sheet(size_px, SIZE_PX)
-    scene = view.fixed + view.at(view.measured(execution, row)) + _went(trace, row)
-    Still(scene, view.camera).paint(plain_axes(figure, 10.0, 10.0, 92.0))
+    apart, words = parted(execution)
+    now = view.measured(execution, row)
+    scene = view.fixed + view.ghost(view.between_keys(float(now.frame))) + view.at(now)
+    scene += _went(trace, row) + _mark(trace.com_m[apart], words, view)
+    entries = [
+        Entry(text="as planned", sign="path"),
+        Entry(text="as it went", sign="path", colour=REAL),
+        Entry(text="its support", sign="path", colour=_SUPPORT),
+    ]
+    figure = picture(scene, view.camera, view.friction, entries, view.strips, size_px=size_px)
     done = "done" if execution.succeeded else "failed"
     title = caption or f"{plan.problem.name} in {execution.world}: {done}"
-    headline(figure, title, note(execution, row))
+    headline(figure, title, note(execution, row), alarm=not execution.succeeded)
     return figure
+
+
+def _mark(place_m: Array, words: str, view: PlanView) -> Scene:
+    """A dot where an execution was farthest from its plan, or parted from it."""
+    dot = Sphere(0.03 * view.shape.size_m)
+    at: dict[str, Any] = {"name": "apart", "position_m": place_m, "colour": REAL}
+    body = DrawnBody(shape=dot, edge="white", layer=Layer.TOP, lift_m=75.0, **at)
+    return Scene(bodies=[body], labels=[Label(text=words, **at)])
 
 
 def _went(trace: Trace, row: int | None = None) -> Scene:
@@ -600,8 +604,8 @@ def note(execution: Execution, row: int) -> str:
 
 def ghosts(plan: Plan, shown: int) -> list[int]:
     """Key frames to show beside one, evenly spread and the first among them."""
-    others = np.linspace(0, plan.problem.frames - 1, _GHOSTS + 1).round().astype(int).tolist()
-    return sorted(set(others) - {shown})[:_GHOSTS]
+    others = np.linspace(0, plan.problem.frames - 1, 4).round().astype(int).tolist()
+    return sorted(set(others) - {shown})[:3]
 
 
 def between(key: Array, frame: Array) -> Array:

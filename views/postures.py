@@ -80,8 +80,13 @@ def _draw_strip(
         )
         for row in range(6):
             low, high = float(envelope.low[index, row]), float(envelope.high[index, row])
-            dot = None if points is None else float(points[index, row])
-            _bound_bar(axes, row, low, high, dot, leg_colour(index))
+            colour, ends = leg_colour(index), [low, high]
+            axes.plot(ends, [row, row], c=colour, lw=7.5, alpha=0.32, solid_capstyle="butt")
+            axes.vlines(ends, row - 0.3, row + 0.3, color=colour, lw=1.4, zorder=3)
+            if points is not None:
+                dot = float(points[index, row])
+                fill = INK if low - 1e-6 <= dot <= high + 1e-6 else ACCENT
+                axes.plot([dot], [row], "o", ms=6.5, mfc=fill, mec="white", mew=0.9, zorder=4)
 
 
 def _frame_panel(axes: Axes, reach: float, *, named: bool) -> None:
@@ -96,20 +101,6 @@ def _frame_panel(axes: Axes, reach: float, *, named: bool) -> None:
     quiet_axes(axes, grid="x", sides=())
     axes.axhspan(2.5, 5.75, color="#eceff3", lw=0, zorder=0)
     axes.axvline(0.0, color="#b9c1ca", lw=1.0, zorder=1)
-
-
-def _bound_bar(
-    axes: Axes, row: int, low: float, high: float, dot: float | None, colour: str
-) -> None:
-    axes.plot(
-        [low, high], [row, row], color=colour, lw=7.5, alpha=0.32, solid_capstyle="butt", zorder=2
-    )
-    axes.vlines([low, high], row - 0.3, row + 0.3, color=colour, lw=1.4, zorder=3)
-    if dot is not None:
-        inside = low - 1e-6 <= dot <= high + 1e-6
-        axes.plot(
-            [dot], [row], "o", ms=6.5, mfc=INK if inside else ACCENT, mec="white", mew=0.9, zorder=4
-        )
 
 
 _WEIGHT_ARROW = 0.8

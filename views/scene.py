@@ -76,10 +76,6 @@ class Camera:
         )  # what is behind the viewer: ahead
         return local[..., :2] * (self.distance_m / away)[..., None], local[..., 2]
 
-    def near(self, point: Array) -> float:
-        """Distance of one point from the camera's plane [m]."""
-        return float(self.project(point)[1])
-
     def facing(self, points: Array, normals: Array) -> Array:
         """Cosine of the angle at which the viewer sees faces, shape (…); negative from behind."""
         towards = self.position_m - points
@@ -281,6 +277,7 @@ class Animation:
         notes: what is said at each moment.
         title, note: the line above and below it all, alarm: whether the note is bad news.
         legend: colours and what they mean.
+        strips: pictures below it on a page, as SVG.
     """
 
     fixed: Scene
@@ -292,6 +289,7 @@ class Animation:
     alarm: bool = False
     notes: Sequence[str] = ()
     legend: Sequence[tuple[Colour, str]] = ()
+    strips: Sequence[str] = ()
 
     def window(self, aspect: float) -> tuple[Array, Array]:
         """Corners of what is seen on the picture plane, shape (2,) [m]: the robot at all times, and
@@ -607,17 +605,12 @@ def _alike(first: DrawnBody, body: DrawnBody) -> bool:
 
 
 def _same(first: Shape, shape: Shape) -> bool:
-    if first is shape:
-        return True
-    if isinstance(first, Mesh) and isinstance(shape, Mesh):
-        return np.array_equal(first.vertices_m, shape.vertices_m) and np.array_equal(
-            first.faces, shape.faces
-        )
-    if isinstance(first, Box) and isinstance(shape, Box):
-        return np.array_equal(first.half_m, shape.half_m)
     if isinstance(first, Capsule) and isinstance(shape, Capsule):
         return first.radii_m == shape.radii_m
-    return first == shape
+    return first is shape or (
+        type(first) is type(shape)
+        and all(np.array_equal(vars(first)[name], vars(shape)[name]) for name in vars(first))
+    )
 
 
 def quaternion(rotation: Array) -> tuple[float, ...]:

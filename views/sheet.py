@@ -47,14 +47,13 @@ MEASURE_COLOURS = (
     "#2c8173",
     "#125a50",
     "#9a86c4",
-    "#c9a227",
 )
 _NO_XML = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
 """Letters that names may have, and XML may not."""
 _UNDATED: Mapping[str, dict[str, None]] = {
     ".png": {},
     ".pdf": {"CreationDate": None},
-    ".svg": {"Date": None},
+    ".svg": dict.fromkeys(("Date", "Creator", "Format", "Type")),
 }
 
 
@@ -113,11 +112,11 @@ def headline(figure: Figure, title: str, subtitle: str, *, alarm: bool = False) 
     size = 11.5 * min(1.0, 1.45 * room / longest)
     figure.text(
         0.025,
-        1.0 - 0.66 / inches,
+        1.0 - 0.57 / inches,
         subtitle,
         size=size,
         color=ACCENT if alarm else QUIET,
-        va="center",
+        va="top",
     )
 
 
@@ -167,19 +166,18 @@ def check_picture(path: str | os.PathLike[str]) -> Path:
 
 
 @DEFAULT_STYLE
+def encoded(figure: Figure, suffix: str) -> bytes:
+    """The figure as a file of this suffix has it; equal figures give equal bytes."""
+    buffer = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "stancekit"}):
+        figure.savefig(buffer, format=suffix[1:], dpi=figure.dpi, metadata=_UNDATED[suffix])
+    return _NO_XML.sub(b"?", buffer.getvalue()) if suffix == ".svg" else buffer.getvalue()
+
+
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write the figure as .png, .pdf or .svg, whole or not at all; equal figures give equal files.
 
     Raises InvalidInput for another suffix and for a folder that is not there.
     """
     target = check_picture(path)
-    buffer = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "stancekit"}):
-        figure.savefig(
-            buffer,
-            format=target.suffix[1:].lower(),
-            dpi=figure.dpi,
-            metadata=_UNDATED[target.suffix.lower()],
-        )
-    content = buffer.getvalue()
-    write_bytes(target, _NO_XML.sub(b"?", content) if target.suffix.lower() == ".svg" else content)
+    write_bytes(target, encoded(figure, target.suffix.lower()))

@@ -40,7 +40,7 @@ def is_glass(facet: Facet, camera: Camera) -> bool:
     """Tell whether terrain turns its back on the viewer and stands before what he looks at."""
     middle = facet.corners_m.mean(axis=0)
     away = bool(camera.facing(middle, facet.normal) < 0.0)
-    return facet.layer == Layer.TERRAIN and away and camera.near(middle) > 0.0
+    return facet.layer == Layer.TERRAIN and away and float(camera.project(middle)[1]) > 0.0
 
 
 class Still:

@@ -31,6 +31,10 @@ def said(*arguments: str) -> str:
         if before is not None:
             os.environ["COLUMNS"] = before
     text = re.sub(r"\x1b\[[0-9;]*m", "", box.getvalue()).strip()
+    text = re.sub(
+        r"^ +-h, --help +show this help message and exit *\n", "", text, flags=re.MULTILINE
+    )
+    text = re.sub(r" +$", "", text, flags=re.MULTILINE)
     return re.sub(r"\s*\(default:\s*(?:None|False)?\)", "", text)
 
 

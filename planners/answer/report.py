@@ -230,7 +230,7 @@ class Report(Generic[S]):
 
     @property
     def unchecked(self) -> tuple[str, ...]:
-        """The groups that somebody asked for, and that could not be checked."""
+        """The groups that were asked for and could not be checked."""
         return tuple(group.name for group in self.groups if group.verdict == "not checked")
 
     @property
@@ -248,9 +248,7 @@ class Report(Generic[S]):
 
     @property
     def body_message(self) -> str:
-        """A line on the groups of a plan's whole body that somebody asked for; empty where nobody
-        did.
-        """
+        """A line on the groups of a plan's whole body that were asked for; empty where none was."""
         remarks = list[tuple[str, str]]()
         for group in self._of_body:
             if group.verdict == "not asked for" or (
@@ -272,8 +270,8 @@ class Report(Generic[S]):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of question, answer, verdict and what was checked, as canonical JSON: what a
-        runner asks for.
+        """SHA-256 of question, answer, verdict and what was checked, as canonical JSON; a runner asks
+        for it.
         """
         return verdict_digest(
             {
@@ -351,7 +349,7 @@ def verdict_digest(verdict: Mapping[str, Any], answer: str) -> str:
 
 
 def acceptance_word(unchecked: Sequence[str]) -> str:
-    """The word for what is accepted, with the groups that nobody could check."""
+    """The word for what is accepted, with the groups that could not be checked."""
     if not unchecked:
         return "accepted"
     *most, last = unchecked

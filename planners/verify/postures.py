@@ -84,15 +84,12 @@ def _on_the_way(plan: Plan, solver: Kinematics, torque: Group, deadline: float) 
     """The group ``torque`` with what joints give between key frames of a plan on soles, whose steps
     nobody bends where they give too much.
     """
-    from ..motion.joints import path_torques  # slow to import
-
     if torque.verdict != "holds":
         return torque
     try:
-        frames, torques = path_torques(plan, solver, deadline=deadline)
+        frames, torques, shares = shares_on_the_way(plan, solver, deadline=deadline)
     except TimeEnded:
         return replace(torque, message=LATE, verdict="not checked")
-    shares = np.abs(torques) / np.minimum(solver.torque_nm, _torque_cap(plan))
     row, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
     share, frame = float(shares[row, joint]), float(frames[row])
     if share <= 1.0:
@@ -112,6 +109,18 @@ def _on_the_way(plan: Plan, solver: Kinematics, torque: Group, deadline: float) 
         verdict="violated",
         figures={**torque.figures, "share": share, "worst": {"frame": frame, "limb": limb}},
     )
+
+
+def shares_on_the_way(
+    plan: Plan, solver: Kinematics, *, deadline: float = math.inf
+) -> tuple[Array, Array, Array]:
+    """Moments of a plan that has joint angles, and torques of all joints there, as of
+    ``path_torques``, and these as shares of the joints' limits, shape (T, J).
+    """
+    from ..motion.joints import path_torques  # slow to import
+
+    frames, torques = path_torques(plan, solver, deadline=deadline)
+    return frames, torques, np.abs(torques) / np.minimum(solver.torque_nm, _torque_cap(plan))
 
 
 def joint_groups(

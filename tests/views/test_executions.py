@@ -31,6 +31,7 @@ from stancekit.views.gaits import GaitView
 from stancekit.views.page import FPS
 from stancekit.views.plans import SPEED, PlanView, draw_execution
 from stancekit.views.sheet import to_rgb
+from stancekit.views.strips import parted, run_strips
 from tests.refusals import refuses
 from tests.same_motion import compared
 
@@ -61,6 +62,21 @@ def test_a_picture_shows_the_time_that_was_asked_for(run: tuple[Plan, Execution]
     ]
     assert np.array_equal(pictures[0], pictures[1])
     assert not np.array_equal(pictures[0], pictures[2])
+
+
+def test_a_picture_says_where_and_when_an_execution_parts_from_its_plan(
+    run: tuple[Plan, Execution],
+) -> None:
+    trace = run[1].trace
+    away = 0.04 * (np.arange(len(trace.com_m)) >= 300)
+    drifted = trace.planned_com_m + away[:, None] * [0.0, 1.0, 0.0]
+    execution = replace(run[1], trace=replace(trace, com_m=drifted))
+    assert parted(execution) == (300, f"parts from the plan at {trace.time_s[300]:.1f} s")
+    assert run_strips(execution)[0].values == pytest.approx(1e3 * away)
+    near, words = parted(run[1])[1], [strip.words for strip in run_strips(run[1])]
+    assert near.startswith(f"farthest from the plan, {1e3 * run[1].com_worst_m:.1f} mm,")
+    drawn = {text.get_text() for axes in draw_execution(*run).axes for text in axes.texts}
+    assert {near, *words} <= drawn
 
 
 def test_a_film_has_as_many_frames_as_its_pace_asks_for(run: tuple[Plan, Execution]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import stancekit
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
@@ -51,6 +52,25 @@ def test_the_same_plan_gives_the_same_bytes(plan, tmp_path):
     for name in ("a.png", "b.png"):
         save(draw_plan(plan, caption="one", size_px=(400, 400)), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_strips_have_the_margins_of_the_verifier_and_the_shares_of_the_planned_forces():
+    plan = stancekit.plan("icy-walls", frames=3).solution
+    course, used, (push, cone, torque) = plan.problem, [0.0], PlanView(plan).strips
+    group = stancekit.verify(plan, margins=True).group("margin").figures
+    assert (push.values.min(), push.at[push.worst]) == (group["push_n"], group["push_frame"])
+    for stance, forces in zip(course.stances, plan.forces_n, strict=True):
+        for limb in stance.limbs:
+            patch = course.patch(int(course.holds[stance.frame][limb]), plan.choice)
+            across = np.linalg.norm(np.cross(forces[limb], patch.normal))
+            used.append(100.0 * across / (patch.friction * (forces[limb] @ patch.normal)))
+    assert cone.values.max() == pytest.approx(max(used), rel=1e-3)
+    still = {text.get_text() for axes in stancekit.draw(plan).axes for text in axes.texts}
+    page = "".join(PlanView(plan).film().strips)
+    for strip in (push, cone, torque):
+        assert (strip.words in still, f"<!-- {strip.words} -->" in page) == (True, True)
+    unknown = PlanView(replace(plan, joints_rad=None)).strips[-1]
+    assert (len(unknown.values), unknown.words) == (0, "not measured: joints are not known")
 
 
 def test_ghosts_are_other_frames_and_few(plan):

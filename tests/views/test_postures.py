@@ -323,7 +323,16 @@ def test_a_comparison_shows_every_selector_measure_and_number() -> None:
     named = [text.get_text() for text in legend.get_texts()]
     assert named == ["P1 correct feasible", "fix-p", "P1 correct infeasible", "paper"]
     assert sorted(texts(figure)) == sorted(
-        ["wall-3", "% of problems", "81.0", "58.0", "97.5", "92.0", "–", "–"]
+        [
+            "wall-3",
+            "% of problems; the lines are 95 % intervals",
+            "81.0",
+            "58.0",
+            "97.5",
+            "92.0",
+            "–",
+            "–",
+        ]
     )
     heights = sorted(bar.get_height() for bar in axes.patches if bar.get_height() > 0.0)  # type: ignore[attr-defined]
     assert heights == pytest.approx([58.0, 81.0, 92.0, 97.5])
