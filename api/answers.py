@@ -200,7 +200,7 @@ def margins(
         push: margins are of horizontal pushes at the centre of mass, in units of the weight; else of
             places of it [m].
         yields_m: how far the body gives way under a push as large as its weight [m].
-        tolerance: bounds are sought this close to each other, 1e-6 to 1; typically 1e-2 to 1e-4.
+        tolerance: bounds are sought this close to each other, 1e-5 to 1; typically 1e-2 to 1e-4.
             Ask for 1e-4 or less where gradients are used.
 
     Returns:
@@ -233,7 +233,7 @@ def margins(
     )
     found = stances.margins(
         pushes(stances.borne, yields_m) if push else places(stances.borne),
-        tolerance=checked_number(tolerance, "tolerance", least=1e-6, most=1.0),
+        tolerance=checked_number(tolerance, "tolerance", least=1e-5, most=1.0),
         close=0.0,
     )
     return replace(
