@@ -189,10 +189,11 @@ def margins(
     known is said by their width.
 
     Arguments:
-        subject: points that bear, shape (N, n, 3) [m], a sole's corners each; or a plan, an answer
-            with one, or a ``Problem``, whose posture or plan is found first: its stances.
+        subject: points that bear, shape (N, n, 3) [m], within 50 m of the centre of mass, a sole's
+            corners each; or a plan, an answer with one, or a ``Problem``, whose posture or plan is
+            found first: its stances.
         normals: of length 1, shape (N, n, 3).
-        friction: Coulomb coefficients above 0, shape (N, n) or one for all.
+        friction: Coulomb coefficients above 0, up to 10, shape (N, n) or one for all.
         com_m: centres of mass, shape (N, 3) [m].
         low, high: bounds of the normal forces in units of the weight, shape (N, n) or one for all.
         wrench: on the body beside its weight, force and moment about the centre of mass, in units of

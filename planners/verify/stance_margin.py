@@ -54,6 +54,8 @@ is sought, where the middle's is 1; gap with which an end is taken where steps g
 BALANCED, UNIT, SAME, TINY = 1e-9, 1e-6, 1e-7, 1e-12
 """Forces that miss their balance by more are not used, in units of the weight and metres; a normal's
 length may differ from 1 by ``UNIT``; lengths and shares that are none."""
+SLIPLESS, FAR = 10.0, 50.0
+"""Most friction, and farthest point [m], of which margins are told."""
 
 
 def _along(A: Any, b: int, w: Any, first: int, last: int) -> tuple[float, float, float]:
@@ -550,10 +552,13 @@ def stances_from(
     for name, (value, wanted) in given.items():
         with foreign(f"{name}: expected numbers of shape {wanted}, got"):
             known[name] = np.broadcast_to(np.asarray(value, dtype=float), wanted)
+    within = (known["friction"] > 0.0) & (known["friction"] <= SLIPLESS)
+    reach = np.linalg.norm(known["subject"] - known["com_m"][:, None], axis=2)
     wrong = [(name, "finite numbers", ~np.isfinite(value)) for name, value in known.items()]
     wrong += [
         ("normals", "length 1", np.abs(np.linalg.norm(known["normals"], axis=2) - 1.0) > UNIT),
-        ("friction", "numbers above 0", known["friction"] <= 0.0),
+        ("friction", f"numbers above 0, up to {SLIPLESS:g}", ~within),
+        ("subject", f"points within {FAR:g} m of the centre of mass, in metres", reach > FAR),
         ("low", "0 or more", known["low"] < 0.0),
         ("high", "more than low", known["high"] <= known["low"]),
         ("wrench", "less lift than the weight", known["wrench"][:, 2] >= 1.0),

@@ -129,9 +129,20 @@ def test_a_batch_is_answered_as_its_rows_are_one_by_one() -> None:
     np.testing.assert_allclose(found.upper[:5], few.upper, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["normals", "friction", "com_m", "high", "subject"])
-def test_a_row_that_cannot_be_is_named(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("normals", 2.0),
+        ("friction", 0.0),
+        ("friction", 1000.0),
+        ("com_m", np.nan),
+        ("high", -1.0),
+        ("subject", np.nan),
+        ("subject", 200.0),  # millimetres
+    ],
+)
+def test_a_row_that_cannot_be_is_named(name: str, value: float) -> None:
     asked = stances(3, 4)
-    asked[name][2] = {"normals": 2.0, "friction": 0.0, "high": -1.0}.get(name, np.nan)
+    asked[name][2] = value
     with refuses(name, "2"):
         stancekit.margins(**asked)
