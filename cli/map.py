@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 class MapTerrain:
     """Map where a robot can stand on a terrain.
 
-    Per place and heading: feasible or not, the margin, and which limit is in the way. A pose stands
+    Per place and heading: feasible or not, how far the body may move and which push it bears, and
+    which limit is in the way. A pose stands
     for one question: can the robot hold still with all of its limbs where its toes are as it
     stands, each put on the nearest place to stand, within a stated distance? Poses are proved from
     coarse to fine until the time is over: feasible with a posture that the verifier accepted,
@@ -177,7 +178,7 @@ def _table(found: StandingMap) -> Table:
     if found.in_the_way():
         text = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())
         table.add_row("in the way", text)
-    for name, (_, median, _) in found.margins().items():
-        table.add_row(f"margin, {name}", f"{median:.3g} in the median")
+    for name, (low, median, _) in found.margins().items():
+        table.add_row(name, f"{median:.3g} in the median, 5 % below {low:.3g}")
     table.add_row("seconds", ", ".join(f"{k} {v:.3g}" for k, v in found.seconds.items()))
     return table
