@@ -31,13 +31,13 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1472, 16878),
-    "cli": (3585, 40048),
+    "cli": (3585, 40050),
     "configs": (3, 30),
-    "envs": (3139, 42955),
-    "learners": (5345, 78425),
-    "planners": (36113, 584829),
+    "envs": (3141, 42961),
+    "learners": (5357, 78572),
+    "planners": (36168, 586627),
     "runner": (6817, 91867),
-    "views": (4462, 69832),
+    "views": (4460, 69800),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
