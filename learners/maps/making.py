@@ -53,7 +53,6 @@ from stancekit.planners.search.exact import Exact
 from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.verify.explain import hindrances
 from stancekit.planners.verify.margins import stance_margins
-from stancekit.planners.verify.stance_margin import compiled
 
 from ..surrogates.features import half_spaces
 
@@ -319,16 +318,14 @@ class Maker:
         feasible = [k for k, each in enumerate(answers) if each.status is Status.FEASIBLE]
         refuted = [k for k, each in enumerate(answers) if each.status is Status.INFEASIBLE]
         if feasible:
-            compiled()  # as there are many poses
             room = self._rooms(ScaledBatch.of(batch.select(np.array(feasible))), answers, feasible)
             nearest = room.argmin(axis=1)
             for number, name in enumerate(ROOMS):
                 mine = nearest == number
                 self._set(which[np.array(feasible)[mine]], FEASIBLE, name, room.min(axis=1)[mine])
-        for k in feasible:
-            if (plan := answers[k].solution) is not None:
-                for name, (value,) in stance_margins(plan, _BORNE).items():
-                    self.margins[name][which[k]] = value
+            plans = [plan for k in feasible if (plan := answers[k].solution) is not None]
+            for name, values in stance_margins(plans, _BORNE).items():
+                self.margins[name][which[np.array(feasible)]] = values
         proofs = [answers[k].certificate for k in refuted]
         names = hindrances([proof for proof in proofs if proof is not None])
         for k, name in zip(refuted, names, strict=True):

@@ -427,6 +427,12 @@ class Stances:
     counts: Any
     borne: Array
 
+    @classmethod
+    def together(cls, every: Sequence[Stances]) -> Stances:
+        """Those of several, one after the other's."""
+        names = cls.__dataclass_fields__
+        return cls(**{name: np.concatenate([vars(one)[name] for one in every]) for name in names})
+
     def margins(
         self,
         shifts: Array,
