@@ -188,10 +188,11 @@ def margins(
     known is said by their width.
 
     Arguments:
-        subject: points that bear, shape (N, n, 3) [m], a sole's corners each; or a plan, an answer
-            with one, or a ``Problem``, whose posture or plan is found first: its stances.
+        subject: points that bear, shape (N, n, 3) [m], within 50 m of the centre of mass, a sole's
+            corners each; or a plan, an answer with one, or a ``Problem``, whose posture or plan is
+            found first: its stances.
         normals: of length 1, shape (N, n, 3).
-        friction: Coulomb coefficients above 0, shape (N, n) or one for all.
+        friction: Coulomb coefficients above 0, up to 10, shape (N, n) or one for all.
         com_m: centres of mass, shape (N, 3) [m].
         low, high: bounds of the normal forces in units of the weight, shape (N, n) or one for all.
         wrench: on the body beside its weight, force and moment about the centre of mass, in units of
@@ -199,7 +200,7 @@ def margins(
         push: margins are of horizontal pushes at the centre of mass, in units of the weight; else of
             places of it [m].
         yields_m: how far the body gives way under a push as large as its weight [m].
-        tolerance: bounds are sought this close to each other, 1e-6 to 1; typically 1e-2 to 1e-4.
+        tolerance: bounds are sought this close to each other, 1e-5 to 1; typically 1e-2 to 1e-4.
             Ask for 1e-4 or less where gradients are used.
 
     Returns:
@@ -232,7 +233,7 @@ def margins(
     )
     found = stances.margins(
         pushes(stances.borne, yields_m) if push else places(stances.borne),
-        tolerance=checked_number(tolerance, "tolerance", least=1e-6, most=1.0),
+        tolerance=checked_number(tolerance, "tolerance", least=1e-5, most=1.0),
         close=0.0,
     )
     return replace(

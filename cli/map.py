@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 class MapTerrain:
     """Map where a robot can stand on a terrain.
 
-    Per place and heading: feasible or not, the margin, and which limit is in the way. A pose stands
+    Per place and heading: feasible or not, how far the body may move and which push it bears, and
+    which limit is in the way. A pose stands
     for one question: can the robot hold still with all of its limbs where its toes are as it
     stands, each put on the nearest place to stand, within a stated distance? Poses are proved from
     coarse to fine until the time is over: feasible with a posture that the verifier accepted,
@@ -167,8 +168,8 @@ def _table(found: StandingMap) -> Table:
         for name, count in found.counts().items()
     ]
     margins = [
-        (f"margin, {name}", f"{median:.3g} in the median")
-        for name, (_, median, _) in found.margins().items()
+        (name, f"{median:.3g} in the median, 5 % below {low:.3g}")
+        for name, (low, median, _) in found.margins().items()
     ]
     return facts(
         [

@@ -29,6 +29,7 @@ from stancekit.planners.search.cuts import CutSearch
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.verify import check_certificates, check_postures
 from stancekit.planners.verify.margins import MARGINS, stance_margins, verdict_yields_m
+from stancekit.planners.verify.stance_margin import compiled
 
 from .distributions.postures import Distribution, Repeatable, distribution_of
 
@@ -42,6 +43,7 @@ def margin_info(plan: Plan | None, prefix: str = "") -> dict[str, float]:
     """
     if plan is None:
         return {f"{prefix}{name}": 0.0 for name in MARGINS}
+    compiled()  # as there are many steps
     found = stance_margins(plan, yields_m=verdict_yields_m(plan))
     return {f"{prefix}{name}": float(values.min()) for name, values in found.items()}
 

@@ -453,7 +453,7 @@ class EnvelopeSelectionEnv(TaskEnv[LabelledScene]):
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
     | scenes | None | a source that replaces ``problem``'s and ``balanced``, or a data set's folder, see above |
-    | margins | False | measure the margins in ``info``, some milliseconds per posture |
+    | margins | False | measure the margins in ``info``, half a millisecond per posture with numba |
     | boxes | 1 | number of boxes in an action; P1 may use any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
     | relaxation | 'p1' | 'coned': with friction cones; 'joint': linked with the lift, over one box; "FILE.py:NAME" |

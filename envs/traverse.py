@@ -434,7 +434,7 @@ class TraverseEnv(TaskEnv[Problem]):
     | executor | None | plays the plan of every window on a world, each from a standing start |
     | programs | None | compiled models to share with other environments of this process |
     | timing | False | put seconds into ``info`` and the reward |
-    | margins | False | measure the margins in ``info``, some milliseconds per stance |
+    | margins | False | measure the margins in ``info``, half a millisecond per stance with numba |
     | render_mode | None | "rgb_array" |
 
     Each entry of ``envelopes`` is one more action: a set of envelopes, a list of sets for different

@@ -59,7 +59,7 @@ LONG = 1.8
 @DEFAULT_STYLE
 def draw_standing_map(found: StandingMap) -> Figure:
     """The map: the best verdict over the headings of each place, the share of its headings in which
-    the robot can stand, the largest margin, and what is in the way of most of its headings that are
+    the robot can stand, how far its body may move there, and what is in the way of most of its headings that are
     proved infeasible.
     """
     x, y = found.corner_m
@@ -79,8 +79,8 @@ def draw_standing_map(found: StandingMap) -> Figure:
     rank[list(_BEST)] = np.arange(len(_BEST))
     best = np.array(_BEST)[rank[found.verdict].min(axis=2)]
     stands = np.isin(found.verdict, (FEASIBLE, LIKELY)).mean(axis=2)
-    margin = np.where(np.isnan(found.margin), -np.inf, found.margin).max(axis=2)
-    margin[np.isinf(margin)] = np.nan
+    support_m = np.where(np.isnan(found.support_m), -np.inf, found.support_m).max(axis=2)
+    support_m[np.isinf(support_m)] = np.nan
     axes[0].imshow(
         best.T,
         origin="lower",
@@ -98,18 +98,14 @@ def draw_standing_map(found: StandingMap) -> Figure:
     figure.legend(handles=handles, fontsize=8, loc="outside lower center", ncols=5, frameon=False)
     shown = axes[1].imshow(stands.T, origin="lower", extent=extent, cmap="viridis", vmin=0, vmax=1)
     _bar(figure, axes[1], shown)
-    largest = float(np.nanmax(np.abs(margin), initial=1e-3))
-    wide = min(largest, 0.1)
-    shown = axes[2].imshow(
-        margin.T, origin="lower", extent=extent, cmap="RdYlGn", vmin=-wide, vmax=wide
-    )
+    shown = axes[2].imshow(1e3 * support_m.T, origin="lower", extent=extent, cmap="YlGn", vmin=0)
     _bar(figure, axes[2], shown)
     _draw_limits(axes[3], found, extent)
     headings = len(found.headings_rad)
     titles = (
         f"best of {headings} headings (poses)",
         "share of headings, feasible or likely",
-        "largest margin",
+        "how far the body may move, at most [mm]",
         "in the way of most infeasible headings",
     )
     for each, title in zip(axes, titles, strict=True):

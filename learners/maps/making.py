@@ -51,6 +51,7 @@ from stancekit.planners.search.batch import decide_all
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.verify.explain import hindrances
+from stancekit.planners.verify.margins import stance_margins
 
 from ..surrogates.features import half_spaces
 
@@ -59,6 +60,8 @@ if TYPE_CHECKING:
 
 
 _Index = NDArray[np.intp]
+_BORNE = ("support_m", "push_n")
+"""Margins of a feasible pose's witness."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -267,7 +270,8 @@ class Maker:
         self.poses = poses
         self.verdict = np.full(len(poses), UNKNOWN, dtype=np.uint8)
         self.limit = np.zeros(len(poses), dtype=np.uint8)
-        self.margin = np.full(len(poses), np.nan, dtype=np.float32)
+        names = ("margin", *_BORNE)
+        self.margins = {name: np.full(len(poses), np.nan, dtype=np.float32) for name in names}
         self._tried = np.zeros(len(poses), dtype=bool)
         self._exact = Exact(max_nodes=NODES, time_limit_s=math.inf)
         self._half_spaces = half_spaces(poses.like)
@@ -277,7 +281,7 @@ class Maker:
     def _set(self, which: _Index, verdict: int, limit: str, margin: float | Array) -> None:
         self.verdict[which] = verdict
         self.limit[which] = LIMITS.index(limit)
-        self.margin[which] = margin
+        self.margins["margin"][which] = margin
         self._tried[which] = True
 
     def take(self, earlier: StandingMap) -> None:
@@ -289,7 +293,8 @@ class Maker:
         proved &= ~self.poses.off & (earlier.limit.ravel() != LIMITS.index("foothold"))
         self.verdict[proved] = verdict[proved]
         self.limit[proved] = earlier.limit.ravel()[proved]
-        self.margin[proved] = earlier.margin.ravel()[proved]
+        for name, values in self.margins.items():
+            values[proved] = getattr(earlier, name).ravel()[proved]
         self._tried |= proved
 
     @property
@@ -317,6 +322,9 @@ class Maker:
             for number, name in enumerate(ROOMS):
                 mine = nearest == number
                 self._set(which[np.array(feasible)[mine]], FEASIBLE, name, room.min(axis=1)[mine])
+            plans = [plan for k in feasible if (plan := answers[k].solution) is not None]
+            for name, values in stance_margins(plans, _BORNE).items():
+                self.margins[name][which[np.array(feasible)]] = values
         proofs = [answers[k].certificate for k in refuted]
         names = hindrances([proof for proof in proofs if proof is not None])
         for k, name in zip(refuted, names, strict=True):
@@ -341,6 +349,9 @@ class Maker:
     def map(self, seconds: dict[str, float], **more: Any) -> StandingMap:
         """The map as it is now."""
         poses, shape = self.poses, self.poses.shape
+        margins: dict[str, Any] = {
+            name: values.reshape(shape).copy() for name, values in self.margins.items()
+        }
         return StandingMap(
             terrain=poses.terrain,
             robot=poses.robot.name,
@@ -351,7 +362,7 @@ class Maker:
             headings_rad=poses.headings_rad,
             verdict=self.verdict.reshape(shape).copy(),
             limit=self.limit.reshape(shape).copy(),
-            margin=self.margin.reshape(shape).copy(),
+            **margins,
             z_m=poses.z_m.reshape(shape).astype(np.float32),
             aside_m=poses.most_aside_m,
             options=poses.options,
@@ -452,7 +463,7 @@ def _learned(maker: Maker, settings: MapSettings, rng: np.random.Generator) -> S
     rows = LabelledBatch(
         batch=maker.poses.batch(learned),
         kinds=kinds,
-        margins=np.clip(maker.margin[learned].astype(float), -FARTHEST, FARTHEST),
+        margins=np.clip(maker.margins["margin"][learned].astype(float), -FARTHEST, FARTHEST),
     )
     return fit_rows(
         rows,
@@ -496,7 +507,7 @@ def _with_likely(
     scores, margins = surrogate.scores(maker.poses.batch(left)) if len(left) else (np.zeros(0),) * 2
     for verdict, those in ((LIKELY, scores > limits[1]), (UNLIKELY, scores < limits[0])):
         maker.verdict[left[those]] = verdict
-        maker.margin[left[those]] = np.clip(margins[those], -CLIPPED, CLIPPED)
+        maker.margins["margin"][left[those]] = np.clip(margins[those], -CLIPPED, CLIPPED)
     seconds["calling"] = time.monotonic() - began
     card = {
         "surrogate": surrogate.digest,

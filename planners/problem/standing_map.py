@@ -19,7 +19,7 @@ from ..files.documents import parse_json, read_bytes
 from ..files.writing import write_bytes
 from ..terrain.patch import Frame
 
-FORMAT = "stancekit/standing-map/1"
+FORMAT = "stancekit/standing-map/2"
 _MOST_BYTES = 512_000_000
 _DAMAGED: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, OSError, EOFError)
 _DAMAGED += (OverflowError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -34,6 +34,8 @@ _ARRAYS = {
     "verdict": (np.uint8, 3),
     "limit": (np.uint8, 3),
     "margin": (np.float32, 3),
+    "support_m": (np.float32, 3),
+    "push_n": (np.float32, 3),
     "z_m": (np.float32, 3),
 }
 
@@ -57,6 +59,8 @@ class StandingMap:
         margin: non-dimensional, shape (X, Y, H): for a feasible pose the smallest slack of its
             witness, for an infeasible one minus the moment that is proved to be left over, for a
             likely one the estimate of the surrogate; NaN if nothing is known.
+        support_m, push_n: how far the centre of mass of a feasible pose's witness may move in every
+            direction [m], and the push that it bears [N]; NaN for others, shape (X, Y, H).
         z_m: height of the centre of mass, NaN without places to stand, shape (X, Y, H) [m].
         aside_m: largest horizontal distance of a toe from its place in the standing posture [m].
         error: largest chance that a likely answer of either kind is wrong; None without any.
@@ -88,6 +92,8 @@ class StandingMap:
     verdict: NDArray[np.uint8]
     limit: NDArray[np.uint8]
     margin: NDArray[np.float32]
+    support_m: NDArray[np.float32]
+    push_n: NDArray[np.float32]
     z_m: NDArray[np.float32]
     aside_m: float
     error: float | None = None
@@ -138,15 +144,12 @@ class StandingMap:
         return dict(sorted(named.items(), key=lambda each: -each[1]))
 
     def margins(self) -> dict[str, list[float]]:
-        """5 %, median and 95 % of the margins per verdict that has any, by name."""
-        held = {
-            name: self.margin[(self.verdict == number) & np.isfinite(self.margin)]
-            for number, name in enumerate(VERDICTS)
-        }
+        """5 %, median and 95 % of the margins of feasible poses, by name; empty without any."""
+        held = {name: getattr(self, name) for name in ("support_m", "push_n")}
         return {
-            name: [round(float(q), 5) for q in np.quantile(values, (0.05, 0.5, 0.95))]
+            name: [round(float(q), 5) for q in np.nanquantile(values, (0.05, 0.5, 0.95))]
             for name, values in held.items()
-            if values.size
+            if np.isfinite(values).any()
         }
 
     def place(self, cell: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -209,8 +212,7 @@ class StandingMap:
                 "limits": list(LIMITS),
                 "verdict": self.verdict.tolist(),
                 "limit": self.limit.tolist(),
-                "margin": _rounded(self.margin),
-                "z_m": _rounded(self.z_m),
+                **{name: _rounded(getattr(self, name)) for name in tuple(_ARRAYS)[2:]},
             }
             write_bytes(path, json.dumps(record, allow_nan=False).encode())
         else:

@@ -47,16 +47,18 @@ share of the friction that could be missing."""
 
 
 def stance_margins(
-    plan: Plan, names: Sequence[str] = MARGINS, *, yields_m: float = 0.0
+    plan: Plan | Sequence[Plan], names: Sequence[str] = MARGINS, *, yields_m: float = 0.0
 ) -> dict[str, Array]:
     """The margins of every stance of a plan, in the order of ``Problem.stances``, shape (S,) each.
 
     Arguments:
+        plan: the plan, or plans of one robot, whose stances follow each other.
         names: which of ``MARGINS``.
         yields_m: how far the body gives way under a push as large as its weight [m]; 0 for one that
             stays where it is.
     """
-    at, weight_n = stances_of(plan), plan.problem.weight_n
+    plans = [plan] if isinstance(plan, Plan) else plan
+    at, weight_n = Stances.together(list(map(stances_of, plans))), plans[0].problem.weight_n
     measures = {
         "push_n": lambda: weight_n * at.margins(pushes(at.borne, yields_m)).lower,
         "support_m": lambda: at.margins(places(at.borne)).lower,

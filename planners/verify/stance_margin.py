@@ -13,11 +13,11 @@ direction d from outside, with the farthest force that each contact has along g 
 
     d t ≤ φ(w) = w (e, V b) + Σ max {g f : |f_t| ≤ μ f_n, low ≤ f_n ≤ high}
 
-1. The maxima are smoothed by barriers of weight m within the cones and bounds, so that they are
-   closed forms. Newton's method finds the y at which φ is least, while m falls to the gap that is
-   wanted. There its slope e − E f is 0: the forces balance to rounding, inside of their cones, and
-   are those of an end of P in the direction d.
-2. Without a direction y is the middle from which all start, and φ < 0 proves that P is empty.
+1. Ends of P in a direction d are found by primal-dual steps with the cones' own scaling (Nesterov
+   and Todd). Forces stay inside of their cones and bounds, and balance to rounding: each is a point
+   of P, and each y a bound.
+2. Without a direction the steps come to the middle, from which all start, or to a y with φ < 0,
+   which proves that P is empty.
 3. A closed line through ends of P that winds about 0 at a distance holds a disc of that radius; one
    that does not bounds the distance to P. The next direction faces the line's nearest part.
 
@@ -43,24 +43,26 @@ from ..files.documents import shown
 from ..files.writing import cache_folder
 from ..plugins import foreign
 
-MANY, MOST, STEPS, HALVINGS = 40, 32, 300, 5
+MANY, MOST, STEPS, HALVINGS = 40, 32, 60, 5
 """Stances from which on the loops are compiled, where numba is installed; most directions that are
-tried; most steps of Newton's method to an end or a proof; halvings of the interval in which the least
-share of the friction is sought."""
-AIM, FAR, NEAR, DOWN = 0.2, 1.5, 1.0, 0.1
-"""Part of the tolerance to which an end is sought. A step changes the smoothed slopes of no contact
-by more than 1 / ``FAR`` of what would turn them; after one that need not be cut by more than ``NEAR``
-the barrier falls to the part ``DOWN``."""
+tried; most steps to an end or a proof; halvings of the interval in which the least share of the
+friction is sought."""
+AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-5
+"""Part of the tolerance to which an end is sought; part of the complementarity that a whole step
+leaves; part of the way to the border of the cones that a step goes; complementarity from which an end
+is sought, where the middle's is 1; gap with which an end is taken where steps go no further."""
 BALANCED, UNIT, SAME, TINY = 1e-9, 1e-6, 1e-7, 1e-12
 """Forces that miss their balance by more are not used, in units of the weight and metres; a normal's
 length may differ from 1 by ``UNIT``; lengths and shares that are none."""
+SLIPLESS, FAR = 10.0, 50.0
+"""Most friction, and farthest point [m], of which margins are told."""
 
 
-def _along(A: Any, w: Any, rows: int) -> tuple[float, float, float]:
-    """g = −A' w of a contact, by its first rows."""
+def _along(A: Any, b: int, w: Any, first: int, last: int) -> tuple[float, float, float]:
+    """−A' w of a contact, by some of its rows."""
     g0, g1, g2 = 0.0, 0.0, 0.0
-    for a in range(rows):
-        g0, g1, g2 = g0 - A[a][0] * w[a], g1 - A[a][1] * w[a], g2 - A[a][2] * w[a]
+    for a in range(first, last):
+        g0, g1, g2 = g0 - A[b][a][0] * w[a], g1 - A[b][a][1] * w[a], g2 - A[b][a][2] * w[a]
     return g0, g1, g2
 
 
@@ -70,91 +72,134 @@ def _bound(A: Any, bounds: Any, e: Any, w: Any) -> float:
     for a in range(6):
         up += e[a] * w[a]
     for b in range(len(A)):
-        g0, g1, g2 = _along(A[b], w, 6)
+        g0, g1, g2 = _along(A, b, w, 0, 6)
         z = g0 + math.sqrt(g1 * g1 + g2 * g2)
         up += max(z * bounds[b][0], z * bounds[b][1])
     return up
 
 
-def _step(A: Any, bounds: Any, e: Any, w: Any, m: float, room: Any) -> float:
-    """Newton's step of y, and by how much more than a contact's slope turns it would change that.
+def _inner(x: Any, y: Any) -> float:
+    """x' J y = x0 y0 − x1 y1 − x2 y2."""
+    return float(x[0] * y[0] - x[1] * y[1] - x[2] * y[2])
 
-    Of a contact, u = f_t / f_0 and f_0 are where u g_t + m log(1 − u²) is largest, χ, and then
-    z f_0 + m log(high − f_0) + m log(f_0 − low), z = g_0 + χ. The forces, the rows that they lack
-    and the step are left in ``room``.
+
+def _beyond(x: Any, d: Any) -> float:
+    """1 over the part of the way d that leads from x to the border of the cone."""
+    q, b, a = _inner(x, x), -_inner(x, d), _inner(d, d)
+    return (b + math.sqrt(abs(b * b - a * q))) / q
+
+
+def _times(scale: Any, h0: float, h1: float, h2: float) -> tuple[float, float, float]:
+    """(H⁻¹ + D e e')⁻¹ h of a contact, H = k z z' − r J its scaling, D that of its bounds."""
+    r, k, kappa, z0, z1, z2 = scale
+    along = z0 * h0 + z1 * h1 + z2 * h2
+    back = kappa * (k * z0 * along - r * h0)
+    part = k * (along - back * z0)
+    return z0 * part + r * (back - h0), z1 * part + r * h1, z2 * part + r * h2
+
+
+def _step(A: Any, bounds: Any, w: Any, goal: float, balance: Any, room: Any) -> tuple[float, float]:
+    """A step to the complementarity ``goal``: the parts of it that forces and multipliers may go.
+
+    Of a contact, X has its force, the multipliers s of its cone, and those of its upper and lower
+    bound; dX has their changes. What the balance lacks, ``off``, becomes its multipliers y.
     """
-    f, off, ahead, M, K = room
-    rows, slack = len(ahead), TINY * TINY
-    for a in range(6):
-        off[a] = e[a]
+    (X, dX, y, M, K), rows = room, len(balance)
     for a in range(rows):
+        y[a] = -y[a]
         for c in range(rows):
             M[a][c] = 0.0
     for b in range(len(A)):
-        g0, g1, g2 = _along(A[b], w, 6)
-        root = math.sqrt(m * m + g1 * g1 + g2 * g2)
-        u1, u2 = g1 / (m + root), g2 / (m + root)
-        z = g0 + root - m - m * math.log(0.5 * (root + m) / m)
-        half = 0.5 * (bounds[b][1] - bounds[b][0])
-        wide = math.sqrt(m * m + z * z * half * half)
-        f0 = bounds[b][0] + half + z * half * half / (m + wide)
-        f[b][0], f[b][1], f[b][2] = f0, f0 * u1, f0 * u2
-        K[b][0], K[b][1], K[b][2], K[b][3] = u1, u2, 1.0 / (m + root), half / (m + wide)
-        k, s, q = half * half * m / (wide * (m + wide)), f0 / (m + root), f0 / root
-        h1, h2, h12 = k * u1, k * u2, (k - q) * u1 * u2
-        h11, h22 = (k - q) * u1 * u1 + s, (k - q) * u2 * u2 + s
-        for a in range(6):
+        f, s = (X[b][0], X[b][1], X[b][2]), (X[b][3], X[b][4], X[b][5])
+        up, down = 1.0 / (bounds[b][1] - f[0]), 1.0 / (f[0] - bounds[b][0])
+        q, p = _inner(f, f), _inner(s, s)
+        r, D, part = math.sqrt(q / p), X[b][6] * up + X[b][7] * down, goal / q
+        k = 1.0 / (r * p + f[0] * s[0] + f[1] * s[1] + f[2] * s[2])
+        z0, z1, z2 = f[0] + r * s[0], f[1] - r * s[1], f[2] - r * s[2]
+        scale = (r, k, D / (1.0 + D * (k * z0 * z0 - r)), z0, z1, z2)
+        h0, h1, h2 = _along(A, b, w, rows, 6)
+        h0, h1, h2 = h0 + part * f[0] - goal * (up - down), h1 - part * f[1], h2 - part * f[2]
+        K[b][0], K[b][1], K[b][2], K[b][3], K[b][4], K[b][5] = scale
+        K[b][6], K[b][7], K[b][8] = h0, h1, h2
+        u0, u1, u2 = _times(scale, h0, h1, h2)
+        for a in range(rows):
             x0, x1, x2 = A[b][a][0], A[b][a][1], A[b][a][2]
-            off[a] -= x0 * f0 + x1 * f[b][1] + x2 * f[b][2]
-            v0, v1, v2 = (
-                k * x0 + h1 * x1 + h2 * x2,
-                h1 * x0 + h11 * x1 + h12 * x2,
-                h2 * x0 + h12 * x1 + h22 * x2,
-            )
-            for c in range(a + 1 if a < rows else 0):
+            y[a] += x0 * u0 + x1 * u1 + x2 * u2
+            v0, v1, v2 = _times(scale, x0, x1, x2)
+            for c in range(a + 1):
                 M[a][c] += v0 * A[b][c][0] + v1 * A[b][c][1] + v2 * A[b][c][2]
+    slack = TINY * TINY
     for a in range(rows):
-        slack += TINY * M[a][a]
+        slack += TINY * TINY * M[a][a]
     for a in range(rows):
-        ahead[a] = -off[a]
         M[a][a] += slack
-    for a in range(rows):
         for c in range(a + 1, rows):
             part = M[c][a] / M[a][a]
-            ahead[c] -= part * ahead[a]
+            y[c] -= part * y[a]
             for j in range(c, rows):
                 M[j][c] -= part * M[j][a]
     for a in range(rows - 1, -1, -1):
         for c in range(a + 1, rows):
-            ahead[a] -= M[c][a] * ahead[c]
-        ahead[a] /= M[a][a]
-    far = 0.0
+            y[a] -= M[c][a] * y[c]
+        y[a] /= M[a][a]
+    far, wide = EDGE, EDGE
     for b in range(len(A)):
-        p0, p1, p2 = _along(A[b], ahead, rows)
-        along, across = p0 + K[b][0] * p1 + K[b][1] * p2, math.sqrt(p1 * p1 + p2 * p2)
-        far = max(far, K[b][3] * abs(along), K[b][2] * across)
-    return FAR * far
+        f, s = (X[b][0], X[b][1], X[b][2]), (X[b][3], X[b][4], X[b][5])
+        v, u, part = X[b][6], X[b][7], goal / _inner(f, f)
+        up, down = 1.0 / (bounds[b][1] - f[0]), 1.0 / (f[0] - bounds[b][0])
+        h0, h1, h2 = _along(A, b, y, 0, rows)
+        h0, h1, h2 = h0 + K[b][6], h1 + K[b][7], h2 + K[b][8]
+        scale = (K[b][0], K[b][1], K[b][2], K[b][3], K[b][4], K[b][5])
+        d = _times(scale, h0, h1, h2)
+        t0 = part * f[0] - h0 + (v * up + u * down) * d[0] - s[0]
+        t = (t0, -part * f[1] - h1 - s[1], -part * f[2] - h2 - s[2])
+        dv, du = (goal + v * d[0]) * up - v, (goal - u * d[0]) * down - u
+        dX[b][0], dX[b][1], dX[b][2], dX[b][3], dX[b][4], dX[b][5] = *d, *t
+        dX[b][6], dX[b][7] = dv, du
+        far = max(far, _beyond(f, d), d[0] * up, -d[0] * down)
+        wide = max(wide, _beyond(s, t), -dv / v, -du / u)
+    return EDGE / far, EDGE / wide
 
 
-def _end(A: Any, bounds: Any, e: Any, w: Any, m: float, last: float, room: Any) -> int:
-    """Seek the least φ while m falls to its last value: 1 where forces balance there, −1 where it is
-    proved that none do, 0 where neither was found.
+def _end(A: Any, bounds: Any, e: Any, w: Any, last: float, balance: Any, room: Any) -> int:
+    """Seek the end in the direction that w has, or the middle, to a gap: 1 where it is found, −1
+    where it is proved that no forces balance, 0 where neither was found.
+
+    Arguments:
+        last: the gap; 0 for the middle.
     """
-    _, off, ahead, _, _ = room
-    middle = m == last
+    (X, dX, off, _, _), rows = room, len(balance)
+    goal, short = (BEGIN if last > 0.0 else 1.0), 1.0
     for _ in range(STEPS):
-        far = _step(A, bounds, e, w, m, room)
-        worst, size = 0.0, 0.0
-        for a in range(len(ahead)):
+        worst, gap, size = 0.0, 0.0, 0.0
+        for a in range(6):
+            off[a] = e[a]
+        for b in range(len(A)):
+            f, s = (X[b][0], X[b][1], X[b][2]), (X[b][3], X[b][4], X[b][5])
+            up, down = bounds[b][1] - f[0], f[0] - bounds[b][0]
+            if not min(_inner(f, f), _inner(s, s), up, down) > 0.0:
+                return 0
+            gap += f[0] * s[0] + f[1] * s[1] + f[2] * s[2] + X[b][6] * up + X[b][7] * down
+            for a in range(6):
+                off[a] -= A[b][a][0] * f[0] + A[b][a][1] * f[1] + A[b][a][2] * f[2]
+        for a in range(rows):
             worst, size = max(worst, abs(off[a])), size + abs(w[a])
-        if m == last and worst < BALANCED:
+        wanted = last if short < 0.9 else max(last, STALLED)
+        if worst < BALANCED and (last == 0.0 or gap <= 1.05 * wanted):
             return 1
-        if middle and _bound(A, bounds, e, w) < -SAME * size:
+        if last == 0.0 and _bound(A, bounds, e, w) < -SAME * size:
             return -1
-        for a in range(len(ahead)):
-            w[a] += ahead[a] / max(1.0, far)
-        if far < NEAR:
-            m = max(DOWN * m, last)
+        if last > 0.0 and short < 1.0:
+            goal = max((DOWN + short) * gap, last) / (3.0 * len(A))
+        far, wide = _step(A, bounds, w, goal, balance, room)
+        for b in range(len(A)):
+            for j in range(3):
+                X[b][j] += far * dX[b][j]
+            for j in range(3, 8):
+                X[b][j] += wide * dX[b][j]
+        for a in range(rows):
+            w[a] += wide * (off[a] - w[a])
+        short = 1.0 - min(far, wide)
     return 0
 
 
@@ -181,7 +226,7 @@ def _nearest(P: Any, order: Any, count: int) -> tuple[float, float, int, int, fl
 
 
 def _stance(
-    A: Any, bounds: Any, e: Any, asked: Any, room: Any, ends: Any, out: Any
+    A: Any, bounds: Any, e: Any, asked: Any, balance: Any, room: Any, ends: Any, w: Any, out: Any
 ) -> tuple[float, float, int]:
     """The bounds of one stance, and how many ends there are.
 
@@ -190,23 +235,31 @@ def _stance(
         bounds: of these normal forces.
         asked: tolerance, closeness as a share of the margin, a margin that need only be compared,
             and directions that are tried first.
-        room: space of ``_step``, of as many rows as y has: of six, V B among them, it is told
-            alone whether forces balance, by a lower bound of 0.
-        ends: space for forces and points of ends, their order, and their directions [rad].
-        out: multipliers of the upper bound, w and the middle's, and forces at the border's nearest
-            point.
+        balance: rows of the balance, a tuple, so that compiled loops know how many: four, or six,
+            V B among them, where it is told alone whether forces balance, by a lower bound of 0.
+        room: space of ``_step``.
+        ends: space for the middle, forces and points of ends, their order, and their directions
+            [rad].
+        w: space for multipliers.
+        out: multipliers of the upper bound, and forces at the border's nearest point.
     """
-    E, P, order, turn = ends
-    multiplier, w, middle, forces = out
+    X, (middle, E, P, order, turn), (multiplier, forces) = room[0], ends, out
     lower, upper, count, one, two, part = -math.inf, math.inf, 0, 0, 0, 0.0
     for a in range(6):
-        middle[a] = multiplier[a] = 0.0
-    stands = _end(A, bounds, e, middle, 1.0, 1.0, room)
-    if stands < 1 or len(room[2]) == 6:
+        w[a] = multiplier[a] = 0.0
+    for b in range(len(A)):
+        x, half = X[b], 0.5 * (bounds[b][1] - bounds[b][0])
+        x[0], x[1], x[2] = bounds[b][0] + min(bounds[b][1] / len(A), half), 0.0, 0.0
+        x[3], x[4], x[5] = 1.0 / x[0], 0.0, 0.0
+        x[6], x[7] = 1.0 / (bounds[b][1] - x[0]), 1.0 / (x[0] - bounds[b][0])
+    stands = _end(A, bounds, e, w, 0.0, balance, room)
+    if stands < 1 or len(balance) == 6:
         for a in range(6):
-            multiplier[a] = middle[a]
+            multiplier[a] = w[a]
         return (0.0 if stands == 1 else lower), (lower if stands == -1 else upper), count
-    goal = AIM * asked[0] / (2.0 * len(A) + 1.0)
+    for b in range(len(A)):
+        for j in range(8):
+            middle[b][j] = X[b][j] * (1.0 if j < 3 else BEGIN)
     while True:
         if count > 0:
             lower, angle, one, two, part = _nearest(P, order, count)
@@ -215,10 +268,11 @@ def _stance(
             break
         if count < asked[3]:
             angle = 2.0 * math.pi * (count + 0.5) / asked[3]
-        for a in range(4):
-            w[a] = DOWN * middle[a]
         w[4], w[5] = math.cos(angle), math.sin(angle)
-        if upper < asked[2] or _end(A, bounds, e, w, DOWN, goal, room) < 1:
+        for b in range(len(A)):
+            for j in range(8):
+                X[b][j] = middle[b][j]
+        if upper < asked[2] or _end(A, bounds, e, w, AIM * asked[0], balance, room) < 1:
             break
         up = _bound(A, bounds, e, w)
         if up < upper:
@@ -227,8 +281,8 @@ def _stance(
                 multiplier[a] = w[a]
         for b in range(len(A)):
             for j in range(3):
-                E[count][b][j] = room[0][b][j]
-        P[count][0], P[count][1], turn[count], place = room[1][4], room[1][5], angle, count
+                E[count][b][j] = X[b][j]
+        P[count][0], P[count][1], turn[count], place = room[2][4], room[2][5], angle, count
         while place > 0 and turn[order[place - 1]] > angle:
             order[place] = order[place - 1]
             place -= 1
@@ -240,14 +294,35 @@ def _stance(
     return lower, upper, count
 
 
+def _stances(
+    A: Any, bounds: Any, e: Any, which: Any, asked: Any, balance: Any, space: Any, found: Any
+) -> None:
+    """The bounds of stances, one after the other.
+
+    Arguments:
+        which: number, first and last contact of each.
+        found: bounds, multipliers, forces, and ends in turn.
+    """
+    (room, ends, w), (lower, upper, multiplier, forces, points) = space, found
+    for row in range(len(which)):
+        i, first, last = which[row][0], which[row][1], which[row][2]
+        part, out = A[first:last], (multiplier[i], forces[first:last])
+        lower[i], upper[i], count = _stance(
+            part, bounds[first:last], e[i], asked, balance, room, ends, w, out
+        )
+        for k in range(count):
+            end = ends[2][ends[3][k]]
+            points[i][k][0], points[i][k][1] = end[0], end[1]
+
+
 @cache
 def compiled() -> Any:
-    """``_stance`` in machine code, kept in the user's folder for caches; None without numba."""
+    """``_stances`` in machine code, kept in the user's folder for caches; None without numba."""
     try:
         import numba.extending
     except ImportError:
         return None
-    for part in (_along, _bound, _step, _end, _nearest):
+    for part in (_along, _bound, _inner, _beyond, _times, _step, _end, _nearest, _stance):
         numba.extending.register_jitable(error_model="numpy")(part)
     folder, before, own = cache_folder() / "numba", numba.config.CACHE_DIR, False
     with suppress(OSError):
@@ -255,7 +330,7 @@ def compiled() -> Any:
         own = folder.stat().st_uid == os.getuid() and os.access(folder, os.W_OK)
     try:
         numba.config.CACHE_DIR = str(folder)
-        return numba.njit(cache=own, error_model="numpy")(_stance)
+        return numba.njit(cache=own, error_model="numpy")(_stances)
     finally:
         numba.config.CACHE_DIR = before
 
@@ -352,6 +427,12 @@ class Stances:
     counts: Any
     borne: Array
 
+    @classmethod
+    def together(cls, every: Sequence[Stances]) -> Stances:
+        """Those of several, one after the other's."""
+        names = cls.__dataclass_fields__
+        return cls(**{name: np.concatenate([vars(one)[name] for one in every]) for name in names})
+
     def margins(
         self,
         shifts: Array,
@@ -360,7 +441,7 @@ class Stances:
         close: float = 0.02,
         decide: float = math.nan,
         which: NDArray[np.bool_] | None = None,
-        first: int = 4,
+        first: int = 3,
     ) -> Margins:
         """Bounds of the margins.
 
@@ -377,11 +458,13 @@ class Stances:
         turned, small = np.linalg.qr(shifts, mode="complete")
         back = np.linalg.solve(small[:, :2], turned[:, :, :2].swapaxes(1, 2))
         rows = np.concatenate([turned[:, :, 2:].swapaxes(1, 2), back], axis=1)
-        return self._solved(rows, 4, (tolerance, close, decide, first), which)
+        return self._solved(rows, (0, 1, 2, 3), (tolerance, close, decide, first), which)
 
     def hold(self) -> Array:
         """Tell of which stances forces balance, shape (N,)."""
-        found = self._solved(np.eye(6) + np.zeros((len(self.counts), 1, 1)), 6, (0.0,) * 4)
+        found = self._solved(
+            np.eye(6) + np.zeros((len(self.counts), 1, 1)), tuple(range(6)), (0.0, 0.0, 0.0, 0.0)
+        )
         return np.asarray(found.lower == 0.0)
 
     def friction_left(self) -> Array:
@@ -399,7 +482,7 @@ class Stances:
     def _solved(
         self,
         rows: Array,
-        balanced: int,
+        balance: tuple[int, ...],
         asked: Sequence[float],
         which: NDArray[np.bool_] | None = None,
     ) -> Margins:
@@ -412,22 +495,26 @@ class Stances:
         moments = cross(self.arms_m[:, None], axes.swapaxes(1, 2)).swapaxes(1, 2)
         A = np.repeat(rows, self.counts, axis=0) @ np.concatenate([axes, moments], axis=1)
         bounds = self.friction[:, None] * np.stack([self.low, self.high], axis=1)
-        e, ends = (rows @ self.borne[:, :, None])[:, :, 0], np.cumsum(self.counts).tolist()
-        N, most, wanted = len(e), max(int(asked[3]), MOST), np.array(asked)
-        lower, upper, multiplier = np.full(N, -math.inf), np.full(N, math.inf), np.zeros((N, 6))
-        points, forces = np.full((N, most, 2), math.nan), np.zeros(self.arms_m.shape)
-        those = range(N) if which is None else np.flatnonzero(which).tolist()
-        fast = compiled() if len(those) > MANY or compiled.cache_info().currsize else None
-        rooms: dict[int, Any] = {}
-        for i in those:
-            n, part = int(self.counts[i]), slice(ends[i] - self.counts[i], ends[i])
-            given = A[part], bounds[part], e[i], wanted
-            room = rooms.get(n) or rooms.setdefault(n, _room(n, balanced, most, fast is None))
-            if fast is None:
-                given = tuple(each.tolist() for each in given)
-            lower[i], upper[i], count = (fast or _stance)(*given, *room)
-            (_, P, order, _), (multiplier[i], *_, forces[part]) = room[1:]
-            points[i, :count] = np.asarray(P)[np.asarray(order)[:count]]
+        e, ends = (rows @ self.borne[:, :, None])[:, :, 0], np.cumsum(self.counts)
+        N, n, most = len(e), int(self.counts.max()), max(int(asked[3]), MOST)
+        every = np.stack([np.arange(N), ends - self.counts, ends], axis=1)
+        asking = every if which is None else every[which]
+        spaces = ((n, 8), (n, 8), (6,), (6, 6), (n, 9)), ((n, 8), (most, n, 3), (most, 2))
+        room, places = (tuple(np.zeros(shape) for shape in part) for part in spaces)
+        places = (*places, np.zeros(most, dtype=np.int64), np.zeros(most))
+        found = (
+            np.full(N, -math.inf),
+            np.full(N, math.inf),
+            np.zeros((N, 6)),
+            np.zeros(self.arms_m.shape),
+            np.full((N, most, 2), math.nan),
+        )
+        given = A, bounds, e, asking, np.array(asked), balance, (room, places, np.zeros(6)), found
+        fast = compiled() if len(asking) > MANY or compiled.cache_info().currsize else None
+        if fast is None:
+            given = _lists(given)
+        (fast or _stances)(*given)
+        lower, upper, multiplier, forces, points = (np.asarray(each) for each in given[-1])
         return Margins(
             lower=lower,
             upper=upper,
@@ -471,10 +558,13 @@ def stances_from(
     for name, (value, wanted) in given.items():
         with foreign(f"{name}: expected numbers of shape {wanted}, got"):
             known[name] = np.broadcast_to(np.asarray(value, dtype=float), wanted)
+    within = (known["friction"] > 0.0) & (known["friction"] <= SLIPLESS)
+    reach = np.linalg.norm(known["subject"] - known["com_m"][:, None], axis=2)
     wrong = [(name, "finite numbers", ~np.isfinite(value)) for name, value in known.items()]
     wrong += [
         ("normals", "length 1", np.abs(np.linalg.norm(known["normals"], axis=2) - 1.0) > UNIT),
-        ("friction", "numbers above 0", known["friction"] <= 0.0),
+        ("friction", f"numbers above 0, up to {SLIPLESS:g}", ~within),
+        ("subject", f"points within {FAR:g} m of the centre of mass, in metres", reach > FAR),
         ("low", "0 or more", known["low"] < 0.0),
         ("high", "more than low", known["high"] <= known["low"]),
         ("wrench", "less lift than the weight", known["wrench"][:, 2] >= 1.0),
@@ -491,16 +581,11 @@ def stances_from(
     )
 
 
-def _room(n: int, rows: int, most: int, lists: bool) -> Any:
-    """Space for a stance of n contacts."""
-    shapes = (
-        ((n, 3), (6,), (rows,), (rows, rows), (n, 4)),
-        ((most, n, 3), (most, 2), (most,), (most,)),
-        ((6,), (6,), (6,), (n, 3)),
-    )
-    room = [[np.zeros(shape) for shape in part] for part in shapes]
-    room[1][2] = np.zeros(most, dtype=np.int64)
-    return tuple(tuple(each.tolist() if lists else each for each in part) for part in room)
+def _lists(given: Any) -> Any:
+    """The same in lists, which are quicker one number at a time."""
+    if isinstance(given, tuple):
+        return tuple(_lists(each) for each in given)
+    return given.tolist() if isinstance(given, np.ndarray) else given
 
 
 def _across(normals: Array) -> tuple[Array, Array]:

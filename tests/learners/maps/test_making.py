@@ -66,7 +66,7 @@ def test_level_ground_is_feasible_but_where_toes_lack_a_place(level: Path) -> No
     found = make_map(made, MapSettings())
     middle = found.verdict[2:-2, 2:-2]
     assert (middle == FEASIBLE).all()
-    assert (found.margin[2:-2, 2:-2] > 0.0).all()
+    assert (np.stack([found.margin, found.support_m, found.push_n])[:, 2:-2, 2:-2] > 0.0).all()
     assert found.shares()["proved"] == 1.0
     off = made.off.reshape(made.shape)
     assert (found.verdict[off] == INFEASIBLE).all()
@@ -123,7 +123,7 @@ def test_what_is_not_reached_is_unknown(level: Path) -> None:
     found = make_map(poses(level, spacing_m=0.2), MapSettings(time_limit_s=1e-6))
     inner = found.verdict[5:-5, 5:-5]
     assert (inner == UNKNOWN).all()
-    assert np.isnan(found.margin[5:-5, 5:-5]).all()
+    assert np.isnan([found.margin[5:-5, 5:-5], found.support_m[5:-5, 5:-5]]).all()
 
 
 def test_a_map_goes_on_from_its_file(

@@ -33,6 +33,8 @@ def made(shape: tuple[int, int, int] = (4, 3, 2)) -> StandingMap:
         verdict=rng.integers(0, 5, shape).astype(np.uint8),
         limit=rng.integers(0, 8, shape).astype(np.uint8),
         margin=np.where(rng.random(shape) < 0.5, np.nan, 0.02).astype(np.float32),
+        support_m=np.where(rng.random(shape) < 0.5, np.nan, 0.02).astype(np.float32),
+        push_n=np.full(shape, np.nan, dtype=np.float32),
         z_m=np.zeros(shape, dtype=np.float32),
         aside_m=0.2,
         error=0.01,

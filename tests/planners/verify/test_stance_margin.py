@@ -101,7 +101,7 @@ def test_the_gradient_is_that_of_differences() -> None:
     """In random directions of points, normals, friction and centre of mass, where nothing kinks."""
     asked, rng, step = stances(4, 16), np.random.default_rng(3), 1e-3
     names = ("subject", "normals", "friction", "com_m")
-    found = stancekit.margins(**asked, tolerance=1e-6)
+    found = stancekit.margins(**asked, tolerance=1e-5)
     holds = found.lower > 0.01
     assert holds.sum() > 4
     for name, slopes in zip(names, found.gradient(), strict=True):
@@ -113,11 +113,11 @@ def test_the_gradient_is_that_of_differences() -> None:
             moved = asked[name] + sign * step * way
             if name == "normals":
                 moved /= np.linalg.norm(moved, axis=2, keepdims=True)
-            sides.append(stancekit.margins(**(asked | {name: moved}), tolerance=1e-6))
+            sides.append(stancekit.margins(**(asked | {name: moved}), tolerance=1e-5))
         measured = (sides[1].upper[holds] - sides[0].upper[holds]) / (2.0 * step)
         said = (slopes * way).reshape(16, -1).sum(axis=1)[holds]
         assert np.median(np.abs(said - measured)) < 2e-3
-        assert np.abs(said - measured).max() < 0.1
+        assert np.abs(said - measured).max() < 0.01
 
 
 def test_a_batch_is_answered_as_its_rows_are_one_by_one() -> None:
@@ -129,9 +129,20 @@ def test_a_batch_is_answered_as_its_rows_are_one_by_one() -> None:
     np.testing.assert_allclose(found.upper[:5], few.upper, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["normals", "friction", "com_m", "high", "subject"])
-def test_a_row_that_cannot_be_is_named(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("normals", 2.0),
+        ("friction", 0.0),
+        ("friction", 1000.0),
+        ("com_m", np.nan),
+        ("high", -1.0),
+        ("subject", np.nan),
+        ("subject", 200.0),  # millimetres
+    ],
+)
+def test_a_row_that_cannot_be_is_named(name: str, value: float) -> None:
     asked = stances(3, 4)
-    asked[name][2] = {"normals": 2.0, "friction": 0.0, "high": -1.0}.get(name, np.nan)
+    asked[name][2] = value
     with refuses(name, "2"):
         stancekit.margins(**asked)
