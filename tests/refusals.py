@@ -7,6 +7,7 @@ No other word of a message is asked for: ``messages.txt`` shows some as users re
 
 from __future__ import annotations
 
+import cProfile
 import re
 import sys
 from collections.abc import Iterator
@@ -100,6 +101,15 @@ def refuses(
         yield caught
     assert caught.type in (kind, UnknownArgument), f"expected {kind.__name__}, got {caught.value!r}"
     assert_names(str(caught.value), *names)
+
+
+@contextmanager
+def at_once(calls: int) -> Iterator[None]:
+    """The block makes no more calls of functions than this, whatever the computer does beside it."""
+    with cProfile.Profile() as profile:
+        yield
+    made = sum(entry.callcount for entry in profile.getstats())
+    assert made <= calls, f"expected {calls} calls or fewer, got {made}"
 
 
 def assert_names(message: str, *names: str | Path) -> None:

@@ -25,7 +25,7 @@ from stancekit.planners.files.documents import (
 )
 from tests.damage import bombs
 from tests.damage.cases import cases, command
-from tests.refusals import assert_names
+from tests.refusals import assert_names, at_once
 
 
 def refusal(call, *arguments):
@@ -58,9 +58,8 @@ def test_yaml_with_a_few_aliases_is_read_as_ever():
     ],
 )
 def test_yaml_that_grows_is_refused_at_once(text, said):
-    began = time.process_time()
-    assert refusal(parse_yaml, text, "f") == said
-    assert time.process_time() - began < 1.0
+    with at_once(10_000):
+        assert refusal(parse_yaml, text, "f") == said
 
 
 @pytest.mark.parametrize(
