@@ -49,7 +49,7 @@ def heard(into: dict[str, bool]) -> Iterator[None]:
 
     def init(self: StancekitError, *arguments: object) -> None:
         Exception.__init__(self, *arguments)
-        maker, line = sys._getframe(1), str(self)
+        maker, line = sys._getframe(1), "" if any(map(callable, arguments)) else str(self)
         ours = isinstance(self, InvalidInput) and _module(maker).startswith("stancekit.")
         into[line] = ours and into.get(line, True) and not _is_within_pydantic(maker)
 
