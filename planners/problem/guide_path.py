@@ -1026,16 +1026,13 @@ def _highest(heights: Array, hull: Array, spacing: float, slope: Array) -> Array
     mask = np.all(
         np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1
     )
-    highest = np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
-    leaning = slope.any(axis=-1)
-    if not leaning.any():
-        return highest
-    i, j = np.nonzero(leaning)
-    padded, over = np.pad(heights, size, mode="edge"), np.full(len(i), -np.inf)
+    if not slope.any():
+        return np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
+    padded, highest = np.pad(heights, size, mode="edge"), np.full(heights.shape, -np.inf)
     for k, m in np.argwhere(mask):
-        fallen = slope[i, j] @ (spacing * np.array([k - size, m - size]))
-        np.maximum(over, padded[i + k, j + m] - fallen, out=over)
-    highest[i, j] = over
+        fallen = slope[..., 0] * line[k] + slope[..., 1] * line[m]
+        there = padded[k : k + len(heights), m : m + heights.shape[1]]
+        np.maximum(highest, there - fallen, out=highest)
     return highest
 
 
