@@ -19,6 +19,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,7 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1472, 16878),
-    "cli": (3585, 40048),
+    "cli": (3585, 40047),
     "configs": (3, 30),
     "envs": (3138, 42946),
     "learners": (5345, 78425),
@@ -61,6 +62,7 @@ NODES = 26
 """Syntax nodes that come with a statement of an allowance: dense array code, the package has 14.5."""
 
 
+@cache
 def size(source: str) -> Size:
     """Statements without docstrings, and nodes below them, of a file."""
     tree = ast.parse(source)
