@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import os
 import socket
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -136,13 +135,9 @@ def test_what_is_cut_off_costs_nothing():
     value = ["x" * 10_000] * 10
     for _ in range(30):
         value = [value] * 10
-    seconds = []
-    for _ in range(3):  # the collector of garbage may take one of them
-        began = time.thread_time()
+    with at_once(10_000):
         assert len(shown(value)) == 60
         assert shown([[10**5000] * 3] * 3, 30) == "[[an integer of 16610 bits, an"
-        seconds.append(time.thread_time() - began)
-    assert min(seconds) < 0.05
 
 
 NO_FILES = ("pipe", "folder", "device", "socket", "loop", "nothing", "to a pipe", "to a folder")
