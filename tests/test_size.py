@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3138, 42946),
     "learners": (5345, 78425),
-    "planners": (36111, 585094),
+    "planners": (36111, 585095),
     "runner": (6817, 91867),
     "views": (4462, 69832),
 }
