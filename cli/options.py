@@ -64,7 +64,7 @@ def _options_of(info: StructTypeInfo) -> StructConstructorSpec | None:
     cls = info.type
     if not dataclasses.is_dataclass(cls):
         return None
-    types, texts = get_type_hints(cls, include_extras=True), cache(partial(_texts, cls))
+    types, texts = get_type_hints(cls, include_extras=True), partial(_texts, cls)
     named = [
         StructFieldSpec(
             name=each.name,
@@ -91,12 +91,13 @@ def _default(field: dataclasses.Field[Any], of: Any, type_: Any) -> Any:
     return MISSING_NONPROP
 
 
-def _text(texts: Callable[[], dict[str, str]], name: str) -> str | None:
+def _text(texts: Callable[[], Mapping[str, str]], name: str) -> str | None:
     """The text of one field, which is read from the source when it is shown."""
     return texts().get(name)
 
 
-def _texts(cls: type[Any]) -> dict[str, str]:
+@cache
+def _texts(cls: type[Any]) -> Mapping[str, str]:
     """The text of every field that has one, by its name, in the source of the class and of those
     that it comes from.
     """

@@ -80,7 +80,14 @@ class NoPlace(InvalidInput):
 
 
 class PlanningFailed(StancekitError):
-    """A plan was asked for and none was found; the message says why."""
+    """A plan was asked for and none was found; the message says why.
+
+    Arguments:
+        args: the message, or a function that words it, for whoever asks.
+    """
+
+    def __str__(self) -> str:
+        return str(self.args[0]()) if any(map(callable, self.args[:1])) else super().__str__()
 
 
 class HardwareFault(StancekitError):

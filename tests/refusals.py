@@ -7,6 +7,7 @@ No other word of a message is asked for: ``messages.txt`` shows some as users re
 
 from __future__ import annotations
 
+import cProfile
 import re
 import sys
 from collections.abc import Iterator
@@ -48,7 +49,7 @@ def heard(into: dict[str, bool]) -> Iterator[None]:
 
     def init(self: StancekitError, *arguments: object) -> None:
         Exception.__init__(self, *arguments)
-        maker, line = sys._getframe(1), str(self)
+        maker, line = sys._getframe(1), "" if any(map(callable, arguments)) else str(self)
         ours = isinstance(self, InvalidInput) and _module(maker).startswith("stancekit.")
         into[line] = ours and into.get(line, True) and not _is_within_pydantic(maker)
 
@@ -100,6 +101,15 @@ def refuses(
         yield caught
     assert caught.type in (kind, UnknownArgument), f"expected {kind.__name__}, got {caught.value!r}"
     assert_names(str(caught.value), *names)
+
+
+@contextmanager
+def at_once(calls: int) -> Iterator[None]:
+    """The block makes no more calls of functions than this, whatever the computer does beside it."""
+    with cProfile.Profile() as profile:
+        yield
+    made = sum(entry.callcount for entry in profile.getstats())
+    assert made <= calls, f"expected {calls} calls or fewer, got {made}"
 
 
 def assert_names(message: str, *names: str | Path) -> None:

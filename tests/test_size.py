@@ -19,6 +19,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,7 @@ NODES = 26
 """Syntax nodes that come with a statement of an allowance: dense array code, the package has 14.5."""
 
 
+@cache
 def size(source: str) -> Size:
     """Statements without docstrings, and nodes below them, of a file."""
     tree = ast.parse(source)

@@ -156,7 +156,6 @@ ICE = 0.5
 _ROWS, COLUMNS = 24, 8
 """Size of a drawn pattern of panels; larger walls repeat it."""
 REDRAWS = 1000
-_SMALL = ("stairs", "walls", "tube", "icy-walls")
 
 
 def perturbed(

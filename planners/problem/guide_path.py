@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -500,8 +501,7 @@ class _Lattice:
         """The cheapest way."""
         ends = [self._node(place, name) for place, name in ((start, "start"), (goal, "goal"))]
         if ends[0] == ends[1]:  # it stands still, or nearly so
-            height = self._point(ends[0])[2]
-            points = np.array([[*start, height], [*goal, height]])
+            points = np.array([[*place, self._point(ends[0])[2]] for place in (start, goal)])
             number = int(self.room.ravel()[ends[0]])
             return GuidePath(points_m=points, room_m=_ROOMS[number - 1 if number > 0 else -1][0])
         worth = self.worth
@@ -515,7 +515,7 @@ class _Lattice:
             worth = np.where(verdict == INFEASIBLE, _DOUBTED**2 * worth, worth)
         path = self._cheapest(ends, free, worth)
         if path is None:
-            raise PlanningFailed(self._refusal(start, goal, ends))
+            raise PlanningFailed(partial(self._refusal, start, goal, ends))
         points, rooms = self._shortened(path, worth, free)
         points[0, :2], points[-1, :2] = start, goal
         least = min(
@@ -756,8 +756,8 @@ class _Lattice:
                 return f"{head}: {self._gap_at(toe, near[1] - near[0])}: {beyond}"
             return f"{head}: {wall}: {beyond}{self._widest(ends, width)}"
         wall = self._wall_near(place)
-        what = wall or self._step_near(place)
-        return f"{head}: {what}: {beyond}{self._widest(ends, width) if wall else ''}"
+        gap = self._widest(ends, width) if wall else ""
+        return f"{head}: {wall or self._step_near(place)}: {beyond}{gap}"
 
     def _gap_at(self, toe: Array, along: Array) -> str:
         """Words for where there is no ground below a toe: from where and how wide along the way, or
@@ -832,7 +832,7 @@ class _Lattice:
         Arguments:
             width: width of this robot across its way [m].
         """
-        from scipy.ndimage import distance_transform_edt  # slow to import
+        from scipy.ndimage import distance_transform_edt, label  # slow to import
 
         near = tuple(distance_transform_edt(np.isnan(self.z_m), return_indices=True)[1])
         corners, places = self._border, self._places()
@@ -840,8 +840,6 @@ class _Lattice:
         heights = self.z_m[near] + np.vecdot(slope, places - places[near])
 
         def passes(scale: float, shift: Array | float = 0.0) -> bool:
-            from scipy.ndimage import label  # slow to import
-
             hull, at = scale * self.footprint.hull_m, places + shift
             inside = np.all(
                 (at + hull.min(axis=0) > corners[0]) & (at + hull.max(axis=0) < corners[1]),
@@ -901,10 +899,8 @@ class _Lattice:
             others.append(index[there][good])
             cost = np.hypot(flat, rise) * 0.5 * (worth[here] + worth[there])
             costs.append(np.round(cost[good] / self.spacing_m, _TIE_DIGITS))
-        shape = (z.size, z.size)
-        return coo_array(
-            (np.concatenate(costs), (np.concatenate(ones), np.concatenate(others))), shape=shape
-        ).tocsr()
+        pairs = np.concatenate(ones), np.concatenate(others)
+        return coo_array((np.concatenate(costs), pairs), shape=(z.size, z.size)).tocsr()
 
 
 def _lifted(z: Array, met: NDArray[np.bool_], lift_m: float, spacing: float) -> Array:
@@ -1030,16 +1026,13 @@ def _highest(heights: Array, hull: Array, spacing: float, slope: Array) -> Array
     mask = np.all(
         np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1) @ normals.T <= offsets, axis=-1
     )
-    highest = np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
-    leaning = slope.any(axis=-1)
-    if not leaning.any():
-        return highest
-    i, j = np.nonzero(leaning)
-    padded, over = np.pad(heights, size, mode="edge"), np.full(len(i), -np.inf)
+    if not slope.any():
+        return np.asarray(maximum_filter(heights, footprint=mask, mode="nearest"))
+    padded, highest = np.pad(heights, size, mode="edge"), np.full(heights.shape, -np.inf)
     for k, m in np.argwhere(mask):
-        fallen = slope[i, j] @ (spacing * np.array([k - size, m - size]))
-        np.maximum(over, padded[i + k, j + m] - fallen, out=over)
-    highest[i, j] = over
+        fallen = slope[..., 0] * line[k] + slope[..., 1] * line[m]
+        there = padded[k : k + len(heights), m : m + heights.shape[1]]
+        np.maximum(highest, there - fallen, out=highest)
     return highest
 
 

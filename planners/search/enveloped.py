@@ -112,8 +112,7 @@ class _Search:
         if depth == 0:
             self._bound = outcome.bound
         if outcome.certificate is not None:
-            tree = outcome.certificate.tree.tolist()
-            return tree, [outcome.certificate.multipliers]
+            return outcome.certificate.tree.tolist(), [outcome.certificate.multipliers]
         plan = outcome.solution
         if plan is None:
             self._message = self._message or outcome.message

@@ -115,9 +115,8 @@ class _Flood:
             allowed[chosen] = self._balanced(free, bounds[list(chosen)]) if free.any() else free
         seen = self._flooded(allowed)
         goal = self._near(self.passage.goal_m)
-        if any((cells & goal).any() for cells in seen.values()):
-            return None
-        return self._written(nodes, seen)
+        there = any((cells & goal).any() for cells in seen.values())
+        return None if there else self._written(nodes, seen)
 
     def _written(
         self, nodes: Sequence[Sequence[int]], seen: dict[tuple[int, ...], _Cells]
@@ -138,8 +137,8 @@ class _Flood:
 
     def _near(self, place: Array) -> _Cells:
         """Cells that hold a place of the centre of mass within reach of one that is asked for."""
-        away = np.hypot(self.x[:, None] - place[0], self.y - place[1])
-        return np.asarray(away <= self.passage.near_m + self.half + _SLACK_M)
+        most = self.passage.near_m + self.half + _SLACK_M
+        return np.asarray(np.hypot(self.x[:, None] - place[0], self.y - place[1]) <= most)
 
     def _window(self, polygon: Array, room_m: float) -> tuple[slice, slice]:
         """Cells about a polygon, shape (U, 2), with so much room."""
@@ -210,14 +209,16 @@ class _Flood:
 
     def _reached(self, pieces: Sequence[Patch], low_m: Array) -> _Cells:
         """Cells over which some centre of mass has a foot on one of these pieces."""
-        import shapely  # slow to import
-
         reach, result = self.extent.reach_m + _SLACK_M, np.zeros(self.shape, dtype=bool)
         for piece in pieces:
-            flat = piece.vertices_m[:, :2]
-            window = self._window(flat, reach + self.grow + self.half)
-            x, y = np.meshgrid(self.x[window[0]], self.y[window[1]], indexing="ij")
-            away = shapely.distance(shapely.Polygon(flat), shapely.points(x, y))
+            window = self._window(piece.vertices_m[:, :2], reach + self.grow + self.half)
+            places = self.x[window[0], None] + 1j * self.y[window[1]]
+            corners = piece.vertices_m[:, :2] @ [1.0, 1j]
+            corners = corners[corners != np.roll(corners, -1)]
+            edges = (np.roll(corners, -1) - corners)[:, None, None]
+            off = (places - corners[:, None, None]) / edges  # 1 is along an edge, i beside it
+            away = np.abs((off - np.clip(off.real, 0.0, 1.0)) * edges).min(axis=0)
+            away[np.all(off.imag >= 0.0, axis=0) != np.all(off.imag <= 0.0, axis=0)] = 0.0
             across = np.maximum(away - self.half - self.grow, 0.0)
             up = np.maximum(low_m[window] - self._top(piece), 0.0)
             result[window] |= np.hypot(across, up) <= reach

@@ -371,8 +371,7 @@ def _joined(
         left, count = left[~fits], count + number
     labels[left] = count + np.arange(len(left))
     beside = np.concatenate([edge_pairs(triangles), _beside(corners, triangles)])
-    labels = _unrounded(labels, corners, normals, beside)
-    return _merged_planes(labels, corners, normals, area)
+    return _merged_planes(_unrounded(labels, corners, normals, beside), corners, normals, area)
 
 
 def _beside(corners: Array, triangles: NDArray[np.int_]) -> NDArray[np.int_]:

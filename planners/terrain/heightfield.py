@@ -136,8 +136,7 @@ class CubicBasis:
         rows = vstack([self.matrix(sites), straight], format="csc")
         right = np.zeros((rows.shape[0], int(np.prod(values.shape[1:]))))
         right[: len(sites)] = values.reshape(len(sites), -1)
-        solved = splu(rows).solve(right)
-        return np.asarray(solved).reshape(self.size, *values.shape[1:])
+        return np.asarray(splu(rows).solve(right)).reshape(self.size, *values.shape[1:])
 
 
 def _beyond(step: float, reach_m: float) -> Array:

@@ -590,8 +590,9 @@ def _around(y: Array, z: Array, diameter: Array) -> tuple[Array, Array, Array]:
     """Measures of each border, shape (K, U): area, least turn of a corner towards the inside, and
     how often it goes round.
     """
-    ahead = [*range(1, y.shape[1]), 0]
-    dy, dz = y[:, ahead] - y, z[:, ahead] - z
+    ahead = np.arange(1, y.shape[1] + 1) % y.shape[1]
+    to_y, to_z = y[:, ahead], z[:, ahead]
+    dy, dz = to_y - y, to_z - z
     double = (
         dy * dy + dz * dz <= (1e-9 * diameter[:, None]) ** 2
     )  # corners that are given twice in a row count once
@@ -603,8 +604,8 @@ def _around(y: Array, z: Array, diameter: Array) -> tuple[Array, Array, Array]:
         ]
         area, turn, rounds = np.concatenate(rows, axis=1)
         return area, turn, rounds
-    area = 0.5 * (y * z[:, ahead] - z * y[:, ahead]).sum(axis=1)
-    turns = dy * dz[:, ahead] - dz * dy[:, ahead]  # of each corner, positive to the left
-    turned = np.arctan2(turns, dy * dy[:, ahead] + dz * dz[:, ahead]).sum(axis=1)
+    area, next_y, next_z = 0.5 * (y * to_z - z * to_y).sum(axis=1), dy[:, ahead], dz[:, ahead]
+    turns = dy * next_z - dz * next_y  # of each corner, positive to the left
+    turned = np.arctan2(turns, dy * next_y + dz * next_z).sum(axis=1)
     least = (turns * np.sign(area)[:, None]).min(axis=1, initial=np.inf)
     return area, least, np.round(np.abs(turned) / (2.0 * np.pi))

@@ -376,14 +376,18 @@ def _beside(cells: _Cells) -> _Cells:
 
 def _away(points: Array, polygon: Array) -> Array:
     """Distances of points, shape (…, 2), from a convex polygon from above, 0 inside [m]."""
-    import shapely  # slow to import
-
-    return np.asarray(shapely.distance(shapely.polygons(polygon), shapely.points(points)))
+    squares, sides = np.inf, list[Array]()
+    for corner, along in zip(polygon, np.roll(polygon, -1, axis=0) - polygon, strict=True):
+        off = points - corner
+        share = np.clip(off @ along / max(along @ along, 1e-24), 0.0, 1.0)
+        squares = np.minimum(squares, np.square(off - share[..., None] * along).sum(axis=-1))
+        sides.append(off @ (along[1], -along[0]))
+    low, high = np.min(sides, axis=0), np.max(sides, axis=0)
+    return np.where((low >= 0.0) != (high <= 0.0), 0.0, np.sqrt(squares))
 
 
 def _apart(one: Patch, two: Patch) -> float:
     """Horizontal distance of two convex pieces [m]."""
     import shapely  # slow to import
 
-    first, second = (shapely.polygons(each.vertices_m[:, :2]) for each in (one, two))
-    return float(shapely.distance(first, second))
+    return float(shapely.distance(*(shapely.polygons(p.vertices_m[:, :2]) for p in (one, two))))

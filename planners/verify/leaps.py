@@ -82,8 +82,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         """
         solver, rates = self.kinematics, self.rates_rad_s
         most = np.where(self._limited, solver.velocity_rad_s, np.inf)
-        fast = 0.5 * (rates[1:] + rates[:-1]) / most
-        return fast, self.torques_nm / solver.torque_nm
+        return 0.5 * (rates[1:] + rates[:-1]) / most, self.torques_nm / solver.torque_nm
 
     @cached_property
     def line(self) -> Array:

@@ -359,8 +359,7 @@ class _Measured:
 
     def com(self) -> _Worst:
         """Distance of the table's centre of mass from that of the robot, (T,)."""
-        away = np.linalg.norm(self.known["com_m"] - self._com, axis=1)
-        return _worst(away, (), self.times_s)
+        return _worst(np.linalg.norm(self.known["com_m"] - self._com, axis=1), (), self.times_s)
 
     def feet(self) -> _Worst:
         """Distance of the table's feet from where joints and body put them, (T, N)."""
@@ -380,16 +379,14 @@ class _Measured:
 
         turns = Rotation.from_matrix(self.table.rotation)
         turned = (turns[1:] * turns[:-1].inv()).as_rotvec() / self.step_s
-        off = _off(self.known["turning_rad_s"], turned)
-        return _worst(off, ("x", "y", "z"), self.times_s)
+        return _worst(_off(self.known["turning_rad_s"], turned), ("x", "y", "z"), self.times_s)
 
     def effort(self) -> _Worst:
         """Distance of the table's torques from those that loads and forces make, mean over
         ``_WINDOW_S``, (T, J).
         """
         off = np.abs(self._windowed(self.known["torques_nm"] - self._torques))
-        shares = off / self.kinematics.torque_nm
-        return _worst(shares, self.kinematics.joints, self.times_s)
+        return _worst(off / self.kinematics.torque_nm, self.kinematics.joints, self.times_s)
 
     @cached_property
     def _torques(self) -> Array:

@@ -301,8 +301,7 @@ class _Sweep:
         self._found |= worst_groups(at, values, frame, share, limb, self._names, self._tolerance)
         if not len(limbs):
             return 0.0
-        along = worst_of(at, values)[stances:]
-        return float(along.max())
+        return float(worst_of(at, values)[stances:].max())
 
     def _measured(
         self,

@@ -11,7 +11,6 @@ import resource
 import struct
 import subprocess
 import sys
-import time
 import warnings
 import xml.etree.ElementTree as ET
 import zlib
@@ -36,6 +35,7 @@ from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
 from tests.damage import bombs
 from tests.damage.cases import Case, cases, command, fault, said
 from tests.damage.files import make_files
+from tests.refusals import at_once
 
 QUICK, PATIENCE = 4, 12
 """Damaged files of a reader: a few and on until one is refused, or all where digests seal them; the
@@ -115,16 +115,15 @@ def test_files_that_unfold_are_refused_in_one_line_at_once(folder: Path, what: s
     (case,) = (case for case in cases() if case.name == name)
     whole = (folder / case.file).read_bytes()
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    began = time.process_time()
     try:
         (folder / case.file).write_bytes(content)
-        code, _, err = command(case.arguments)
+        with at_once(1_000_000):
+            code, _, err = command(case.arguments)
     finally:
         (folder / case.file).write_bytes(whole)
     assert code == 2, err
     assert err.count("\n") == 1
     assert len(err) < 2200
-    assert time.process_time() - began < 5.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 400_000
 
 
@@ -142,10 +141,9 @@ def test_a_toe_off_a_patch_of_many_corners_is_judged_at_once(folder: Path) -> No
     (folder / "round.json").write_text(json.dumps(problem))
     (folder / "off.json").write_text(json.dumps(answer))
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    began = time.process_time()
-    code, out, _ = command(("verify", "round.json", "off.json"))
+    with at_once(100_000):
+        code, out, _ = command(("verify", "round.json", "off.json"))
     assert (code, "refused" in out) == (1, True)
-    assert time.process_time() - began < 1.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 50_000
 
 

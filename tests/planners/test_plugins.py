@@ -173,10 +173,13 @@ def test_own_code_is_a_file_and_what_it_imports_from_its_folder_as_it_was_run(
 
 def test_a_child_is_forked_off_when_a_file_has_run(tmp_path: Path) -> None:
     path = tmp_path / "slow.py"
-    path.write_text("import time\ntime.sleep(0.5)\nclass Mine: ...\n")
+    path.write_text(
+        f"open({str(path)!r} + '.run', 'x')\nimport time\ntime.sleep(0.3)\nclass Mine: ...\n"
+    )
     thread = threading.Thread(target=lambda: numbers().get(f"{path}:Mine"))
     thread.start()
-    time.sleep(0.2)
+    while not (tmp_path / "slow.py.run").exists():
+        time.sleep(0.001)
     child = multiprocessing.get_context("fork").Process(
         target=lambda: numbers().get(f"{path}:Mine")
     )

@@ -371,7 +371,7 @@ def test_a_run_on_two_processes_that_is_killed_is_resumed_to_the_same_bytes(
     run.kill()
     run.wait()
     label(PLAN, tmp_path, workers=2)  # while the orphans finish what they were given
-    time.sleep(0.5)
+    run.stdout.read()  # until they are gone
     assert contents(tmp_path) == contents(balanced)
     assert len(Dataset.open(tmp_path)) == PLAN.rows
 

@@ -43,7 +43,7 @@ from stancekit.envs.data.ledger import TryPlan
 from stancekit.learners.data.leap_tries import label_leaps
 
 plan, path = json.loads(sys.argv[1])
-label_leaps(TryPlan(**plan), path, progress=lambda p: print(p.shards_done, flush=True))
+label_leaps(TryPlan(**plan), path, progress=lambda p: input(f"{p.shards_done}\\n"))
 """
 
 
@@ -149,10 +149,11 @@ def test_two_processes_and_any_order_write_the_same_bytes(whole: Path, tmp_path:
 
 def test_a_run_that_is_killed_goes_on_to_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     task = json.dumps([asdict(PLAN), str(tmp_path)])
-    run = subprocess.Popen([sys.executable, "-c", RUN, task], stdout=subprocess.PIPE, text=True)
-    assert run.stdout is not None
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    run = subprocess.Popen([sys.executable, "-c", RUN, task], text=True, **pipes)
     while run.stdout.readline().strip() != "1":
-        assert run.poll() is None
+        print(file=run.stdin, flush=True)
+    print(file=run.stdin, flush=True)  # on with the next shard, after which it waits
     time.sleep(0.05)
     run.send_signal(signal.SIGKILL)
     run.wait()

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import os
 import socket
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from stancekit.planners.files.documents import (
 )
 from tests.damage import bombs
 from tests.damage.cases import cases, command
-from tests.refusals import assert_names
+from tests.refusals import assert_names, at_once
 
 
 def refusal(call, *arguments):
@@ -58,9 +57,8 @@ def test_yaml_with_a_few_aliases_is_read_as_ever():
     ],
 )
 def test_yaml_that_grows_is_refused_at_once(text, said):
-    began = time.process_time()
-    assert refusal(parse_yaml, text, "f") == said
-    assert time.process_time() - began < 1.0
+    with at_once(10_000):
+        assert refusal(parse_yaml, text, "f") == said
 
 
 @pytest.mark.parametrize(
@@ -137,13 +135,9 @@ def test_what_is_cut_off_costs_nothing():
     value = ["x" * 10_000] * 10
     for _ in range(30):
         value = [value] * 10
-    seconds = []
-    for _ in range(3):  # the collector of garbage may take one of them
-        began = time.thread_time()
+    with at_once(10_000):
         assert len(shown(value)) == 60
         assert shown([[10**5000] * 3] * 3, 30) == "[[an integer of 16610 bits, an"
-        seconds.append(time.thread_time() - began)
-    assert min(seconds) < 0.05
 
 
 NO_FILES = ("pipe", "folder", "device", "socket", "loop", "nothing", "to a pipe", "to a folder")

@@ -304,7 +304,7 @@ def test_a_straight_way_has_the_body_as_high_as_its_toes_are_below_it() -> None:
     """The way that is laid out straight ahead is over the same ground as the one that is looked for:
     with the body on the ground every proof and every climb from a landing is about another robot.
     """
-    found = laid_between(stancekit.terrain("rough:0.2:1"), (0.0, 0.0), (0.2, 0.0), frames=2)
+    found = laid_between(stancekit.terrain("ramps:0.2:1"), (0.0, 0.0), (0.2, 0.0), frames=2)
     straight = replace(found, straight=True)
     np.testing.assert_allclose(
         straight("inner").com_nominal_m[:, 2], found("inner").com_nominal_m[:, 2], atol=0.03

@@ -61,7 +61,7 @@ def test_a_wave_goes_from_the_rear_to_the_front_on_one_side_and_then_the_other()
 def test_a_level_body_has_no_tilt_in_a_file_and_over_a_terrain() -> None:
     level = Alternative(level=True)
     assert read_course("walls", frames=2, alternative=level).tilt_limit_rad == 0.0
-    ground = laid_between(stancekit.terrain("rough:0.2:1"), (0.0, 0.0), (0.2, 0.0), frames=2)
+    ground = laid_between(stancekit.terrain("ramps:0.2:1"), (0.0, 0.0), (0.2, 0.0), frames=2)
     assert ground("inner", AS_ASKED).tilt_limit_rad > ground("inner", level).tilt_limit_rad == 0.0
 
 

@@ -75,7 +75,7 @@ def refusal(make, *values, **named):
 
 @pytest.fixture(scope="module")
 def exact():
-    return make_planner("exact", PlannerOptions(time_limit_s=10.0))
+    return make_planner("exact", PlannerOptions(time_limit_s=600.0))
 
 
 @pytest.fixture

@@ -438,7 +438,7 @@ def test_huge_scales_in_a_file_buy_no_tolerance(programs, drawn):
 
 @pytest.fixture(scope="module")
 def courses(programs):
-    return Exact(programs=programs, time_limit_s=60.0)
+    return Exact(programs=programs, time_limit_s=600.0)
 
 
 def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have_closed_some(

@@ -23,7 +23,7 @@ from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.flood import flood
 from stancekit.planners.terrain.patch import Frame
 from stancekit.planners.terrain.polygon import surface_patch
-from stancekit.planners.verify.flood import KINDS, _Replay, check_flood
+from stancekit.planners.verify.flood import KINDS, _away, _Replay, check_flood
 
 WIDE_M = 1.2
 
@@ -314,6 +314,15 @@ def test_standing_still_is_a_question_with_a_plan(tmp_path: Path) -> None:
     path = _mesh(tmp_path, 0.1)
     answer = stancekit.plan(path, start=(0.0, 0.0), goal=(0.0, 0.0))
     assert answer.status is Status.FEASIBLE
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 2, 1, 0], [0, 1, 1, 0], [0, 0, 1, 2]])
+def test_distances_from_a_surface_seen_from_above_are_those_of_shapely(order: list[int]) -> None:
+    import shapely
+
+    corners, places = level(0.0, 1.0, 0.0)[order, :2], np.indices((9, 9)).reshape(2, -1).T * 0.5
+    expected = shapely.distance(shapely.Polygon(corners), shapely.points(places - 2.0))
+    np.testing.assert_allclose(_away(places - 2.0, corners), expected, atol=1e-12)
 
 
 def _states(robot: Robot, count: int) -> Iterator[tuple[Passage, list[int]]]:

@@ -32,7 +32,7 @@ CUBE = np.vstack([np.eye(3), -np.eye(3)])
 
 @pytest.fixture(scope="module")
 def planner(programs):
-    return Exact(programs=programs, max_nodes=60, time_limit_s=5.0)
+    return Exact(programs=programs, max_nodes=60, time_limit_s=600.0)
 
 
 def on_one_foot(ahead_m: float, tilt: float = 0.0) -> Problem:
@@ -319,7 +319,7 @@ def test_files_give_half_spaces_back_and_files_without_them_are_as_they_were(
 
 
 def test_a_posture_is_the_same_as_a_course(planner, drawn, bounded, programs):
-    decided, courses = 0, TwoStage(programs=programs, max_nodes=30, time_limit_s=1.0)
+    decided, courses = 0, TwoStage(programs=programs, max_nodes=30, time_limit_s=600.0)
     for seed in range(6):
         problem = bounded(replace(drawn("wall-3", seed), tilt_limit_rad=0.05), seed, 0.06)
         one, other = planner.solve(problem), courses.solve(problem.course())

@@ -85,7 +85,7 @@ def pinned(climb):
 
 def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan(pinned, programs):
     planner, rng = (
-        TwoStage(programs=programs, time_limit_s=10.0),
+        TwoStage(programs=programs, time_limit_s=600.0),
         np.random.default_rng(4),
     )
     tight = limited(pinned, 0.0)

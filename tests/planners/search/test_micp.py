@@ -416,7 +416,7 @@ def test_patches_are_chosen_by_binaries():
 
 def test_candidates_of_several_frames_share_the_axes_of_the_world(ragged):
     course = ragged(2, frames=1, ice=0.0)
-    outcome = Micp(intervals=2, time_limit_s=30.0).solve(course)
+    outcome = Micp(intervals=2, time_limit_s=600.0).solve(course)
     assert outcome.claim == "feasible", outcome.message
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert len(set(outcome.solution.choice.tolist())) > 1

@@ -113,7 +113,7 @@ def test_it_plans_what_the_two_stage_planner_plans_and_nothing_that_is_refuted(
 
 
 def test_a_built_in_course_of_one_frame_and_one_with_choices(programs):
-    planner = Nlp(programs=programs, time_limit_s=60.0)
+    planner = Nlp(programs=programs, time_limit_s=600.0)
     for name, frames in (("walls", 1), ("icy-walls", 2)):
         outcome = planner.solve(read_course(name, frames=frames))
         assert outcome.status is Status.FEASIBLE

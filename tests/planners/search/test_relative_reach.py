@@ -57,7 +57,7 @@ def test_proofs_are_verified_and_prove_nothing_of_a_course_that_has_a_plan(
     ragged, paired, programs
 ):
     planner, proved, rng = (
-        TwoStage(programs=programs, time_limit_s=10.0),
+        TwoStage(programs=programs, time_limit_s=600.0),
         0,
         np.random.default_rng(3),
     )
@@ -84,7 +84,7 @@ def test_a_half_space_that_cuts_a_step_off_decides_it_to_a_millimetre(ragged, pr
     """All limbs have room but one pair, whose distance along x is pinned beyond what the patches
     leave.
     """
-    planner = TwoStage(programs=programs, time_limit_s=10.0)
+    planner = TwoStage(programs=programs, time_limit_s=600.0)
     free = next(
         c
         for c in (ragged(s, frames=2) for s in SEEDS)
@@ -107,7 +107,7 @@ def test_a_half_space_that_cuts_a_step_off_decides_it_to_a_millimetre(ragged, pr
 
 
 def test_a_toe_that_is_drawn_away_is_a_foot_out_of_reach(ragged, paired, programs):
-    planner = TwoStage(programs=programs, time_limit_s=10.0)
+    planner = TwoStage(programs=programs, time_limit_s=600.0)
     plans = [planner.solve(paired(ragged(seed, frames=2), seed, 0.2)).solution for seed in SEEDS]
     plan = next(plan for plan in plans if plan is not None)
     toes = plan.toes_m.copy()

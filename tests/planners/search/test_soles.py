@@ -83,7 +83,7 @@ terrain:
 
 @pytest.fixture(scope="module")
 def planner(programs):
-    return Exact(programs=programs, max_nodes=300, time_limit_s=10.0)
+    return Exact(programs=programs, max_nodes=300, time_limit_s=600.0)
 
 
 def ground(size_m: float = 1.0) -> Patch:
@@ -357,7 +357,7 @@ def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_co
     programs, ragged, bounded, soled
 ):
     """Over several candidates, whose trees and nogoods carry all multipliers."""
-    courses = TwoStage(programs=programs, max_nodes=60, time_limit_s=4.0)
+    courses = TwoStage(programs=programs, max_nodes=60, time_limit_s=600.0)
     plans, proofs = [], []
     for seed in range(10):
         rough = replace(ragged(seed, frames=2, ice=0.1), tilt_limit_rad=0.05)

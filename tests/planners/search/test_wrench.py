@@ -122,7 +122,7 @@ def test_courses_carry_a_wrench_that_changes_or_it_is_proved_that_none_can(
         course = replace(
             plain, wrench=np.array([0.4 * random_wrench(plain, rng) for _ in range(plain.frames)])
         )
-        best = Exact(programs=programs, time_limit_s=20.0).solve(course)
+        best = Exact(programs=programs, time_limit_s=600.0).solve(course)
         found = TwoStage(programs=programs).solve(course)
         for answer in (best, found):
             if answer.solution is not None:

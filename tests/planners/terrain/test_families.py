@@ -42,7 +42,7 @@ def lines(spacing):
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStage(programs=Programs(), time_limit_s=10.0)
+    return TwoStage(programs=Programs(), time_limit_s=600.0)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
