@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1471, 16877),
-    "cli": (3584, 40047),
+    "api": (1437, 16866),
+    "cli": (3438, 39837),
     "configs": (3, 30),
-    "envs": (3137, 42953),
-    "learners": (5344, 78424),
-    "planners": (35714, 582311),
-    "runner": (6804, 91836),
-    "views": (4460, 69823),
+    "envs": (3135, 42947),
+    "learners": (5256, 78204),
+    "planners": (35492, 581678),
+    "runner": (6758, 91765),
+    "views": (4384, 69884),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
