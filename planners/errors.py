@@ -82,6 +82,10 @@ class PlanningFailed(StancekitError):
     """A plan was asked for and none was found; the message says why."""
 
 
+class TooHigh(PlanningFailed):
+    """Something overhead bars every way, which a robot that stands lower may pass under."""
+
+
 class HardwareFault(StancekitError):
     """A device did not do what it was asked, or fell silent; the message says which part and what
     was seen.

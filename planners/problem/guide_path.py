@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput, NoPlace, PlanningFailed
+from ..errors import InvalidInput, NoPlace, PlanningFailed, TooHigh
 from ..files.arrays import Array
 from ..robot.model import Robot
 from ..terrain.patch import Patch
@@ -78,6 +78,8 @@ _TRIES = 32
 _NEAR, TURN_RAD = 6, np.pi / 4.0
 """The direction of a way at a node is that between nodes so far before and after it, to an eighth
 of a turn."""
+_BAR = "bar at "
+"""Words for what is over a way, and leaves room below."""
 _MEASURED_M = 1e-3
 """Widths of gaps are measured to that [m]."""
 _MOST_MEASURED = 20_000
@@ -515,7 +517,8 @@ class _Lattice:
             worth = np.where(verdict == INFEASIBLE, _DOUBTED**2 * worth, worth)
         path = self._cheapest(ends, free, worth)
         if path is None:
-            raise PlanningFailed(self._refusal(start, goal, ends))
+            said = self._refusal(start, goal, ends)
+            raise (TooHigh if _BAR in said else PlanningFailed)(said)
         points, rooms = self._shortened(path, worth, free)
         points[0, :2], points[-1, :2] = start, goal
         least = min(
@@ -712,7 +715,7 @@ class _Lattice:
         ground = self._ground(place, near)
         if low > ground + 0.02:
             return (
-                f"bar at {_at(near)}, {_m(low - ground)} to {_m(high - ground)} m above the ground"
+                f"{_BAR}{_at(near)}, {_m(low - ground)} to {_m(high - ground)} m above the ground"
             )
         return f"wall at {_at(near)}, {_m(high - ground)} m high"
 

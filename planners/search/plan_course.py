@@ -18,7 +18,7 @@ import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.plan import Plan
-from ..errors import InvalidInput, NoPlace, PlanningFailed
+from ..errors import InvalidInput, NoPlace, PlanningFailed, TooHigh
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.alternatives import (
@@ -561,7 +561,7 @@ def _laid_out(
             if alternative is layouts[0]:
                 left = ordered(left, "contacts")
                 if not stated and len(layouts) > 1:
-                    left += LOW
+                    left = [*LOW, *left] if isinstance(error, TooHigh) else [*left, *LOW]
             refusal = refusal or error
             continue
         share_s = max(_FIRST * (deadline - now), _wall_s(began, _LEAST_S))

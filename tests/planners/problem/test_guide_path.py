@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import PlanningFailed
+from stancekit.planners.errors import PlanningFailed, TooHigh
 from stancekit.planners.problem.guide_path import LATTICE_M, Footprint, guide_over, guide_path
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
@@ -134,7 +134,7 @@ def test_a_gap_that_is_wider_than_the_robot_is_gone_through():
 def test_bars_are_gone_under_where_they_are_high_and_walls_where_they_are_low():
     high = path(over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.6, 0.7)), (0, 0), (4, 0))
     assert high.length_m == pytest.approx(4.0)
-    with refuses("bar", "0.2 to 0.3 m", kind=PlanningFailed):
+    with refuses("bar", "0.2 to 0.3 m", kind=TooHigh):
         path(over([LEVEL], (1.9, 2.0, -2.5, 2.5, 0.2, 0.3)), (0, 0), (4, 0))
 
 
