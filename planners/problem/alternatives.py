@@ -106,6 +106,7 @@ bent more have room for soles that lean."""
 
 STRIDES = (
     Alternative(striding=True, free=2.0),
+    Alternative(striding=True, free=2.0, height=1.15),
     Alternative(striding=True, free=2.0, spread=1.15, height=0.8),
     Alternative(striding=True),
     Alternative(striding=True, height=1.15),
