@@ -35,7 +35,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3139, 42955),
     "learners": (5345, 78425),
-    "planners": (36117, 584896),
+    "planners": (36118, 584944),
     "runner": (6817, 91867),
     "views": (4462, 69832),
 }

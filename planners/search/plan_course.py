@@ -351,7 +351,7 @@ class _CourseSearch:
         """Contacts whose stances bear a push; any where none do, unless only those are asked for."""
         found: Answer[Plan] | None = None
         for share in (PUSHES[0], 1.5 * LEAST_PUSH) if self.presses else ():
-            firm, search = pushed(course, share), quick(self.planner)
+            firm, search = pushed(course, share), quick(self.planner, hasty=only)
             firm_end = _search_end(end, _FIRM)
             found = plan_with_reserve(search, firm, self.shares[:1], (), deadline=firm_end)
             if found.solution is not None:
