@@ -317,8 +317,9 @@ def quick(planner: Planner, *, hasty: bool = False) -> Planner:
         hasty: the first guess of patches is all that it tries.
     """
     if isinstance(planner, TwoStage):
-        most = 0 if hasty else planner.max_nodes
-        return replace(planner, cuts=False, proves=False, max_nodes=most)
+        return replace(
+            planner, cuts=False, proves=False, max_nodes=0 if hasty else planner.max_nodes
+        )
     return planner
 
 

@@ -276,8 +276,9 @@ class _CourseSearch:
 
         assert self.limits is not None
         asked, pressed = self._bearing_pushes(course), self.presses if firmly else ()
-        first = quick(self.planner)
-        found = plan_with_reserve(first, asked, self.shares[:1], pressed, deadline=end)
+        found = plan_with_reserve(
+            quick(self.planner), asked, self.shares[:1], pressed, deadline=end
+        )
         unbent = replace(self.limits, steps=0)
         return with_whole_body(found, unbent, self.start_rad, deadline=end)
 
@@ -564,9 +565,8 @@ def _laid_out(
                     left = [*LOW, *left] if isinstance(error, TooHigh) else [*left, *LOW]
             refusal = refusal or error
             continue
-        share_s = max(_FIRST * (deadline - now), _wall_s(began, _LEAST_S))
-        if alternative.striding and alternative.height == 1.0:
-            share_s = _FIRST * (deadline - now)
+        least_s = 0.0 if alternative.striding and alternative.height == 1.0 else _LEAST_S
+        share_s = max(_FIRST * (deadline - now), _wall_s(began, least_s))
         tried += 1
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
         if outcome.status is Status.FEASIBLE and alternative.message:
