@@ -35,11 +35,11 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3139, 42955),
     "learners": (5345, 78425),
-    "planners": (36114, 584904),
+    "planners": (36114, 584906),
     "runner": (6817, 91867),
     "views": (4462, 69832),
 }
-CAPS: dict[str, int] = {"tests": 42_209, "benchmarks": 13_440}
+CAPS: dict[str, int] = {"tests": 42_212, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,

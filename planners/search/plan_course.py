@@ -440,19 +440,17 @@ def _whole(pieces: Pieces, method: str, spent: Sequence[Effort], end: float) -> 
     failed = pieces.failed
     done = 0 if pieces.plan is None else pieces.plan.problem.frames - 1
     assert failed is not None
-    reason = failed.message or (failed.report.message if failed.report else "")
     place = pieces.course.com_nominal_m[done]
     message = (
         f"planned to key frame {done} of {pieces.course.frames - 1}, at ({place[0]:.2f}, "
         f"{place[1]:.2f}), in pieces; "
-        f"the next piece: {reason}"
+        f"the next piece: {failed.message or (failed.report.message if failed.report else '')}"
     )
-    solution = None if failed.solution is None else failed.solution
     return replace(
         answer,
         status=Status.UNDECIDED,
-        solution=solution,
-        report=failed.report if solution is not None else None,
+        solution=failed.solution,
+        report=failed.report if failed.solution is not None else None,
         message=message,
     )
 
@@ -562,7 +560,9 @@ def _laid_out(
             if alternative is layouts[0]:
                 left = ordered(left, "contacts")
                 if not stated and len(layouts) > 1:
-                    left = [*LOW, *left] if isinstance(error, TooHigh) else [*left, *LOW]
+                    left = [*left, *LOW]
+                    if isinstance(error, TooHigh):  # the highest of lower ones first
+                        left.sort(key=lambda each: (each.height >= 1.0, -min(each.height, 1.0)))
             refusal = refusal or error
             continue
         least_s = 0.0 if alternative.striding and alternative.height == 1.0 else _LEAST_S
