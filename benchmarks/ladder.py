@@ -6,8 +6,8 @@ largest that is planned, by bisection, and what stops the next one.
     python benchmarks/ladder.py --out after.jsonl --against before.jsonl
 
 Sizes are in reaches, how far a foot gets below the centre of mass in any tilt: heights of steps and
-walls, widths of gaps, by how much the underside of a bar is lower than the standing robot's top, and
-between the lowest and the highest of stones. Walls are 0.1 or 0.3 m thick, the slope is one of 12
+walls, widths of gaps, by how much the underside of a bar, over which no leg gets, is lower than the
+standing robot's top, and between the lowest and the highest of stones. Walls are 0.1 or 0.3 m thick, the slope is one of 12
 degrees. Rows are kept as they come (``--out``), and a run that was stopped goes on from them.
 
 stops: at the smallest size that is not planned: way (the guide path has none), contacts, or the group
@@ -149,9 +149,9 @@ def ground(kind: str, size_m: float, robot: Robot, path: Path) -> tuple[float, f
         level(back, AT_M, 0.0)
         level(AT_M + size_m, far + size_m, 0.0)
     elif kind == "bar":
-        low = robot.top_m - size_m
+        low, high = robot.top_m - size_m, robot.top_m + room
         level(back, far, 0.0)
-        level(AT_M, AT_M + BAR_M, low + BAR_M)
+        level(AT_M, AT_M + BAR_M, high)
         quads.append(
             [
                 (AT_M, -wide, low),
@@ -160,8 +160,8 @@ def ground(kind: str, size_m: float, robot: Robot, path: Path) -> tuple[float, f
                 (AT_M + BAR_M, -wide, low),
             ]
         )
-        riser(AT_M, low, low + BAR_M)
-        riser(AT_M + BAR_M, low + BAR_M, low)
+        riser(AT_M, low, high)
+        riser(AT_M + BAR_M, high, low)
     else:
         rng, side = np.random.default_rng(0), STONE * room
         level(back, AT_M, 0.0)

@@ -415,7 +415,7 @@ def test_an_extra_that_a_message_or_a_page_names_is_one_that_can_be_installed() 
         for path in files
         for pattern in (
             r"stancekit\[([\w,]+)\]",
-            r"not_installed\((?:[^()]|\([^()]*\))*\"(\w+)\"\s*\)",
+            r"installed\((?:[^()]|\([^()]*\))*\"(\w+)\"\s*\)",
         )
         for name in re.findall(pattern, path.read_text(encoding="utf-8"))
     ]

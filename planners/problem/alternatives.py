@@ -106,6 +106,7 @@ bent more have room for soles that lean."""
 
 STRIDES = (
     Alternative(striding=True, free=2.0),
+    Alternative(striding=True, free=2.0, height=1.15),
     Alternative(striding=True, free=2.0, spread=1.15, height=0.8),
     Alternative(striding=True),
     Alternative(striding=True, height=1.15),
@@ -113,8 +114,14 @@ STRIDES = (
 """The layouts that are tried last between two places: in long steps, with a body that goes ahead of
 its feet or stays behind them, and in usual ones, which come first, before all others, where there
 are walls and legs that go through something."""
-LOW = (Alternative(height=0.7), Alternative(height=0.6))
-"""The layouts that are tried last where the first has no way: below what is too low for others."""
+LOW = (
+    Alternative(height=0.7),
+    Alternative(height=0.6),
+    Alternative(spread=1.5, height=0.5),
+    Alternative(spread=1.65, height=0.4),
+)
+"""The layouts that are tried last where the first has no way, and first where it would fit below what
+bars its way if it stood lower: of knees that stick out, wide ones alone are low."""
 ALTERNATIVES = (
     AS_ASKED,
     Alternative(spread=1.15, height=0.85),

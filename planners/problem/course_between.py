@@ -118,13 +118,12 @@ def course_between(
             striding=alternative.striding,
         )
         way = found.points_m
-    gait = "tripod" if len(body.limbs) >= 6 and len(body.limbs) % 2 == 0 else "wave"
+    turns = len(body.limbs)
     if alternative.gait is None:
+        gait = "tripod" if turns >= 6 and turns % 2 == 0 else "wave"
         sets = [list(each) for each in gait_sets(gait, body, mirrored=True)]
         spec = spec.model_copy(update={"gait": sets if mirrored else gait})
-    turns = 2 if gait == "tripod" else len(body.limbs)
-    if alternative.gait is not None:
-        turns = len(body.limbs)
+        turns = 2 if gait == "tripod" else turns
     if len(body.limbs) < 4:  # in every other frame the body moves alone
         turns *= 2
     stride = _STRIDE * reach / turns

@@ -79,6 +79,8 @@ _TRIES = 32
 _NEAR, TURN_RAD = 6, np.pi / 4.0
 """The direction of a way at a node is that between nodes so far before and after it, to an eighth
 of a turn."""
+BAR = "bar at "
+"""Words for what is over a way and leaves room below; a refusal that has them is one of height."""
 _MEASURED_M = 1e-3
 """Widths of gaps are measured to that [m]."""
 _MOST_MEASURED = 20_000
@@ -711,9 +713,7 @@ class _Lattice:
         )
         ground = self._ground(place, near)
         if low > ground + 0.02:
-            return (
-                f"bar at {_at(near)}, {_m(low - ground)} to {_m(high - ground)} m above the ground"
-            )
+            return f"{BAR}{_at(near)}, {_m(low - ground)} to {_m(high - ground)} m above the ground"
         return f"wall at {_at(near)}, {_m(high - ground)} m high"
 
     def _refusal(self, start: Array, goal: Array, ends: list[int]) -> str:

@@ -202,7 +202,7 @@ class ChoiceSearch:
 
     def run(self) -> None:
         """Search until there is a plan as good as asked for, nothing left, or a limit."""
-        if self._scaled.options > 1:
+        if self._scaled.options > 1 or not self._limits.max_nodes:
             self._guess()
         stack = [
             (float("-inf"), self._scaled.opened())
@@ -248,6 +248,7 @@ class ChoiceSearch:
         self.guessed = self.found is not None
         if (
             self.found is not None
+            or not self._limits.max_nodes
             or self._cuts.refuting(self._scaled.opened()) is not None
             or self._late()
         ):

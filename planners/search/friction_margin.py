@@ -308,12 +308,17 @@ def _part_of_time(deadline: float) -> float:
     return now + _EACH * (deadline - now)
 
 
-def quick(planner: Planner) -> Planner:
+def quick(planner: Planner, *, hasty: bool = False) -> Planner:
     """The planner without proofs and cuts in space: nobody waits half a minute for a plan that is
     only better to have.
+
+    Arguments:
+        hasty: the first guess of patches is all that it tries.
     """
     if isinstance(planner, TwoStage):
-        return replace(planner, cuts=False, proves=False)
+        return replace(
+            planner, cuts=False, proves=False, max_nodes=0 if hasty else planner.max_nodes
+        )
     return planner
 
 

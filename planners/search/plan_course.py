@@ -32,6 +32,7 @@ from ..problem.alternatives import (
     ordered,
 )
 from ..problem.course_keys import LEVEL_RAD
+from ..problem.guide_path import BAR
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.centre import at_clear_places, walls_of, with_room_for_legs
 from ..projection.held import PRESSES, PUSHES, pushed
@@ -276,8 +277,9 @@ class _CourseSearch:
 
         assert self.limits is not None
         asked, pressed = self._bearing_pushes(course), self.presses if firmly else ()
-        first = quick(self.planner)
-        found = plan_with_reserve(first, asked, self.shares[:1], pressed, deadline=end)
+        found = plan_with_reserve(
+            quick(self.planner), asked, self.shares[:1], pressed, deadline=end
+        )
         unbent = replace(self.limits, steps=0)
         return with_whole_body(found, unbent, self.start_rad, deadline=end)
 
@@ -351,7 +353,7 @@ class _CourseSearch:
         """Contacts whose stances bear a push; any where none do, unless only those are asked for."""
         found: Answer[Plan] | None = None
         for share in (PUSHES[0], 1.5 * LEAST_PUSH) if self.presses else ():
-            firm, search = pushed(course, share), quick(self.planner)
+            firm, search = pushed(course, share), quick(self.planner, hasty=only)
             firm_end = _search_end(end, _FIRM)
             found = plan_with_reserve(search, firm, self.shares[:1], (), deadline=firm_end)
             if found.solution is not None:
@@ -439,19 +441,17 @@ def _whole(pieces: Pieces, method: str, spent: Sequence[Effort], end: float) -> 
     failed = pieces.failed
     done = 0 if pieces.plan is None else pieces.plan.problem.frames - 1
     assert failed is not None
-    reason = failed.message or (failed.report.message if failed.report else "")
     place = pieces.course.com_nominal_m[done]
     message = (
         f"planned to key frame {done} of {pieces.course.frames - 1}, at ({place[0]:.2f}, "
         f"{place[1]:.2f}), in pieces; "
-        f"the next piece: {reason}"
+        f"the next piece: {failed.message or (failed.report.message if failed.report else '')}"
     )
-    solution = None if failed.solution is None else failed.solution
     return replace(
         answer,
         status=Status.UNDECIDED,
-        solution=solution,
-        report=failed.report if solution is not None else None,
+        solution=failed.solution,
+        report=failed.report if failed.solution is not None else None,
         message=message,
     )
 
@@ -561,12 +561,13 @@ def _laid_out(
             if alternative is layouts[0]:
                 left = ordered(left, "contacts")
                 if not stated and len(layouts) > 1:
-                    left += LOW
+                    left = [*left, *LOW]
+                    if BAR in str(error):  # the highest of lower ones first
+                        left.sort(key=lambda each: (each.height >= 1.0, -min(each.height, 1.0)))
             refusal = refusal or error
             continue
-        share_s = max(_FIRST * (deadline - now), _wall_s(began, _LEAST_S))
-        if alternative.striding and alternative.height == 1.0:
-            share_s = _FIRST * (deadline - now)
+        least_s = 0.0 if alternative.striding and alternative.height == 1.0 else _LEAST_S
+        share_s = max(_FIRST * (deadline - now), _wall_s(began, least_s))
         tried += 1
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
         if outcome.status is Status.FEASIBLE and alternative.message:

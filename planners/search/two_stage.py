@@ -69,7 +69,8 @@ class TwoStage(Method):
 
         gap: of courses: None takes the first plan that the search finds; else the search goes on,
             and improves plans, until one is proved to be within this relative gap of the best.
-        max_nodes: of each search of a course; 2000 over the lift and 200 over envelopes where None.
+        max_nodes: of each search of a course; 2000 over the lift and 200 over envelopes where None;
+            over the lift 0 tries the first guess of patches alone.
         cuts, proves: of courses: whether to cut in space where P1 says yes and P2 no, and whether to
             look for proofs.
         steps: of SCP at most, where the first few bring a point near to a plan.

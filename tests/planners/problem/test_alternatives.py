@@ -13,7 +13,7 @@ import stancekit
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Group
-from stancekit.planners.errors import NoPlace
+from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import (
     ALTERNATIVES,
@@ -28,6 +28,7 @@ from stancekit.planners.problem.alternatives import (
 from stancekit.planners.problem.candidates import CandidatePatches
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.course_file import read_course, read_spec
+from stancekit.planners.problem.guide_path import BAR
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
@@ -116,14 +117,24 @@ def test_a_computer_that_is_busy_gives_layouts_as_much_of_its_processor_as_one_t
     assert ends == pytest.approx([240.0, 336.0, 374.4, 400.0])
 
 
-@pytest.mark.parametrize("good", [ALTERNATIVES[2], STRIDES[1], LOW[1]])
-def test_others_are_tried_where_the_first_has_no_place_for_a_toe(good: Alternative) -> None:
+@pytest.mark.parametrize(
+    ("good", "refused", "said"),
+    [
+        (ALTERNATIVES[2], NoPlace, "nowhere"),
+        (STRIDES[1], NoPlace, "nowhere"),
+        (LOW[1], PlanningFailed, "nowhere"),
+        (LOW[-1], PlanningFailed, f"no way: {BAR}(1, 0)"),
+    ],
+)
+def test_others_are_tried_where_the_first_has_no_place_and_low_ones_first_where_it_is_too_high(
+    good: Alternative, refused: type[StancekitError], said: str
+) -> None:
     tried = list[str]()
 
     def question(_: object, alternative: Alternative) -> Problem:
         tried.append(alternative.message)
         if alternative is not good:
-            raise NoPlace(f"frame 0: nowhere ({len(tried)})")
+            raise refused(f"frame 0: {said} ({len(tried)})")
         return read_course("walls", frames=2)
 
     outcome: Answer[Plan] = plan_course(question, TwoStage(), layouts=ALTERNATIVES, stated=False)
@@ -132,9 +143,13 @@ def test_others_are_tried_where_the_first_has_no_place_for_a_toe(good: Alternati
     assert outcome.solution.provenance["layout"] == good.message
     assert outcome.report is not None
     assert outcome.report.answer is outcome.solution
-    order = [AS_ASKED, *ordered(ALTERNATIVES[1:], "contacts"), *STRIDES, *LOW]
+    others = [*ordered(ALTERNATIVES[1:], "contacts"), *STRIDES]
+    order = [AS_ASKED, *others, *LOW]
+    if BAR in said:
+        lower = [ALTERNATIVES[1], STRIDES[2], *LOW]
+        order = [AS_ASKED, *lower, *(each for each in others if each not in lower)]
     assert tried[1:] == [each.message for each in order[: order.index(good) + 1]]
-    with refuses(f"({len(tried) + 1})", kind=NoPlace):
+    with refuses(f"({len(tried) + 1})", kind=refused):
         plan_course(question, TwoStage(), deadline=math.inf)  # the first alone
 
 

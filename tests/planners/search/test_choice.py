@@ -114,6 +114,16 @@ def test_at_its_limit_it_says_which_and_keeps_the_plan_that_it_has(climb, progra
     assert outcome.bound <= TwoStage(programs=programs, gap=1e-4).solve(course).objective
 
 
+def test_without_nodes_the_first_guess_of_patches_is_all_that_is_tried(climb, programs):
+    hasty = TwoStage(programs=programs, max_nodes=0, cuts=False)
+    assert hasty.solve(climb(7, **TORN)).details["guessed"]
+    outcome = hasty.solve(climb(8, **TORN))
+    assert outcome.status is Status.UNDECIDED
+    assert_names(outcome.message, "0 nodes")
+    assert outcome.effort.solves <= 8
+    assert outcome.details["dived"] == 0
+
+
 @pytest.mark.parametrize("most", [1, 4, 9])
 def test_a_limit_of_solves_gives_the_same_answer_on_a_busy_computer(
     climb, programs, monkeypatch, most
