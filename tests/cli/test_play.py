@@ -31,6 +31,7 @@ def test_it_serves_on_this_machine_and_ends_with_ctrl_c():
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's "&" ignores it
     )
     line = served.stdout.readline()
     address, rest = line.split(" ", 1)

@@ -36,7 +36,7 @@ def families() -> Iterator[Family]:
     yield Family(
         name="walks",
         kinds={name: partial(forge, walk) for name, forge in walks.KINDS.items()},
-        verdict=_of_walk,
+        verdict=lambda one: _of_report(check_trajectory(one)),
         judge=judge_walks.inexecutable,
     )
     plan = stances.honest_plan()
@@ -58,15 +58,10 @@ def families() -> Iterator[Family]:
     yield Family(
         name="proofs",
         kinds=proofs,
-        verdict=lambda pair: (check_certificate(*pair).accepted, "proof"),
+        verdict=lambda pair: (check_certificate(pair[1].of(pair[0])).accepted, "proof"),
         judge=lambda pair: "there is a posture" if stances.has_witness(pair[0]) else "",
     )
 
 
-def _of_walk(walk: Any) -> tuple[bool, str]:
-    report = check_trajectory(walk)
-    return report.accepted, report.refused[0].name if report.refused else report.defect
-
-
 def _of_report(report: Any) -> tuple[bool, str]:
-    return report.accepted, max(report.groups, key=lambda group: group.worst).group
+    return report.accepted, report.refused[0].name if report.refused else report.defect
