@@ -218,7 +218,7 @@ def margins(
         >>> import numpy as np, stancekit
         >>> feet = np.array([[[0.2, 0.2, 0.0], [-0.2, 0.2, 0.0], [-0.2, -0.2, 0.0], [0.2, -0.2, 0.0]]])
         >>> found = stancekit.margins(feet, [0.0, 0.0, 1.0], 0.6, [0.05, 0.0, 0.4])
-        >>> found.lower.round(2).tolist(), found.direction.round(2).tolist()
+        >>> found.lower.round(2).tolist(), (found.direction.round(2) + 0.0).tolist()
         ([0.15], [[1.0, 0.0]])
     """
     if isinstance(subject, Problem):
