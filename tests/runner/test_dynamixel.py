@@ -401,7 +401,10 @@ def test_what_is_odd_but_sound_is_taken_as_it_is(
     assert plain_bus.state()["goal_writes"] == 6 * 24
 
 
-def test_servos_whose_firmware_lacks_fast_sync_read_are_read_one_after_the_other() -> None:
+def test_servos_whose_firmware_lacks_fast_sync_read_are_read_one_after_the_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(servo_port, "time", FastTime(0.2))  # no answer is late
     with (
         EmulatedBus(range(1, 25), START.tolist(), firmware=44) as plain_bus,
         DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as plain_world,
