@@ -156,9 +156,9 @@ def test_likely_answers_are_held_by_the_rest_of_the_map(
     path = tmp_path / "m.npz"
     monkeypatch.setattr(making.StandingMap, "read", lambda _: made_so)
     path.touch()
-    settings = MapSettings(fit=True, error=0.05, time_limit_s=1e-3, epochs=15)
+    settings = MapSettings(fit=True, error=0.1, time_limit_s=1e-3, epochs=15)
     found = make_map(made, settings, checkpoint=path)
-    assert found.error == 0.05
+    assert found.error == 0.1
     verdict = found.verdict.ravel()
     likely = np.flatnonzero((verdict == LIKELY) | (verdict == UNLIKELY))
     assert len(likely) > 100
@@ -168,7 +168,7 @@ def test_likely_answers_are_held_by_the_rest_of_the_map(
         mine = likely[verdict[likely] == called]
         wrong = int((truth.verdict[mine] != right).sum())
         if len(mine):
-            assert beta.ppf(0.01, wrong, len(mine) - wrong + 1) <= 0.05 or wrong == 0
+            assert beta.ppf(0.01, wrong, len(mine) - wrong + 1) <= 0.1 or wrong == 0
 
 
 def test_a_surrogate_of_the_robot_is_calibrated_on_the_map(
