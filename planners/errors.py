@@ -89,6 +89,12 @@ class PlanningFailed(StancekitError):
     def __str__(self) -> str:
         return str(self.args[0]()) if any(map(callable, self.args[:1])) else super().__str__()
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({str(self)!r})"
+
+    def __reduce__(self) -> tuple[type[PlanningFailed], tuple[str]]:
+        return type(self), (str(self),)
+
 
 class HardwareFault(StancekitError):
     """A device did not do what it was asked, or fell silent; the message says which part and what

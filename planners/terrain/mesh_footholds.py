@@ -432,11 +432,11 @@ class _Around:
         first, then = mesh.triangles[:, :2].ravel(), mesh.triangles[:, 1:].ravel()
         piece, lowest = (
             connected(first, then, len(mesh.corners_m))[1],
-            np.full(len(mesh.corners_m), np.inf),
+            np.full(len(mesh.corners_m), -np.inf),
         )
-        np.minimum.at(lowest, piece[border], self._open[..., 2])
-        rims = lowest[piece[mesh.triangles[:, 0]]]
-        self._rims = np.where(np.isfinite(rims), rims, -np.inf)
+        lowest[piece[border]] = np.inf
+        np.minimum.at(lowest, piece, mesh.corners_m[:, 2])
+        self._lowest = lowest[piece[mesh.triangles[:, 0]]]
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
         self._tree = self._shapely.STRtree(
             self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T)
@@ -444,14 +444,13 @@ class _Around:
 
     def uncovered(self, facet: FlatPiece) -> Any:
         """Part of a facet that has nothing within the clearance above it."""
-        clearance_m = self._headroom_m
-        corners = self._corners[self._near(facet, clearance_m)]
+        corners = self._corners[self._near(facet, self._headroom_m)]
         heights = facet.plane.height(corners)
-        within = (heights.max(axis=1) > _ABOVE_M) & (heights.min(axis=1) < clearance_m)
+        within = (heights.max(axis=1) > _ABOVE_M) & (heights.min(axis=1) < self._headroom_m)
         corners, heights = corners[within], heights[within]
         flat = facet.plane.flat(corners)
-        whole = (heights.min(axis=1) >= _ABOVE_M) & (heights.max(axis=1) <= clearance_m)
-        shadows = flat[whole], _slabs(flat[~whole], heights[~whole], clearance_m)
+        whole = (heights.min(axis=1) >= _ABOVE_M) & (heights.max(axis=1) <= self._headroom_m)
+        shadows = flat[whole], _slabs(flat[~whole], heights[~whole], self._headroom_m)
         polygons = np.concatenate([self._shapely.polygons(_closed(each)) for each in shadows])
         core = facet.polygon.buffer(-_THIN_M)  # what shares a border with it covers nothing
         touching = polygons[self._shapely.intersects(core, polygons)]
@@ -501,19 +500,16 @@ class _Around:
         corners = self._corners[self._near(facet, 2.0 * _ABOVE_M)]
         heights = facet.plane.height(corners) - _ABOVE_M
         across = (heights.min(axis=1) < 0.0) & (heights.max(axis=1) > 0.0)
-        ends = np.concatenate(
-            [_crossings(facet.plane.flat(corners[across]), heights[across]), self._shadows(facet)]
-        )
-        if not len(ends):
-            return parts
-        lines = self._shapely.linestrings(ends)
+        crossings = _crossings(facet.plane.flat(corners[across]), heights[across])
+        lines = self._shapely.linestrings(np.concatenate([crossings, self._shadows(facet)]))
         core = facet.polygon.buffer(-_THIN_M)
         lines = lines[self._shapely.intersects(core, lines)]
         if not len(lines):
             return parts
-        borders = [facet.polygon.boundary, *lines]
         cut = self._shapely.get_parts(
-            self._shapely.polygonize([self._shapely.union_all(borders, grid_size=1e-7)])
+            self._shapely.polygonize(
+                [self._shapely.union_all([facet.polygon.boundary, *lines], grid_size=1e-7)]
+            )
         )
         return [part for part in cut if core.intersects(part.representative_point())] or parts
 
@@ -535,7 +531,7 @@ class _Around:
         """Triangles that face up above each point less those that face down, shape (K,).
 
         A facet's own triangles are as far off its plane as flat things may be, and none of them is
-        above it. A sheet whose whole border has headroom below it is a roof, and holds nothing.
+        above it. An open sheet all of which has headroom below it is a roof, and holds nothing.
 
         Arguments:
             facet_of: number of the facet that each point is on.
@@ -560,7 +556,7 @@ class _Around:
                 & (s + t <= 1.0)
                 & (s * u[triangle, 2] + t * v[triangle, 2] > way[:, 2])
             )
-        hit &= (own[triangle] != facet_of[point]) & (self._rims[triangle] <= tops[point])
+        hit &= (own[triangle] != facet_of[point]) & (self._lowest[triangle] <= tops[point])
         return np.bincount(point[hit], weights=np.sign(of[hit]), minlength=len(points)).astype(
             np.int_
         )

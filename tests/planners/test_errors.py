@@ -1,13 +1,14 @@
 """The command that installs what is missing works where it is typed."""
 
 import json
+import pickle
 from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from stancekit.planners.errors import install_command
+from stancekit.planners.errors import PlanningFailed, install_command
 
 
 def installed(origin: dict | None):
@@ -45,3 +46,9 @@ def test_what_is_not_installed_at_all_has_a_name(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(metadata, "distribution", nothing)
     assert install_command("robots") == 'pip install "stancekit[robots]"'
+
+
+def test_what_is_worded_when_asked_is_words_wherever_it_goes() -> None:
+    error = PlanningFailed(lambda: "no way: a wall")
+    for one in (error, pickle.loads(pickle.dumps(error))):
+        assert repr(one) == "PlanningFailed('no way: a wall')"

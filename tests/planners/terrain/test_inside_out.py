@@ -173,6 +173,13 @@ def test_a_roof_hides_no_floor_whichever_way_it_is_wound_and_a_block_does(tmp_pa
     assert found.refused_m2["inside"] == 0.0
 
 
+def test_a_block_with_a_hole_in_its_top_is_no_roof(tmp_path: Path):
+    floor, block = box((-1, -1, 0), (1, 1, 0))[10:], box((-0.5, -0.5, -0.2), (0.5, 0.5, 1.0))
+    torn = np.concatenate([floor, np.delete(block, 10, axis=0)])
+    found = read_footholds(written(tmp_path / "torn.obj", [torn], shared=True))
+    assert found.refused_m2["inside"] == pytest.approx(0.5, rel=1e-2)
+
+
 def test_one_of_thousands_of_touching_solids_is_found():
     x, y = np.meshgrid(np.arange(40.0), np.arange(40.0), indexing="ij")
     low = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], 1)
