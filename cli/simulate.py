@@ -240,7 +240,7 @@ def _table(report: RunReport, run: Execution) -> Table:
             ("", _message(report, run)),
             (
                 "centre of mass",
-                f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most",
+                f"{final:.1f} mm from the plan's at its end, {worst:.1f} mm at most on the way",
             ),
             ("feet", f"slid {slid:.1f} mm at most, over {len(run.slip_m)} footholds"),
             ("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned"),
