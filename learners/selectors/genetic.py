@@ -380,20 +380,18 @@ class GeneticSettings:
     Raises InvalidInput.
 
     Arguments:
-        population, generations: individuals, and how often they are tested.
-        terrains: K, half of them feasible and half infeasible; more make the fitness less a matter
-            of luck.
+        population: number of individuals.
+        generations: number of generations.
+        terrains: K, half of them feasible and half infeasible; more make the fitness less noisy.
         delta: δ, the share of feasible problems that may be lost: smaller makes boxes wider.
-        penalty: ρ, what losing more costs: larger keeps to δ more strictly, and follows chance
-            more.
-        mutation_start, mutation_end: chance that a pair of bounds is mutated when breeding the
-            first and the last generation, falling geometrically.
+        penalty: ρ, the cost of losing more: larger keeps to δ more strictly, and fits noise more.
+        mutation_start, mutation_end: chance that a pair of bounds mutates in the first and in the
+            last generation; it falls geometrically.
         mutation_scale: its standard deviation, in units of the solutions' own in that dimension.
-        elites: best individuals that live on as they are.
-        tournament: rivals for a place as a parent; more press harder.
+        elites: best individuals that are kept unchanged.
+        tournament: rivals for a place as a parent; more select harder.
         finalists: individuals of the last generation that are tested on all problems; the best of
             them is the result.
-        seed: of everything that is left to chance.
     """
 
     population: Annotated[int, Field(ge=2)] = 40

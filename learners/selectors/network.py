@@ -251,10 +251,10 @@ class Architecture:
     """Size of a network; limited, so that a file cannot ask for all memory.
 
     Arguments:
-        width: numbers a token.
-        layers: rounds of attention.
-        heads: of each.
-        corner_width: of the patch's pooled features.
+        width: features of a token.
+        layers: layers of attention.
+        heads: heads of each layer.
+        corner_width: pooled features of a patch.
     """
 
     width: Annotated[PositiveInt, Field(le=1024)] = 96

@@ -136,13 +136,15 @@ class WalkKeys(BaseModel):
     """The keys of NAME.yaml.
 
     Arguments:
-        program: what made the walk.
-        robot, terrain: as ``stancekit gait`` has them; paths are from the file's folder.
-        spacing_m: of a terrain's grid file.
-        friction: ν.
-        start, goal: where the centre of mass was to begin and end.
-        cpu_process_s, cpu_solver_s: CPU time of the whole process and of its solver.
-        task: number of the paper's.
+        program: name of the program that made the walk.
+        robot, terrain: robot and terrain as in ``stancekit gait``; paths are from this file's folder.
+        spacing_m: spacing of a terrain's grid.
+        friction: friction coefficient ν.
+        start: start of the centre of mass.
+        goal: goal of the centre of mass.
+        cpu_process_s: CPU time of the whole process.
+        cpu_solver_s: CPU time of its solver.
+        task: number of the task in the paper.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
