@@ -122,7 +122,7 @@ def plan(
         key frames on from it; its ``refusal`` is what key frames alone came to.
 
     Raises:
-        InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are
+        InvalidInput: for an unusable course or robot, an unknown method, or envelopes that are
             missing or have no use.
     Source:
         Lin et al. §IV-B, E11, E1-E10 in every stance.

@@ -35,8 +35,8 @@ def robot(source: str | Path, *, srdf: str | Path | None = None) -> Robot:
         about it is in ``model.remarks``; the default hexapod is its limbs alone.
 
     Raises:
-        InvalidInput: for a name that no robot has, a file that is none, and a leg whose foot
-            reaches nothing.
+        InvalidInput: for an unknown name, a file of another kind, and a leg whose foot reaches
+            nothing.
     Source:
         None: a URDF as it comes, with what a person corrects.
 

@@ -458,8 +458,9 @@ class PlanCourse:
     how much of the friction is needed."""
     wrench: OptionalWrench = None
     """Force on the body beside its weight at every key frame [N], and moment about the centre of
-    mass [Nm], in world axes: a payload, wind, a rope. The plan carries it, and a course that nobody
-    can climb with it is infeasible."""
+    mass [Nm], in world axes: a payload, wind, a rope. The plan carries it; a course that cannot be
+    climbed with it is infeasible.
+    """
     between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(
         default_factory=Between
     )

@@ -239,8 +239,8 @@ class McapLog(Log):
     log: the second is refused at its first message.
 
     Arguments:
-        clock: of the messages, in nanoseconds since 1970; a clock that is set back is no matter,
-            order is the file's.
+        clock: clock of the messages, in nanoseconds since 1970; it may be set back, order is the
+            file's.
     """
 
     def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:

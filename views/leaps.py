@@ -56,12 +56,11 @@ _JUDGED = "the motion that joints and bodies are judged by"
 
 @dataclass(frozen=True, eq=False)
 class LeapView(View):
-    """A leap, or a crossing, as something to look at, with the viewpoint and the colours of its
-    pictures.
+    """View of a leap or a crossing, with viewpoint and colours.
 
     Arguments:
         subject: the leap, or the crossing.
-        execution: how a world had it, in place of the motion that is planned.
+        execution: measured motion in a world, in place of the planned one.
     """
 
     subject: LeapPlan | Crossing

@@ -181,7 +181,7 @@ def fit_gradient(
 
     Arguments:
         share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is
-            told steps done and steps in all.
+            called with steps done and steps in all.
 
     Raises:
         InvalidInput: where the data set has too few rows of a label.
@@ -507,7 +507,7 @@ class Trials:
 
     @property
     def counts(self) -> VerdictCounts:
-        """Counts of the ways in which all verdicts so far came about."""
+        """Number of verdicts so far by how each was reached."""
         return self._oracle.counts
 
 

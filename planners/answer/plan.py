@@ -108,7 +108,7 @@ class MotionTable(Evidence):
 
     @property
     def question(self) -> dict[str, Any]:
-        """Names of joints and limbs: nobody says what was asked."""
+        """Names of joints and limbs, since a plan has no request of its own."""
         return {"joints": self.joints, "limbs": self.limbs}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -204,10 +204,10 @@ class LeapPlan(Motion):
 
     Arguments:
         problem: the leap that was answered.
-        timing: which of its timings.
+        timing: index of the chosen timing.
         choice: a candidate per foothold, shape (P,).
         toes_m: shape (P, 3) [m].
-        forces_n: of every limb in every interval, in which they are constant, shape (M, N, 3) [N].
+        forces_n: constant force of every limb in every interval, shape (M, N, 3) [N].
         com_m, velocity_m_s, momentum_m2_s, rotation_rad: c, v, L per mass and Θ at the ends of the
             intervals, which follow from the forces; shape (M + 1, 3) each.
         legs_turn_rad: by how much legs that swing turn the body in every interval, beside L, as far
@@ -284,7 +284,7 @@ class LeapPlan(Motion):
         return "its legs are not known: plan it with --robot FILE" if unchecked else ""
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays that are known, by name, the timing as one number."""
+        """The known arrays by name; the timing is one number."""
         known = {name: getattr(self, name) for name in leap_shapes(self.problem)}
         return {name: np.asarray(value) for name, value in known.items() if value is not None}
 
@@ -336,8 +336,8 @@ PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 
 
 def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan over a problem has, by name; nobody works out joints of a
-    posture.
+    """The shape that each array of a plan over a problem has, by name; joints of a posture are not
+    computed.
     """
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.footholds), len(course.stances)
@@ -522,7 +522,8 @@ class Plan(Motion):
             problem: the posture problem.
             com_m, rotation_rad: shape (3,) each [m], [rad].
             toes_m, forces_n: shape (N, 3) each [m], [N].
-            points_m, point_forces_n: of soles, shape (N, K, 3) each [m], [N].
+            points_m, point_forces_n: points of soles and their forces, shape (N, K, 3) each [m],
+                [N].
         """
         return cls(
             problem=problem,

@@ -383,10 +383,10 @@ def _check_arrays(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileCheck:
-    """Result of a second look at a file of a motion or a proof.
+    """Result of checking a file of a motion or a proof again.
 
     Arguments:
-        path: of the file.
+        path: path of the file.
         kind: what it holds: a proof is that there is "no-plan", "no-posture" or "no-leap".
         report: the verifier's.
         message: all of it in one line.

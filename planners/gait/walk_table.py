@@ -57,7 +57,7 @@ class GaitSettings:
         dynamics: ``centred``, PCDM with the force balanced by y₊ − 2y + y₋; ``printed``, W11 as
             printed; ``newton-euler``, W2.
         hessian: ``exact``, or ``lbfgs`` for the paper's comparison.
-        max_iterations: of one solve.
+        max_iterations: iterations of one solve.
         tolerance: success is a largest violation below it [m, m·g, m·g·stand height].
         step_s: Δt [s], a share of the task's duration; smaller means more rows, and less to find
             between them.
@@ -162,7 +162,7 @@ class WalkKeys(BaseModel):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _WalkTable:
-    """A walk of some program: its name, what is said of it, and the walk itself."""
+    """A walk of some program: its name, its description, and the walk itself."""
 
     name: str
     keys: WalkKeys
@@ -172,7 +172,7 @@ class _WalkTable:
 def walk_names(folder: str | Path) -> tuple[Path, ...]:
     """The walks of a folder, by their YAML files.
 
-    Raises InvalidInput for a folder that is none or has none.
+    Raises InvalidInput for a path that is no folder, and a folder without walks.
     """
     folder = Path(folder)
     if not folder.is_dir():

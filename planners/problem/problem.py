@@ -292,7 +292,7 @@ class Problem:
                 its weight, shape (6,).
 
         Raises:
-            InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
+            InvalidInput: for no contacts, a limb twice, numbers out of range.
         """
         contacts = checked_members(contacts, Contact, "contacts")
         if not contacts:
@@ -341,9 +341,9 @@ class Problem:
 
         Arguments:
             name: name of the course.
-            robot: whose limbs stand, in the order of its own limbs; joints and bodies of its plans
-                are then known, of these limbs (``robot.some_legs``). None where the reach of the
-                limbs is all that is to be known.
+            robot: the robot whose limbs stand, in its own order; joints and bodies of its plans are
+                then known for these limbs (``robot.some_legs``). None to judge the reach of the
+                limbs alone.
 
         Raises:
             InvalidInput: for a robot that has not these limbs, or whose legs are not known.

@@ -48,7 +48,7 @@ OFF_M = 0.005
 _MOST_SPREAD = 20.0
 """Feet of one stance that are so many reaches apart are in other units than metres."""
 _FREE = 5.0
-"""Distance of a body from where nobody says that it is, and its longest step, in reaches."""
+"""Distance of a body from a guessed place, and its longest step, in reaches."""
 _KNOWN_M = 0.02
 """Distance of a body from where the sequence says that it is [m]."""
 
@@ -66,8 +66,8 @@ def is_sequence(path: str | Path) -> bool:
 def read_sequence(path: str | Path) -> Rows:
     """The rows of a sequence.
 
-    Raises InvalidInput for columns that lack or nobody knows, what is no number, normals that are
-    no unit vectors, and steps that go back.
+    Raises InvalidInput for missing or unknown columns, entries that are no numbers, normals that
+    are no unit vectors, and steps that go back.
     """
     if Path(path).suffix.lower() == ".npz":
         columns: dict[str, Any] = dict(read_archive(path))

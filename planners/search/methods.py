@@ -54,7 +54,7 @@ class PlannerOptions:
 
     Arguments:
         of: the kind of question that it will be asked; None where that may be either.
-        time_limit_s: of one problem; ``POSTURE_LIMIT_S`` or ``COURSE_LIMIT_S`` where None [s].
+        time_limit_s: limit per problem; ``POSTURE_LIMIT_S`` or ``COURSE_LIMIT_S`` where None [s].
         acceptance: when a claim counts.
         programs: compiled models to share.
         settings: by name, for a planner from elsewhere, see ``SETTINGS``.

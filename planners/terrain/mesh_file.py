@@ -157,7 +157,7 @@ def _elements(
 
     Raises:
         InvalidInput: for a file in itself, and where an element asks for more than MuJoCo makes in
-            seconds: what it has begun nobody ends.
+            seconds: MuJoCo cannot be interrupted.
     """
     names, most = _MOST.get(element.tag, ((), math.inf))
     many = copies

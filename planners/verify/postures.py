@@ -81,8 +81,8 @@ def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, 
 
 
 def _on_the_way(plan: Plan, solver: Kinematics, torque: Group, deadline: float) -> Group:
-    """The group ``torque`` with what joints give between key frames of a plan on soles, whose steps
-    nobody bends where they give too much.
+    """The group ``torque`` with the joints' torques between key frames of a plan on soles, whose
+    steps are not bent where these are too large.
     """
     if torque.verdict != "holds":
         return torque

@@ -130,7 +130,7 @@ class JointBus(ABC):
         drives: the loops of its joints, whose names, limits and order count.
         rate_hz: targets per second.
         senses: the body's pose and contact forces are measured.
-        gravity_m_s2: what pulls, None where nobody knows better than the plan.
+        gravity_m_s2: gravity, None for the plan's.
 
     kind: "hardware" unless a world says that it is not; that moves only when armed. lacks: what it cannot do as the robot has it.
     alone: what stops the robot where its host is silent or gone. latch: a device asks it directly
@@ -211,7 +211,7 @@ class JointBus(ABC):
     def stop(self, *, torque_off: bool = False) -> str:
         """Send nothing any more, and say what may still move the robot, empty where nothing may.
 
-        Joints keep what they were told last. Where an arming was interrupted, the torque is as it was
+        Joints keep their last targets. Where an arming was interrupted, the torque is as it was
         before it. Raises HardwareFault where that cannot be made sure of.
 
         Arguments:

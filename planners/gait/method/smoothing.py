@@ -35,7 +35,7 @@ class Smoothing:
 
     Arguments:
         rounds: at most.
-        iterations: of the solver on the cost in each.
+        iterations: the solver's iterations on the cost in each.
         repair: to be feasible again.
         costs: weights of the terms, the first of the distance from the feasible point.
         enough_g: a peak acceleration that needs no more rounds [g].

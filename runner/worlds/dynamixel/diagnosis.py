@@ -196,7 +196,7 @@ def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
     """Raise an error that says why these servos, by index, answer no ping before anything was set
     up.
 
-    Where nobody answers, other baud rates are tried. Raises InvalidInput where the calibration file
+    Without any answer, other baud rates are tried. Raises InvalidInput where the calibration file
     is to be changed, HardwareFault else.
     """
     damaged = next((index for index in silent[:_BLAMED] if _pinged(bus, index) == CORRUPT), None)

@@ -56,7 +56,7 @@ class RobotClock:
             return min(arrival_s, stamp_s + self._offset_s())
 
     def at(self, time_s: float) -> float | None:
-        """The robot's time [s] at a time of ours, a little early; None where it cannot be told."""
+        """The robot's time [s] at a local time, a little early; None if unknown."""
         with self._lock:
             if len(self._heard) < _FEW or not self._steady():
                 return None
@@ -387,7 +387,7 @@ class ControllerState:
         return None
 
     def busy(self) -> str | None:
-        """Why nobody should send it anything now: it moves joints already.
+        """Reason to send nothing now: it moves joints already.
 
         None where it does not.
         """
