@@ -184,7 +184,7 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
     """
     if given is None:
         if error is not None:
-            raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")
+            raise InvalidInput("screen_error: expected a screen with it, got none")
         return None, None
     try:
         from stancekit.learners.surrogates.surrogate import surrogate_of

@@ -96,8 +96,7 @@ def solve(
         return planner_of(method, of=of, time_limit_s=time_limit_s).solve(problem)
     if time_limit_s is not None:
         raise InvalidInput(
-            "time_limit_s: expected none for a planner that was made before, which has no use for "
-            f"it, got {time_limit_s!r}"
+            f"time_limit_s: expected none for a planner, which has its own, got {time_limit_s!r}"
         )
     return through_verifier(method, of).solve(problem)
 

@@ -406,7 +406,7 @@ def read_log(path: str | Path) -> Recorded:
         elif isinstance(record, Channel):
             topics[record.id] = record.topic
         elif isinstance(record, Chunk):
-            raise InvalidInput(f"{path}: expected a log as it was written, without chunks")
+            raise InvalidInput(f"{path}: expected a log without chunks, as it was written")
         elif isinstance(record, Raw) and topics.get(record.channel_id) in TOPICS:
             topic, where = topics[record.channel_id], f"{path}: {topics[record.channel_id]}"
             content = parse_json(decoded(record.data, where), where)

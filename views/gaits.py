@@ -152,7 +152,7 @@ class GaitView(View):
             np.isfinite(getattr(self.trajectory, n)).all() for n in samples
         ):
             raise InvalidInput(
-                "trajectory: expected two or more samples of finite numbers, got others"
+                "trajectory: expected two or more samples of finite numbers, got fewer or other values"
             )
 
     @property

@@ -333,7 +333,7 @@ def _read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Genera
         )
     if str(arrays["digest"]) != _digest(about):
         raise InvalidInput(
-            f"{path}: expected the checkpoint of a run with these settings and data, got another's"
+            f"{path}: expected a checkpoint of these settings and data, got one of others"
         )
     try:
         rng.bit_generator.state = parse_json(str(arrays["state"]), "state")

@@ -133,7 +133,7 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
                 f"{tensor.dtype}"
             )
         if not bool(torch.isfinite(tensor).all()):
-            raise InvalidInput(f"{path}: tensor {name}: expected finite numbers, got others")
+            raise InvalidInput(f"{path}: tensor {name}: expected finite numbers, got other values")
     return header, {
         name: each.float() if each.dtype is torch.float16 else each
         for name, each in tensors.items()

@@ -105,7 +105,7 @@ class FitSettings:
             if name not in (*concerns, "seed") and value != getattr(usual, name):
                 came = shown(value) if isinstance(value, int | float) else f"{len(value)} keys"
                 raise InvalidInput(
-                    f"{name}: expected none for {method}, which has no use for it, got {came}"
+                    f"{name}: expected none for {method}, which does not use it, got {came}"
                 )
 
     def check(self, method: str) -> None:

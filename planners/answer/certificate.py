@@ -213,7 +213,7 @@ class Crossing(Motion):
                 isinstance(part, Plan) and part.problem.is_posture
             ):
                 raise InvalidInput(
-                    f"crossing {self.name}: parts[{k}]: expected a plan of key frames or of a leap, got something else"
+                    f"crossing {self.name}: parts[{k}]: expected a plan of key frames or of a leap, got a {type(part).__name__}"
                 )
 
     def __repr__(self) -> str:

@@ -180,7 +180,7 @@ def _rotations_from(quaternions: Array) -> Array:
     return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).as_matrix())
 
 
-NOBODY_CARRIES = "nobody carries between frames"
+NOBODY_CARRIES = "no limb carries between frames"
 WHOLE_BODY = ("joints", "torque", "bodies", "motion")
 """Groups of a plan that are of more of the robot than its contacts; motion is bodies between key
 frames."""
@@ -474,7 +474,7 @@ class Plan(Motion):
         if course.uncarried:
             return NOBODY_CARRIES
         if course.has_soles and not course.robot.source.own:
-            return "its feet are soles of legs that nobody knows"
+            return "its feet are soles of unknown legs"
         return course.robot.source.hindrance
 
     def labels(self) -> dict[str, list[Any]]:

@@ -45,7 +45,7 @@ PLAN_GROUPS = {
 LATE = "the time limit ended"
 """The beginning of a group's message where the time ended before the group was checked."""
 _NOWHERE = {
-    "schedule": "nobody carries there as the schedule says",
+    "schedule": "no limb carries there as the schedule says",
     "terrain": "its foothold is no piece of the terrain",
 }
 """What it means that a group's value is infinite."""

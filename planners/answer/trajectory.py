@@ -213,5 +213,5 @@ def _check_built_in(robot: Robot) -> None:
         expected = replace(BUILT_IN[robot.name](), model=None).to_json()
         if other := first_difference(robot.to_json(), expected):
             raise InvalidInput(
-                f"expected the numbers of the built-in {robot.name}, got others: {other}"
+                f"expected the numbers of the built-in {robot.name}, got other values: {other}"
             )

@@ -249,7 +249,7 @@ def _of_table(path: Path, robot: Robot) -> dict[str, Any]:
     try:
         values = np.array(body, dtype=np.float64).reshape(len(body), len(head))
     except ValueError:
-        raise InvalidInput(f"expected {len(head)} numbers in every row, got others") from None
+        raise InvalidInput(f"expected {len(head)} numbers in every row, got other values") from None
     column = {name: values[:, index] for index, name in enumerate(head)}
 
     def of(parts: tuple[str, ...]) -> Array:
@@ -311,7 +311,7 @@ def _samples(arrays: Mapping[str, Array], robot: Robot) -> dict[str, Any]:
     if stands is None:
         stands = np.linalg.norm(arrays_of_walk["forces_n"], axis=2) > _LOADED * robot.weight_n
     elif not np.isin(stands, (0.0, 1.0)).all():
-        raise InvalidInput("stands: expected 0 or 1 for every foot, got others")
+        raise InvalidInput("stands: expected 0 or 1 for every foot, got other values")
     return {
         "times_s": arrays_of_walk["t_s"],
         "torso_m": arrays_of_walk["base_m"],

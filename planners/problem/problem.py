@@ -779,7 +779,7 @@ class Problem:
             raise InvalidInput(
                 "weights: expected the weights of an objective, got none: a posture problem has "
                 "one frame, after which "
-                "nobody moves, and one candidate for every toe"
+                "no limb moves, and one candidate for every toe"
             )
         usual: dict[str, Any] = {
             "name": "posture",
@@ -808,7 +808,7 @@ class Problem:
         names = self.robot.limb_names
         if self.lifts[0]:
             raise InvalidInput(
-                "lifts[0]: expected nobody to move before the first frame, got "
+                "lifts[0]: expected no limb to move before the first frame, got "
                 f"{list(self.lifts[0])}"
             )
         placed = {(foothold.frame, foothold.limb) for foothold in self.footholds}

@@ -92,7 +92,9 @@ def read_sequence(path: str | Path) -> Rows:
         )
     feet = np.array(columns.pop("foot"))
     if feet.ndim != 1 or feet.dtype.kind != "U" or not len(feet):
-        raise InvalidInput(f"{path}: column foot: expected a name in every row, got others or none")
+        raise InvalidInput(
+            f"{path}: column foot: expected a name in every row, got another value or none"
+        )
     rows: dict[str, NDArray[Any]] = {
         name: _numbers(column, f"{path}: column {name}", len(feet))
         for name, column in columns.items()
@@ -118,7 +120,7 @@ def _numbers(column: Any, where: str, count: int) -> Array:
     except ValueError as error:
         raise InvalidInput(f"{where}: expected numbers: {error}") from None
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise InvalidInput(f"{where}: expected {count} finite numbers, got others")
+        raise InvalidInput(f"{where}: expected {count} finite numbers, got other values")
     return numbers
 
 
@@ -196,7 +198,7 @@ def grounded(rows: Rows, ground: Terrain) -> tuple[Rows, Array]:
     """
     if said := [name for name in (*NORMAL, "friction") if name in rows]:
         raise InvalidInput(
-            f"{said[0]}: expected none beside a terrain, which has its own, got some"
+            f"{said[0]}: expected no such column with a terrain, which has its own, got one"
         )
     under = [nearest_ground(place, ground) for place in places_of(rows)]
     normals = np.array([np.eye(3)[2] if patch is None else patch.normal for patch, _ in under])

@@ -627,7 +627,7 @@ class Robot:
             if not held:
                 raise InvalidInput(
                     f"robot {self.name}: limb {limb.name}: sole_m: expected points of the soles that "
-                    "its model has there, got others"
+                    "its model has there, got other values"
                 )
 
     def check_limbs(self) -> None:

@@ -267,7 +267,7 @@ def _value(make: _Make, name: str, settings: Mapping[str, Any], taken: tuple[str
         if setting not in taken and not (setting in SETTINGS and value == SETTINGS[setting]):
             came = shown(value) if isinstance(value, str | int | float) else type(value).__name__
             raise InvalidInput(
-                f"{setting}: expected none for {name}, which has no use for it, got {came}"
+                f"{setting}: expected none for {name}, which does not use it, got {came}"
             )
     method: Method = make(**{name: value for name, value in settings.items() if name in taken})
     return method

@@ -125,7 +125,7 @@ class TwoStage(Method):
             )
         if not over_boxes and self.envelopes is not None:
             raise InvalidInput(
-                f"envelopes: expected none for the {self.relaxation}, which has no use for them"
+                f"envelopes: expected none for the {self.relaxation}, which uses none"
             )
 
     def check(self, kind: Kind) -> None:

@@ -317,7 +317,7 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
         if array is None or array.shape != shape:
             return _misshapen(plan, name, shape), -1, ""
         if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers, got others", -1, ""
+            return f"{name}: expected finite numbers, got other values", -1, ""
         if not course.is_posture and np.abs(array).max(initial=0) > LARGEST:
             return (
                 f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}",

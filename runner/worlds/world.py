@@ -276,7 +276,7 @@ def check_world(world: Any) -> None:
             )
     checked(getattr(world, "rate_hz", None), f"world {name}: rate_hz", above=0.0)
     if not world.joints == world.drives.joints == world.capabilities.joints:
-        raise InvalidInput(f"world {name}: joints: expected those of its drives, got others")
+        raise InvalidInput(f"world {name}: joints: expected those of its drives, got other names")
 
 
 EXPECTED = "a JointBus (kind, make, connect, send, read, close; of hardware, and of that alone, arm and stop)"
@@ -300,7 +300,7 @@ def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
             finite = value.shape == shape and bool(np.isfinite(value).all())
         except (TypeError, ValueError):
             raise HardwareFault(
-                f"world {name}: expected numbers in {attribute}, got others"
+                f"world {name}: expected numbers in {attribute}, got other values"
             ) from None
         if value.shape != shape:
             raise HardwareFault(
@@ -308,7 +308,7 @@ def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
             )
         if not finite:
             raise HardwareFault(
-                f"world {name}: expected finite measurements, got others in {attribute}"
+                f"world {name}: expected finite measurements, got other values in {attribute}"
             )
 
 

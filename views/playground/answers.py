@@ -225,9 +225,7 @@ def _answer(
         else float(outcome.solution.provenance.get("friction_share", 1.0))
     )
     if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
-        message = (
-            f"laid out in another way than asked for, over which no plan was accepted: {layout}"
-        )
+        message = f"laid out differently, since no plan was accepted as asked: {layout}"
     return SceneAnswer(
         course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
         status=outcome.status,

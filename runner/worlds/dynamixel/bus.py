@@ -373,7 +373,7 @@ def _why(error: BaseException) -> str:
     if number is None and error.__context__ is not None:  # pyserial hides what the terminal said
         return _why(error.__context__)
     if number in (errno.EAGAIN, errno.EBUSY):
-        return "expected a free port, somebody else has it open"
+        return "expected a free port, another program has it open"
     if "multiple access" in str(
         error
     ):  # pyserial read nothing where there should have been something

@@ -147,7 +147,7 @@ _LATE_MS = 125.0
 _CALM_S = 0.15
 """So long nothing may come before a servo is asked how long it takes to answer."""
 _BACK = "no answers came for a while, and now they do: did the adapter, or its cable, hang?"
-BABBLE = "bytes come without end, though nobody was asked: is another program, or a faulty servo, on the bus?"
+BABBLE = "bytes come without end, though no servo was asked: is another program, or a faulty servo, on the bus?"
 
 
 def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
